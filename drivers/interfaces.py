@@ -8,6 +8,7 @@ flag                           Protocol
 ``moves_joints``               ``MovesJoints``
 ``jogs_single_axes``           ``JogsAxes``
 ``reads_encoder_counts``       ``ReadsEncoderCounts``
+``reads_mastering``            ``ReadsMastering``
 ``writes_mastering``           ``MasteringStore``
 ``writes_tool_frame``          ``ToolFrameStore``
 ``writes_user_frame``          ``UserFrameStore``
@@ -20,9 +21,10 @@ flag                           Protocol
 SI units. Every call ends within the deadline of the driver's configuration or raises a DeviceError.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Protocol
+from typing import Any, Protocol, runtime_checkable
 
 from cellcal.calibration.geometry import Pose
 from cellcal.calibration.mastering.counts import DriveTrain
@@ -104,7 +106,8 @@ class RobotCapabilities:
     jogs_single_axes: bool = False
     reads_encoder_counts: bool = False
     tells_lost_position: bool = False  # by an alarm, or by a state of each axis, in its condition
-    writes_mastering: bool = False
+    reads_mastering: bool = False
+    writes_mastering: bool = False  # who writes it reads it, too
     writes_tool_frame: bool = False
     writes_user_frame: bool = False
     tells_active_frames: bool = False
@@ -171,6 +174,14 @@ class ReadsEncoderCounts(Protocol):
     async def encoder_epoch(self) -> int:
         """Return a number that changes when the encoders may have lost their position."""
         ...
+
+
+class ReadsMastering(ReadsEncoderCounts, Protocol):
+    """Robots with capabilities.reads_mastering; these read their encoder counts, too."""
+
+    @property
+    def name(self) -> str: ...
+    async def read_mastering(self) -> MasteringData: ...
 
 
 class MasteringStore(ReadsEncoderCounts, Protocol):
@@ -430,3 +441,12 @@ class Operator(Protocol):
         ...
 
     async def ask_question(self, question: Question) -> Answer: ...
+
+
+@runtime_checkable
+class GuidesPerson(Protocol):
+    """Operators that show how what they ask for goes on, until it is answered."""
+
+    def show_guidance(self, text: str, values: Mapping[str, Any]) -> None:
+        """Show it in words; ``values`` are for a picture, in SI units."""
+        ...

@@ -80,6 +80,7 @@ class MotionCaps:
     jog_speed_rad_s: float = 0.035  # 2 deg/s, also the pace while a robot does not know where it is
     settle_s: float = 1.0
     joint_tolerance_rad: float = 2e-3
+    look_s: float = 0.1  # between looks at the counts while a person turns an axis
 
 
 @dataclass(frozen=True, slots=True)
@@ -195,6 +196,11 @@ class Cell:
     programs: PendantProgramWriter | None = None
     motion: MotionApproval = field(default_factory=MotionApproval)
     config_sha256: str = ""
+
+    @property
+    def is_jogged_by_hand(self) -> bool:
+        """Whether a person at the pendant turns the axes of this robot while it does not know where it is."""
+        return self.level is not MotionLevel.COMMANDED or self.jogs is None
 
     @property
     def measuring_devices(self) -> dict[str, Device]:

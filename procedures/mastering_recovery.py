@@ -44,6 +44,7 @@ from cellcal.procedures.recovery.recovery_result import (
 )
 from cellcal.procedures.recovery.recovery_spec import (
     MasteringRecoverySpec,
+    fewest_captures,
     refuse_other_gears,
     refuse_unknown_axes,
 )
@@ -68,6 +69,8 @@ AT_REFERENCE = Instruction(
 
 async def mastering_recovery(run: Run, spec: MasteringRecoverySpec) -> RecoveryResult:
     """Wake the encoders, measure until the gate holds, confirm elsewhere, write, confirm what was written."""
+    if run.is_jogged_by_hand:
+        spec = fewest_captures(spec)
     record = await run.step("read the stored record", stored_record)
     await run.step("the saved counts", confirm_newest, saved_counts_page(record, spec.last_counts))
     if spec.last_counts is None:
@@ -274,7 +277,7 @@ DEFINITION = ProcedureDefinition(
     version=8,
     procedure=mastering_recovery,
     spec_type=MasteringRecoverySpec,
-    needs=("jogs_single_axes", "writes_mastering", "evidence", "model"),
+    needs=("writes_mastering", "evidence", "model"),
     wants=("record",),
     outline=_outline_phases,
     results_to_store=_results_to_store,

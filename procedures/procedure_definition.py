@@ -88,7 +88,6 @@ NEEDS: dict[str, tuple[str, Callable[[Cell], bool]]] = {
         'a robot that this software moves (motion = "commanded" in cell.toml)',
         lambda cell: cell.level is MotionLevel.COMMANDED,
     ),
-    "jogs_single_axes": ("a robot that jogs single axes", lambda cell: cell.jogs is not None),
     "writes_mastering": ("access to encoder counts and mastering", lambda cell: cell.mastering is not None),
     "writes_tool_frame": ("access to the tool frames", lambda cell: cell.tool_frames is not None),
     "writes_user_frame": ("access to the user frames", lambda cell: cell.user_frames is not None),

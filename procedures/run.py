@@ -152,6 +152,11 @@ class Run:
         self._book.attempts.update(past.attempts)
         self._prefix = ""
 
+    @property
+    def is_jogged_by_hand(self) -> bool:
+        """Whether a person turns the axes of a robot that does not know where it is; the cell file says so."""
+        return self._book.cell.is_jogged_by_hand
+
     def with_prefix(self, prefix: str) -> "Run":
         """Return the same run for a sub-procedure: its steps are called ``prefix: name``."""
         inner = Run(self._book.cell, self._book.ledger)

@@ -208,11 +208,20 @@ class RecordingDocument(TypedDict):
     figures: Any
 
 
+class GuidanceDocument(TypedDict):
+    """How what a prompt asks for goes on: a turn of an axis, while a person makes it."""
+
+    prompt_id: str
+    text: str
+    values: dict[str, Any]
+
+
 class LiveValues(TypedDict):
     """What the selected robot's connection knows of the devices."""
 
     devices: list[DeviceDocument]
     record: NotRequired[RecordingDocument | None]
+    guidance: NotRequired[GuidanceDocument | None]
 
 
 class LiveDocument(LiveValues):

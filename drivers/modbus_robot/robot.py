@@ -69,6 +69,7 @@ def capabilities_of(profile: ControllerProfile) -> RobotCapabilities:
         jogs_single_axes=profile.abilities.jogs_single_axes,
         reads_encoder_counts=True,
         tells_lost_position=True,
+        reads_mastering=True,
         writes_mastering=profile.abilities.writes_mastering,
         writes_tool_frame=True,
         writes_user_frame=True,

@@ -16,6 +16,7 @@ from cellcal.drivers.interfaces import (
     Identity,
     JointReading,
     Joints,
+    MasteringData,
     RobotCapabilities,
 )
 from cellcal.drivers.modbus_robot.robot import ModbusRobot
@@ -54,6 +55,9 @@ class TpRobot:
 
     async def stop(self) -> None:
         await self._robot.stop()
+
+    async def read_mastering(self) -> MasteringData:
+        return await self._robot.read_mastering()
 
     async def read_tool_frame(self, number: int) -> Pose:
         return await self._robot.read_tool_frame(number)

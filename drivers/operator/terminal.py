@@ -2,8 +2,9 @@
 
 import getpass
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from typing import Any
 
 from rich.console import Console
 from rich.panel import Panel
@@ -28,6 +29,7 @@ class TerminalOperator:
         self._descriptor = descriptor
         self._lines: LineSource | None = None
         self._asking = ""
+        self._guidance: tuple[Any, ...] = ()
 
     async def confirm(self, instruction: Instruction) -> Answer:
         with self._exclusive_use(instruction.key):
@@ -48,6 +50,17 @@ class TerminalOperator:
                 line = await self._read_line(prompt, question.text)
                 if line:
                     return Answer(self._person, line)
+
+    def show_guidance(self, text: str, values: Mapping[str, Any]) -> None:
+        """Print what changed, a line each: the person looks at the robot and hears no cursor."""
+        advice = (
+            values.get("advice"),
+            values.get("other_axis"),
+            round(float(values.get("left_rad", 0.0)), 2),
+        )
+        if advice != self._guidance:
+            self._guidance = advice
+            self._console.print(Text(f"  {text}"))
 
     def _show_text(self, text: str, title: str) -> None:
         self._console.print(Panel(Text(text), title=title, expand=False))

@@ -9,11 +9,10 @@ from cellcal.calibration.message import make_message
 from cellcal.drivers.interfaces import Instruction, Joints
 from cellcal.procedures.cell import Cell, MotionLevel
 from cellcal.procedures.instruction_page import PagedInstruction, with_page
-from cellcal.procedures.motors import motor_store
 from cellcal.procedures.questions import ask_confirmation
 from cellcal.procedures.run import ProcedureError
 
-TRIES = 4
+TRIES = 6
 STILL_RAD = 1e-3
 
 
@@ -33,7 +32,7 @@ async def move_by_hand(
     DeclinedError
         The technician said no.
     NotThereError
-        It was asked for four times, and the arm stands elsewhere.
+        It was asked for again and again, and the arm stands elsewhere.
     """
     target, progress_text = way_rad[-1], ""
     for _ in range(TRIES):
@@ -54,50 +53,6 @@ async def move_by_hand(
     raise NotThereError(
         make_message("{progress_text}The arm was not brought to its target.", progress_text=progress_text),
         remedy="Find out what keeps it away, then resume.",
-    )
-
-
-async def jog_by_hand(
-    cell: Cell, axis: int, delta_rad: float, speed_rad_s: float, tolerance_rad: float
-) -> None:
-    """Ask for a turn of one joint alone, and look at the motors' counts; raises as ``move_by_hand``.
-
-    A motor that has not found its index may count a part of a turn when it does: a turn is forgiven then.
-    """
-    store = motor_store(cell)
-    drive, before = await store.drive_train(), np.array(await store.encoder_counts())
-    seeking = any(alarm.axis in (axis, None) for alarm in (await cell.robot.read_condition()).alarms)
-    allowed = tolerance_rad + (float(np.abs(drive.radians_per_turn()[axis]).sum()) if seeking else 0.0)
-    open_rad, progress_text = delta_rad, ""
-    for _ in range(TRIES):
-        degrees, pace = math.degrees(open_rad), math.degrees(speed_rad_s)
-        words = make_message(
-            "With the pendant, turn J{axis} alone by {degrees:+.2f} deg, at most {pace:.1f} deg/s.",
-            axis=axis + 1,
-            degrees=degrees,
-            pace=pace,
-        )
-        await ask_confirmation(
-            cell,
-            Instruction(
-                "jog_by_hand",
-                make_message(
-                    "{progress_text}{words} Say yes when it stands.", progress_text=progress_text, words=words
-                ),
-            ),
-        )
-        moved = drive.to_joints(np.array(await store.encoder_counts()), before)[axis]
-        open_rad = delta_rad - float(moved)
-        if abs(open_rad) <= allowed:
-            return
-        progress_text = "Not there yet. "
-    raise NotThereError(
-        make_message(
-            "J{axis} was not turned as asked: {open_deg:+.2f} deg are left.",
-            axis=axis + 1,
-            open_deg=math.degrees(open_rad),
-        ),
-        remedy="Find out what keeps it from turning, then resume.",
     )
 
 

@@ -23,7 +23,8 @@ from cellcal.drivers.errors import MotionStoppedError, RefusedError, Unreachable
 from cellcal.drivers.interfaces import Counts, Instruction, JointReading, Joints, Readiness
 from cellcal.procedures.cell import Cell, MotionApproval, MotionLevel
 from cellcal.procedures.motion.active_frames import check_same_frames
-from cellcal.procedures.motion.manual_moves import jog_by_hand, move_by_hand
+from cellcal.procedures.motion.guided_jog import HandJog, jog_by_hand
+from cellcal.procedures.motion.manual_moves import move_by_hand
 from cellcal.procedures.motion.speed_limit import SpeedLimit
 from cellcal.procedures.motors import PositionLostAgainError, axis_jog
 from cellcal.procedures.questions import ask_confirmation
@@ -32,6 +33,7 @@ from cellcal.procedures.surroundings import clearance_check
 
 MARGIN_RAD = 0.034907  # 2 deg from a joint's limit: plans keep 3, and stops from below overshoot by 1
 HAND_TOLERANCE_RAD = 0.0087266  # 0.5 deg: what a person sets on a pendant
+HAND_JOG_TOLERANCE_RAD = 0.0523599  # 3 deg: a capture counts where it was taken, not where it was planned
 SLACK_SHARE = 0.5  # of the distances that plans keep: an arm comes to rest beside its target by up to 0.1 deg
 WRAP_RAD = 9.424778  # 540 deg: a plan winds the wire by up to 270 to either side of where it began
 STALE_S = 1.0
@@ -72,6 +74,8 @@ class JogMove:
     doubt: PositionUncertainty | None = None
     care: MotionCare = MotionCare.WIRED
     began_rad: Joints | None = None  # where the turn began, if this is its end: no nearer than it was there
+    back_rad: float = 0.0  # turned back upwards at its end, by a person within one instruction
+    tolerance_rad: float = HAND_TOLERANCE_RAD  # by which a person may miss its end
 
 
 async def move_along(
@@ -121,8 +125,9 @@ async def jog_axis(cell: Cell, jog: JogMove) -> None:
         target = tuple(q + jog.delta_rad * (k == jog.axis) for k, q in enumerate(jog.here_rad))
         began = jog.began_rad or jog.here_rad
         speed = min(_check_and_cap(cell, jog.care, began, [target], speed, stops=False, doubt=jog.doubt))
-    if cell.level is not MotionLevel.COMMANDED:
-        await jog_by_hand(cell, jog.axis, jog.delta_rad, speed, HAND_TOLERANCE_RAD)
+    if cell.is_jogged_by_hand:
+        turn_rad = jog.delta_rad + jog.back_rad
+        await jog_by_hand(cell, HandJog(jog.axis, turn_rad, speed, jog.tolerance_rad, from_below=True))
         return
     await _ensure_approved(cell, None, (), speed)
     await _check_still_allowed(cell)

@@ -1,6 +1,6 @@
 """What a mastering recovery is told beforehand."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Annotated, Literal
 
 from pydantic import Field
@@ -22,6 +22,8 @@ from cellcal.procedures.setting_texts import (
     TOLERANCE_COUNTS,
     describe_setting,
 )
+
+HAND_CHECKS, HAND_FINALS = 2, 1  # captures, where a person jogs
 
 
 @dataclass(frozen=True, slots=True)
@@ -127,6 +129,18 @@ class MasteringRecoverySpec:
             "Alarm names of the controller", "Alarms that the recovery knows how to answer.", "technical"
         ),
     ] = field(default_factory=AlarmCodes)
+
+
+def fewest_captures(spec: MasteringRecoverySpec) -> MasteringRecoverySpec:
+    """Return the spec of a recovery whose poses a person jogs to: every capture costs a minute of it.
+
+    The gate still asks for twelve captures, and for more checks where these do not decide.
+    """
+    return replace(
+        spec,
+        check_captures=min(spec.check_captures, HAND_CHECKS),
+        final_captures=min(spec.final_captures, HAND_FINALS),
+    )
 
 
 def refuse_other_gears(record: MasteringRecord, drive: DriveTrain) -> None:

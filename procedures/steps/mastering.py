@@ -1,6 +1,7 @@
 """Steps that read what a robot knows about its motors."""
 
 import asyncio
+from dataclasses import replace
 
 import numpy as np
 
@@ -23,6 +24,7 @@ from cellcal.procedures.run import NeedsUnmetError, RefusalError
 MODEL_TOLERANCE_M = 0.05  # no robot leaves its maker with so much; the arm of another model is further off
 BOOT_DEADLINE_S = 300.0
 BOOT_PAUSE_S = 0.5
+INSTRUCTION_S = 15.0  # what a turn costs besides its way where a person makes it: plans prefer few turns
 
 
 async def read_motors_alone(cell: Cell) -> Motors:
@@ -60,7 +62,7 @@ async def read_motors(cell: Cell) -> MotorState:
         gauge_setup=cell.gauge_setup,
         gauge_range_m=gauge.capabilities.range_m,
         gauge_sigma_m=gauge.capabilities.sigma_m,
-        limits=cell.limits,
+        limits=replace(cell.limits, settle_s=INSTRUCTION_S) if cell.is_jogged_by_hand else cell.limits,
     )
 
 

@@ -20,6 +20,7 @@ from cellcal.procedures.motors import motor_store
 
 AXIS_TOLERANCE_RAD = 2e-3
 ALREADY_TURNED = 0.5  # of a motor's way past its index
+HAND_ROUNDS = 3  # over all axes, where a person moves one that had to stand
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,6 +112,8 @@ async def jog_to(
 
     Each turn is as fast as its own ``pace`` lets it be: a wrist need not wait for what a stretched arm asks for.
     """
+    if cell.is_jogged_by_hand:
+        return await _jog_by_hand_to(cell, target_rad, mapping, pace, doubt)
     store = motor_store(cell)
     tolerance = motion_gate.tolerance_rad(cell, AXIS_TOLERANCE_RAD)
 
@@ -131,6 +134,37 @@ async def jog_to(
         await turn_joint(axis, delta, here)
     arrival = await _read_arrival(cell)
     refuse_off_target(mapping.joints_at(arrival.counts), target_rad, tolerance)
+    return arrival
+
+
+async def _jog_by_hand_to(
+    cell: Cell,
+    target_rad: Joints,
+    mapping: CountsToJoints,
+    pace: SpeedLimit,
+    doubt: PositionUncertainty | None,
+) -> Arrival:
+    """Have a person bring the axes near joints, J1 first; again where one was moved that had to stand.
+
+    A capture counts where it is taken: an axis that is near enough is not asked for.
+    """
+    store, near = motor_store(cell), motion_gate.HAND_JOG_TOLERANCE_RAD
+    for _ in range(HAND_ROUNDS):
+        for axis, target in enumerate(target_rad):
+            here = mapping.joints_at(await store.encoder_counts())
+            delta = target - here[axis]
+            if abs(delta) <= near:
+                continue
+            back = OVERSHOOT_RAD if delta < 0 else 0.0
+            there = tuple(q + (delta - back) * (k == axis) for k, q in enumerate(here))
+            (speed,) = pace.leg_speeds(here, [there])
+            jog = JogMove(axis, delta - back, speed, here, doubt, back_rad=back, tolerance_rad=near)
+            await motion_gate.jog_axis(cell, jog)
+        arrival = await _read_arrival(cell)
+        found = mapping.joints_at(arrival.counts)
+        if np.abs(np.subtract(found, target_rad)).max() <= near:
+            break
+    refuse_off_target(found, target_rad, near)
     return arrival
 
 
@@ -161,13 +195,15 @@ async def pass_index(cell: Cell, index_turn: IndexTurn, speed_rad_s: float) -> A
     if turned_rad / delta_rad < ALREADY_TURNED:
         left_rad = delta_rad - turned_rad
         turns = [left_rad] if left_rad > 0 else [left_rad - OVERSHOOT_RAD, OVERSHOOT_RAD]
+        back_rad = 0.0
+        if cell.is_jogged_by_hand and left_rad < 0:
+            turns, back_rad = turns[:1], OVERSHOOT_RAD
         here = np.array(index_turn.likely_rad) + turned
         began = tuple(float(q) for q in here)
         for turn in turns:
             at = tuple(float(q) for q in here)
-            await motion_gate.jog_axis(
-                cell, JogMove(axis, turn, speed_rad_s, at, index_turn.doubt, MotionCare.FREE, began)
-            )
+            jog = JogMove(axis, turn, speed_rad_s, at, index_turn.doubt, MotionCare.FREE, began, back_rad)
+            await motion_gate.jog_axis(cell, jog)
             here[axis] += turn
     return await _read_arrival(cell)
 

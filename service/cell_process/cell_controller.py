@@ -243,7 +243,8 @@ class CellController:
             await self._recording.check_prompt(
                 cell, self._operator.prompt, poller.observe_motion(), self._clock()
             )
-            self._publish_live({**poller.as_json(), "record": self._recording.as_json()})
+            live, guidance = poller.as_json(), self._operator.guidance
+            self._publish_live({**live, "record": self._recording.as_json(), "guidance": guidance})
             allowed = await self._watch.check_robot(cell, now_s=self._clock(), busy=busy)
             if allowed is not None:
                 self._start_unattended(cell, allowed)

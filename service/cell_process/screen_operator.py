@@ -10,7 +10,7 @@ from cellcal.drivers.errors import BusyError, RefusedError
 from cellcal.drivers.interfaces import Answer, Instruction, Question
 from cellcal.procedures.instruction_page import InstructionPage, StepKind, page_of
 from cellcal.procedures.prompt_answers import answers_for
-from cellcal.service.session_documents import PromptDocument
+from cellcal.service.session_documents import GuidanceDocument, PromptDocument
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,6 +63,7 @@ class ScreenOperator:
         self._count = 0
         self._answer: asyncio.Future[Answer] | None = None
         self.prompt: Prompt | None = None
+        self.guidance: GuidanceDocument | None = None  # newest, of what is asked
         self.run_id = ""
         self.step = ""
 
@@ -72,6 +73,11 @@ class ScreenOperator:
     async def ask_question(self, question: Question) -> Answer:
         page = InstructionPage("enter", {"count": question.count})
         return await self._show_prompt("enter", question.key, question.text, question.unit, page)
+
+    def show_guidance(self, text: str, values: Mapping[str, Any]) -> None:
+        """Remember it for the next live message: ten times a second is no news of the session."""
+        if self.prompt is not None:
+            self.guidance = {"prompt_id": self.prompt.id, "text": text, "values": dict(values)}
 
     def answer_prompt(self, prompt_id: str, who: str, value: str) -> None:
         """Answer what is asked; StalePromptError where something else, or nothing, is."""
@@ -111,5 +117,5 @@ class ScreenOperator:
         try:
             return await self._answer
         finally:
-            self.prompt, self._answer = None, None
+            self.prompt, self._answer, self.guidance = None, None, None
             self._changed()

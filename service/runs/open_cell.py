@@ -16,11 +16,13 @@ from cellcal.drivers.interfaces import (
     KnowsSpeedOverride,
     MasteringStore,
     Operator,
+    ReadsMastering,
     Robot,
     ToolFrameStore,
     UserFrameStore,
 )
 from cellcal.procedures.cell import Cell, DeviceCertificate, GaugeSetup, MotionCaps, ProbeSetup, TrackerSetup
+from cellcal.procedures.recovery.pendant_mastering import PendantMastering
 from cellcal.service.configuration.cell_file import CellConfig, GaugeEntry, ProbeEntry, TrackerEntry
 from cellcal.service.record.journal import Journal
 from cellcal.service.record.journal_files import lease_folder
@@ -118,7 +120,7 @@ def _build_cell(
         robot=arm,
         operator=operator,
         jogs=cast(JogsAxes, arm) if can.jogs_single_axes else None,
-        mastering=cast(MasteringStore, arm) if can.writes_mastering else None,
+        mastering=_mastering_store(arm, operator),
         tool_frames=cast(ToolFrameStore, arm) if can.writes_tool_frame else None,
         user_frames=cast(UserFrameStore, arm) if can.writes_user_frame else None,
         frames=cast(KnowsActiveFrames, arm) if can.tells_active_frames else None,
@@ -135,6 +137,15 @@ def _build_cell(
         programs=program_shelf(config, entry),
         config_sha256=config.sha256,
     )
+
+
+def _mastering_store(arm: Robot, operator: Operator) -> MasteringStore | None:
+    """Return the robot's mastering: written by wire where its controller allows it, else typed by a person."""
+    if arm.capabilities.writes_mastering:
+        return cast(MasteringStore, arm)
+    if arm.capabilities.reads_mastering:
+        return PendantMastering(cast(ReadsMastering, arm), operator)
+    return None
 
 
 def _instrument_certificates(config: CellConfig, robot: str) -> dict[str, DeviceCertificate]:

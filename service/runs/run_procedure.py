@@ -16,7 +16,7 @@ from cellcal.calibration.errors import CellError
 from cellcal.calibration.message import join_messages, make_message
 from cellcal.calibration.message_table import MESSAGES, with_messages
 from cellcal.drivers.errors import DeviceError
-from cellcal.drivers.interfaces import Answer, Instruction, Operator, Question
+from cellcal.drivers.interfaces import Answer, GuidesPerson, Instruction, Operator, Question
 from cellcal.procedures.catalogue import definition_named
 from cellcal.procedures.cell import Cell, DeviceCertificate, Fingerprint, MotionApproval, read_fingerprint
 from cellcal.procedures.motion.active_frames import refuse_unnamed, unread_frames
@@ -363,6 +363,10 @@ class _AnnouncingOperator:
         answer = await self._operator.ask_question(question)
         self._show(StepProgress("answered", "", 0, 0, answer.value, {"key": question.key, "who": answer.who}))
         return answer
+
+    def show_guidance(self, text: str, values: Mapping[str, Any]) -> None:
+        if isinstance(self._operator, GuidesPerson):
+            self._operator.show_guidance(text, values)
 
 
 def _join_sentences(*sentences: str) -> str:

@@ -95,6 +95,10 @@ def _list_hindrances(config: CellConfig, loss: PositionLoss) -> list[str]:
             not config.robot_named(loss.robot).capabilities.writes_mastering,
             "its mastering is set at the pendant only",
         ),
+        (
+            not config.robot_named(loss.robot).capabilities.jogs_single_axes,
+            "its axes are jogged at the pendant only",
+        ),
         (suspicion.record_differs, "the robot may have been mastered on purpose"),
         (
             not (suspicion.record_differs or suspicion.may_run_unattended),

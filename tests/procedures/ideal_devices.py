@@ -83,6 +83,7 @@ class IdealArm:
             axes=6,
             jogs_single_axes=True,
             reads_encoder_counts=True,
+            reads_mastering=True,
             writes_mastering=True,
             writes_tool_frame=True,
             writes_user_frame=True,

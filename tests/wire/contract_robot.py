@@ -16,7 +16,8 @@ AT_TARGET_RAD = math.radians(0.1)
 ABILITIES = {
     "jogs_single_axes": ("jog_axis",),
     "reads_encoder_counts": ("encoder_counts", "drive_train", "encoder_epoch"),
-    "writes_mastering": ("read_mastering", "write_mastering", "restore_mastering", "reset_position_alarms"),
+    "reads_mastering": ("read_mastering",),
+    "writes_mastering": ("write_mastering", "restore_mastering", "reset_position_alarms"),
     "writes_tool_frame": ("read_tool_frame", "write_tool_frame"),
     "writes_user_frame": ("read_user_frame", "write_user_frame"),
     "tells_active_frames": ("active_frames",),

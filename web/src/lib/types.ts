@@ -77,6 +77,18 @@ export interface PromptData {
   usual?: number; // of a number that is asked for, in the unit shown
   counts?: Record<string, number[]>; // of encoders, one for each axis
   target?: { joints_rad: number[]; tolerance_rad: number };
+  jog?: JogTurn; // of one axis, by a person at the pendant
+  typed_counts?: { name: string; now: number; type: number }[]; // six integers for the pendant
+}
+
+export interface JogTurn {
+  axis: number;
+  key: "+" | "-";
+  left_rad: number;
+  turn_rad: number;
+  advice: "turn" | "slow" | "stop" | "wrong_way" | "wrong_axis";
+  other_axis: number | null;
+  other_rad: number;
 }
 
 export type Prompt = Omit<Api.PromptSeen, "data" | "page"> & { data: PromptData; page: StepKind };
@@ -143,6 +155,7 @@ export interface Live {
   at_s: number;
   devices: Device[];
   record?: Recording | null;
+  guidance?: { prompt_id: string; text: string; values: unknown } | null; // of what is asked, while it is done
 }
 
 export type Procedure = Omit<Api.ProcedureSeen, "intention" | "minutes"> & {

@@ -1,0 +1,148 @@
+"""A turn of one axis by a person at the pendant: guided while it is made, and checked by the counts when it stands.
+
+An unmastered axis of a real controller is moved by no program. What a person does wrong costs another instruction
+and nothing else: the rest of the way is asked for, an axis that had to stand is turned back first.
+"""
+
+import asyncio
+import contextlib
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from cellcal.calibration.geometry import Array
+from cellcal.calibration.message import make_message
+from cellcal.drivers.errors import DeviceError
+from cellcal.drivers.interfaces import GuidesPerson, Instruction
+from cellcal.procedures.cell import Cell
+from cellcal.procedures.instruction_page import with_page
+from cellcal.procedures.motion.approach import OVERSHOOT_RAD
+from cellcal.procedures.motion.axis_watch import AxisWatch
+from cellcal.procedures.motion.jog_guidance import JogGuidance, JogLeg
+from cellcal.procedures.motion.manual_moves import NotThereError
+from cellcal.procedures.motors import motor_store
+from cellcal.procedures.questions import ask_confirmation
+
+TRIES = 12
+
+
+@dataclass(frozen=True, slots=True)
+class HandJog:
+    """A turn of one joint that a person makes; ``from_below``: it has to come to rest turning upwards."""
+
+    axis: int
+    delta_rad: float
+    speed_rad_s: float
+    tolerance_rad: float
+    from_below: bool = False
+
+
+async def jog_by_hand(cell: Cell, jog: HandJog) -> None:
+    """Ask for a turn of one joint alone until the motors' counts show it, and that no other joint turned.
+
+    A motor that has not found its index may count a part of a turn when it does: a turn is forgiven then.
+
+    Raises
+    ------
+    DeclinedError
+        The technician said no.
+    NotThereError
+        It was asked for again and again, and a joint stands elsewhere.
+    """
+    store = motor_store(cell)
+    watch = AxisWatch(await store.drive_train(), await store.encoder_counts())
+    forgiven = await _forgiven_rad(cell, watch, jog.axis)
+    progress_text, axis = "", jog.axis
+    for _ in range(TRIES):
+        leg = _next_leg(jog, watch, axis)
+        await _ask_and_watch(cell, jog, leg, watch, forgiven, progress_text)
+        if _is_there(jog, watch, axis, forgiven):
+            watch.accept_axis(axis)
+        other = watch.other_axis(jog.axis, _forgiven_others(forgiven, jog.axis))
+        if other is None and _is_there(jog, watch, jog.axis, forgiven):
+            return
+        axis = jog.axis if other is None else other
+        progress_text = "Not there yet. "
+        if other is not None:
+            turned = math.degrees(watch.turned_rad[other] - watch.accepted_rad[other])
+            progress_text = make_message(
+                "J{other} turned by {turned:+.2f} deg and should have stood. ", other=other + 1, turned=turned
+            )
+    left = math.degrees(_left_rad(jog, watch, axis))
+    raise NotThereError(
+        make_message(
+            "J{axis} was not turned as asked: {open_deg:+.2f} deg are left.", axis=axis + 1, open_deg=left
+        ),
+        remedy="Find out what keeps it from turning, then resume.",
+    )
+
+
+async def _forgiven_rad(cell: Cell, watch: AxisWatch, axis: int) -> Array:
+    """Return what each joint's count may jump when a motor that seeks its index finds it (n,)."""
+    seeking = any(alarm.axis in (axis, None) for alarm in (await cell.robot.read_condition()).alarms)
+    per_turn = np.abs(watch.drive.radians_per_turn())
+    if not seeking:
+        return np.zeros(len(per_turn))
+    forgiven = per_turn[:, axis].copy()
+    forgiven[axis] = per_turn[axis].sum()
+    return forgiven
+
+
+def _forgiven_others(forgiven: Array, axis: int) -> Array:
+    others = forgiven.copy()
+    others[axis] = 0.0
+    return others
+
+
+def _left_rad(jog: HandJog, watch: AxisWatch, axis: int) -> float:
+    goal = jog.delta_rad if axis == jog.axis else float(watch.accepted_rad[axis])
+    return goal - float(watch.turned_rad[axis])
+
+
+def _is_there(jog: HandJog, watch: AxisWatch, axis: int, forgiven: Array) -> bool:
+    allowed = jog.tolerance_rad + (float(forgiven[axis]) if axis == jog.axis else 0.0)
+    near = abs(_left_rad(jog, watch, axis)) <= allowed
+    return near and (not jog.from_below or watch.is_from_below(axis))
+
+
+def _next_leg(jog: HandJog, watch: AxisWatch, axis: int) -> JogLeg:
+    """Return what to turn next: upwards at the end, where the joint has to come from below."""
+    left = _left_rad(jog, watch, axis)
+    if not jog.from_below or left >= OVERSHOOT_RAD:
+        return JogLeg(axis, left, 0.0)
+    if abs(left - OVERSHOOT_RAD) <= jog.tolerance_rad and not watch.is_from_below(axis):
+        return JogLeg(axis, OVERSHOOT_RAD, 0.0)  # near enough already; only the side is missing
+    return JogLeg(axis, left - OVERSHOOT_RAD, OVERSHOOT_RAD)
+
+
+async def _ask_and_watch(
+    cell: Cell, jog: HandJog, leg: JogLeg, watch: AxisWatch, forgiven: Array, progress_text: str
+) -> None:
+    """Ask for a leg, and show from the counts what is left of it until the person says that it stands."""
+    words = Instruction(
+        "jog_by_hand",
+        make_message(
+            "{progress_text}{sentence} Say yes when it stands.",
+            progress_text=progress_text,
+            sentence=leg.sentence(jog.speed_rad_s),
+        ),
+    )
+    shown = JogGuidance.begin(leg, watch, jog.tolerance_rad)
+    page = with_page(words, "ask", jog=shown.as_json())
+    asked = asyncio.ensure_future(ask_confirmation(cell, page))
+    store, guides = motor_store(cell), cell.operator
+    try:
+        while not asked.done():
+            await asyncio.wait({asked}, timeout=cell.limits.look_s)
+            with contextlib.suppress(DeviceError):  # the look after the answer raises it
+                watch.take_counts(await store.encoder_counts())
+            shown = shown.after(watch, _forgiven_others(forgiven, leg.axis))
+            if isinstance(guides, GuidesPerson) and not asked.done():
+                guides.show_guidance(shown.sentence, shown.as_json())
+        await asked
+    finally:
+        if not asked.done():
+            asked.cancel()
+            await asyncio.gather(asked, return_exceptions=True)
+    watch.take_counts(await store.encoder_counts())
