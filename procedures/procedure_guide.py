@@ -116,7 +116,6 @@ GUIDE: Mapping[str, GuideEntry] = {
 NEED_REMEDIES: Mapping[str, str] = {
     "moves_joints": "Choose a robot whose controller takes moves over the network.",
     "commanded": "An engineer allows it in the cell file.",
-    "jogs_single_axes": "Choose a robot whose controller turns single axes on request.",
     "writes_mastering": "Choose a robot whose controller opens its mastering over the network.",
     "writes_tool_frame": "Write the result on the pendant by hand, or connect the controller's tool frames.",
     "writes_user_frame": "Write the result on the pendant by hand, or connect the controller's user frames.",

@@ -52,6 +52,9 @@ _PATTERNS: tuple[tuple[str, PromptAnswers], ...] = (
         PromptAnswers("Try it again", "Stop here", "again"),
     ),
     ("move_by_hand", PromptAnswers("The arm stands there", _HERE, "pendant")),
+    ("reset_alarms_by_hand", PromptAnswers("The alarms are reset", "An alarm stays", "pendant")),
+    ("clear_mastered_by_hand", PromptAnswers("It is cleared", "I cannot clear it", "pendant")),
+    ("type_mastering", PromptAnswers("The six numbers are typed", "I cannot type them", "pendant")),
     ("jog_by_hand", PromptAnswers("The arm stands there", _HERE, "pendant")),
     (
         "accept_mastering",

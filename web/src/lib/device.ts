@@ -1,6 +1,5 @@
 // This browser's own key: made when it is enrolled, never readable, kept in IndexedDB; its signature opens a session.
 
-import { learn } from "./messages";
 import type { Standing } from "./people.svelte";
 
 const STORE = "device";
@@ -20,6 +19,13 @@ export interface Answer {
   told: Record<string, unknown>;
 }
 
+let hear: (told: Record<string, unknown>) => void = () => {};
+
+/** Let what is told be heard elsewhere, too. This script is loaded before all others, and may need none of them. */
+export function hearAnswers(by: typeof hear): void {
+  hear = by;
+}
+
 /** Send JSON to the service and tell what it answered; a link that is silent is an answer, too. */
 export async function post(path: string, content: unknown, waitMs = WAIT_MS): Promise<Answer> {
   try {
@@ -29,7 +35,8 @@ export async function post(path: string, content: unknown, waitMs = WAIT_MS): Pr
       body: JSON.stringify(content),
       signal: AbortSignal.timeout(waitMs),
     });
-    const told = learn(await answer.json()) as Record<string, string>;
+    const told = (await answer.json()) as Record<string, string>;
+    hear(told);
     const { code = "", message = answer.statusText, remedy = "" } = told;
     return { ok: answer.ok, code, message, remedy, waitS: Number(answer.headers.get("retry-after") ?? 0), told };
   } catch {

@@ -1,9 +1,12 @@
 // Who sits at this screen, and what that allows. The service decides; the page only does not offer what would be refused.
 
-import { post, prove, type Answer } from "./device";
+import { hearAnswers, post, prove, type Answer } from "./device";
 import { come, early } from "./early";
 import { language, type Key } from "./i18n.svelte";
+import { learn } from "./messages";
 import { sayings } from "./say.svelte";
+
+hearAnswers(learn);
 
 export type Role = "viewer" | "technician" | "engineer" | "admin";
 export type Right = "see" | "stop" | "run" | "change_limits" | "write_alone" | "make_programs";
