@@ -107,6 +107,7 @@ async def test_what_an_engineer_changed_can_be_set_back_to_the_usual_value(penda
 async def test_a_message_that_names_settings_says_what_they_are_called(pendant: FakePendant) -> None:
     async with pendant.viewer.open_page("#/procedure/mastering_record", locale="de") as page:
         await wait_for_language(page, "de")
+        await page.get_by_test_id("settings").wait_for(state="attached")
         await page.evaluate("document.querySelectorAll('details').forEach(each => { each.open = true; })")
         for name, share in (("room.wire_low", "0,9"), ("room.wire_high", "0,5")):
             await page.get_by_test_id(f"value-{name}").fill(share)
