@@ -156,11 +156,11 @@ async def test_both_servers_are_told_apart_and_an_empty_value_is_a_failure(
 ) -> None:
     assert (await kuka.identify()).firmware.startswith("C3 Bridge")
     with pytest.raises(RefusedError, match="NO_SUCH"):
-        await kuka._link.read_text("NO_SUCH")
+        await kuka._link.read_variable("NO_SUCH")
     await fake_client.inject_fault("old_server", device=CASE.name)
     assert (await kuka.identify()).firmware == "KUKAVARPROXY"
     with pytest.raises(RefusedError, match="NO_SUCH"):
-        await kuka._link.read_text("NO_SUCH")
+        await kuka._link.read_variable("NO_SUCH")
     assert (await kuka.read_joints()).joints_rad
 
 

@@ -42,7 +42,7 @@ class MotionServer:
     async def require_running(self) -> None:
         """Raise where the program does not wait for orders; a stop of before is released."""
         await self.beat()
-        await self._link.write_text("CC_STOP", "FALSE")
+        await self._link.write_variable("CC_STOP", "FALSE")
         before = await self._read("CC_LIFE")
         for _ in range(200):
             state = await self.read_server_state()
@@ -54,10 +54,10 @@ class MotionServer:
     async def order_move(self, joints_rad: tuple[float, ...], percent: int) -> int:
         """Order one step; return the number under which it is acknowledged. The request is written last."""
         request = (await self._read("CC_ACK")) % _HIGHEST + 1
-        await self._link.write_text("CC_AXIS", write_axes(joints_rad))
-        await self._link.write_text("CC_VEL", str(percent))
+        await self._link.write_variable("CC_AXIS", write_axes(joints_rad))
+        await self._link.write_variable("CC_VEL", str(percent))
         await self.beat()
-        await self._link.write_text("CC_REQ", str(request))
+        await self._link.write_variable("CC_REQ", str(request))
         return request
 
     async def has_finished(self, request: int) -> bool:
@@ -74,12 +74,12 @@ class MotionServer:
 
     async def stop(self) -> None:
         """Brake; the program gives up what it was doing."""
-        await self._link.write_text("CC_STOP", "TRUE")
+        await self._link.write_variable("CC_STOP", "TRUE")
 
     async def beat(self) -> None:
         """Say that this client is alive."""
         self._beat = self._beat % _HIGHEST + 1
-        await self._link.write_text("CC_HB", str(self._beat))
+        await self._link.write_variable("CC_HB", str(self._beat))
 
     async def _read(self, variable: str) -> int:
         return int(await read_value(self._link, variable, read_number))

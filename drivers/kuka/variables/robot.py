@@ -101,8 +101,8 @@ class KukaRobot(StepwiseMotion):
     async def identify(self) -> Identity:
         async with self._answer_deadline("asking who it is"):
             server = await self._link.identify_server()
-            model = (await self._link.read_text("$MODEL_NAME[]")).strip().strip('"').lstrip("#")
-            serial = (await self._link.read_text("$KR_SERIALNO")).strip().strip('"')
+            model = (await self._link.read_variable("$MODEL_NAME[]")).strip().strip('"').lstrip("#")
+            serial = (await self._link.read_variable("$KR_SERIALNO")).strip().strip('"')
         return Identity("KUKA", model, serial, f"{server.name} {server.version}".strip())
 
     async def read_condition(self) -> Condition:
@@ -115,7 +115,7 @@ class KukaRobot(StepwiseMotion):
     async def read_joints(self) -> JointReading:
         async with self._answer_deadline("reading the joints"):
             before = await self._read_angles()
-            text = await self._link.read_text("$AXIS_ACT")
+            text = await self._link.read_variable("$AXIS_ACT")
             joints = await self._read_angles()
         moving = bool(self._doing) or joints != before  # the server tells no motion of others
         return JointReading(joints, moving, time.monotonic(), raw=text)
@@ -137,7 +137,7 @@ class KukaRobot(StepwiseMotion):
 
     async def controller_mode(self) -> str:
         async with self._answer_deadline("reading the mode"):
-            return (await self._link.read_text("$MODE_OP")).strip().lstrip("#")
+            return (await self._link.read_variable("$MODE_OP")).strip().lstrip("#")
 
     async def speed_override(self) -> float:
         async with self._answer_deadline("reading the speed override"):
@@ -184,7 +184,7 @@ class KukaRobot(StepwiseMotion):
     async def _write_frame(self, table: str, number: int, pose: Pose) -> Pose:
         with self._exclusive_use("frame"):
             async with self._answer_deadline("writing a frame"):
-                await self._link.write_text(f"{table}[{int(number)}]", write_pose(pose))
+                await self._link.write_variable(f"{table}[{int(number)}]", write_pose(pose))
                 found = await read_value(self._link, f"{table}[{int(number)}]", read_pose)
         near = np.allclose(found.position_m, pose.position_m, rtol=0, atol=_SAME_M)
         alike = np.allclose(found.rotation_matrix(), pose.rotation_matrix(), rtol=0, atol=_SAME_RAD)

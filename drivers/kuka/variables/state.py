@@ -34,7 +34,7 @@ async def read_value(link: VariableLink, variable: str, convert: Callable[[str],
     WireProtocolError
         It cannot be read as what it should be.
     """
-    text = await link.read_text(variable)
+    text = await link.read_variable(variable)
     try:
         return convert(text)
     except ValueError as error:
@@ -49,7 +49,7 @@ async def read_value(link: VariableLink, variable: str, convert: Callable[[str],
 async def read_state(link: VariableLink) -> ControllerState:
     """Read mode, drives, safety, stop messages and mastering."""
     return ControllerState(
-        (await link.read_text("$MODE_OP")).strip().upper(),
+        (await link.read_variable("$MODE_OP")).strip().upper(),
         await read_value(link, "$PERI_RDY", read_flag),
         await read_value(link, "$USER_SAF", read_flag),
         await read_value(link, "$STOPMESS", read_flag),

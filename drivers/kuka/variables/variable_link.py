@@ -48,12 +48,12 @@ class VariableLink:
     async def identify_server(self) -> VariableServer:
         """Return which server answers: only C3 Bridge knows its own version as a variable."""
         try:
-            version = await self.read_text(_PROXY_VERSION)
+            version = await self.read_variable(_PROXY_VERSION)
         except RefusedError:
             return VariableServer("KUKAVARPROXY", "")
         return VariableServer("C3 Bridge", version.strip('"'))
 
-    async def read_text(self, variable: str) -> str:
+    async def read_variable(self, variable: str) -> str:
         """Return a variable's value as the controller writes it.
 
         Raises
@@ -68,8 +68,8 @@ class VariableLink:
             raise self._refused(variable)
         return value
 
-    async def write_text(self, variable: str, value: str) -> None:
-        """Write a variable; errors as for ``read_text``."""
+    async def write_variable(self, variable: str, value: str) -> None:
+        """Write a variable; errors as for ``read_variable``."""
         await self._exchange(_WRITE, variable, value)
 
     async def _exchange(self, kind: int, variable: str, value: str | None) -> str:
