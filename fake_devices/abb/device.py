@@ -11,6 +11,7 @@ Not modelled
 """
 
 import asyncio
+import math
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from typing import Any
@@ -47,6 +48,7 @@ class FakeAbbRobot:
             "override": lambda p: c.set_speed(int(p.pop("percent", 100))),
             "tool_switched": self._switch_tool,
             "counters_lost": lambda p: c.lose_counters(_parse_axes(p.pop("axes", "all"))),
+            "hand_moves": self._move_by_hand,
             "mend": lambda _: c.mend(),
         }
 
@@ -130,6 +132,13 @@ class FakeAbbRobot:
     def _stop_program(self) -> None:
         self.controller.program_runs = False
         self.controller.arm.stop(8.0)
+
+    def _move_by_hand(self, parameters: dict[str, Any]) -> None:
+        """Drive the arm at the pendant to these joints."""
+        joints = [float(angle) for angle in parameters.pop("joints")]
+        if len(joints) != len(self.controller.arm.joints_rad) or not all(map(math.isfinite, joints)):
+            raise ValueError("joints are as many finite numbers as there are axes [rad]")
+        self.controller.arm.put_joints(joints)
 
     def _switch_tool(self, parameters: dict[str, Any]) -> None:
         c = self.controller

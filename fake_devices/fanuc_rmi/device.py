@@ -11,6 +11,7 @@ Not modelled
 """
 
 import asyncio
+import math
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from typing import Any
@@ -48,6 +49,7 @@ class FakeFanucRmiRobot:
             "alarm": lambda p: c.raise_alarm(str(p.pop("text", "SRVO-062 BZAL alarm (Group:1 Axis:3)"))),
             "clear_alarms": lambda _: c.clear_alarms(),
             "sequence_restarts": lambda p: self._restart_sequence(bool(p.pop("on", True))),
+            "hand_moves": self._move_by_hand,
             "hang_up": lambda _: self.server.hang_up(),
         }
 
@@ -129,6 +131,13 @@ class FakeFanucRmiRobot:
 
     def _restart_sequence(self, on: bool) -> None:
         self.controller.restarts_sequence = on
+
+    def _move_by_hand(self, parameters: dict[str, Any]) -> None:
+        """Drive the arm at the pendant to these joints."""
+        joints = [float(angle) for angle in parameters.pop("joints")]
+        if len(joints) != len(self.controller.arm.joints_rad) or not all(map(math.isfinite, joints)):
+            raise ValueError("joints are as many finite numbers as there are axes [rad]")
+        self.controller.arm.put_joints(joints)
 
     def _switch_tool(self, parameters: dict[str, Any]) -> None:
         c = self.controller

@@ -11,6 +11,7 @@ Not modelled
 """
 
 import asyncio
+import math
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from typing import Any
@@ -48,6 +49,7 @@ class FakeKukaRobot:
             "override": lambda p: c.set_override(int(p.pop("percent", 100))),
             "tool_switched": self._switch_tool,
             "mastering_lost": lambda p: c.lose_mastering(_parse_axes(p.pop("axes", "all"))),
+            "hand_moves": self._move_by_hand,
             "mend": lambda _: c.mend(),
             "old_server": lambda _: self._use_server(c3=False),
             "new_server": lambda _: self._use_server(c3=True),
@@ -140,6 +142,13 @@ class FakeKukaRobot:
 
     def _use_server(self, *, c3: bool) -> None:
         self.server.is_c3 = c3
+
+    def _move_by_hand(self, parameters: dict[str, Any]) -> None:
+        """Drive the arm at the pendant to these joints."""
+        joints = [float(angle) for angle in parameters.pop("joints")]
+        if len(joints) != len(self.controller.arm.joints_rad) or not all(map(math.isfinite, joints)):
+            raise ValueError("joints are as many finite numbers as there are axes [rad]")
+        self.controller.arm.put_joints(joints)
 
     def _switch_tool(self, parameters: dict[str, Any]) -> None:
         c = self.controller

@@ -11,6 +11,7 @@ Not modelled
 """
 
 import asyncio
+import math
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from typing import Any
@@ -59,6 +60,7 @@ class FakeYaskawaRobot:
             "reset_alarm": lambda _: self._reset_by_hand(),
             "battery_loss": lambda p: c.lose_positions(_parse_axes(p.pop("axes", "all"))),
             "confirm_positions": lambda _: c.confirm_positions(),
+            "hand_moves": self._move_by_hand,
             "jog_by_hand": self._jog_by_hand,
         }
 
@@ -132,6 +134,13 @@ class FakeYaskawaRobot:
             "nominal_dh": arm.nominal_dh.tolist(),
             "base_flange": arm.base_flange().tolist(),
         }
+
+    def _move_by_hand(self, parameters: dict[str, Any]) -> None:
+        """Drive the arm at the pendant to these joints."""
+        joints = [float(angle) for angle in parameters.pop("joints")]
+        if len(joints) != len(self.controller.arm.joints_rad) or not all(map(math.isfinite, joints)):
+            raise ValueError("joints are as many finite numbers as there are axes [rad]")
+        self.controller.arm.put_joints(joints)
 
     def _switch_tool(self, parameters: dict[str, Any]) -> None:
         c = self.controller

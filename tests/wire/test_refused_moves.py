@@ -28,9 +28,11 @@ from tests.wire.driver_cases import ROBOTS, RobotCase, until_ready, wait_until
 FANUC = ROBOTS["modbus_robot"]
 ASIDE_RAD = 0.05
 STALE = {
-    "frozen": {"fanuc": "frozen", "ur": "frozen"},
-    "silent": {"fanuc": "silent", "ur": "link_stall"},
-}
+    "frozen": {"fanuc": "frozen", "ur": "frozen"},  # others are asked anew for each answer: nothing can stand still
+    "silent": {
+        "fanuc": "silent", "ur": "link_stall", "abb": "silent", "kuka": "silent", "motoman": "silent", "rmi": "silent",
+    },
+}  # fmt: skip
 Event = Callable[[], Awaitable[None]]
 confirmed_or_planned = pytest.mark.parametrize("is_confirmed", [True, False], ids=["asked", "planned"])
 
@@ -121,7 +123,16 @@ async def robot_at_home(
         yield made
 
 
-@pytest.mark.parametrize("fault", sorted(STALE))
+@pytest.mark.parametrize(
+    ("fault", "robot_case"),
+    [
+        (fault, kind)
+        for fault, robots in sorted(STALE.items())
+        for kind, case in sorted(ROBOTS.items())
+        if case.name in robots
+    ],
+    indirect=["robot_case"],
+)
 @confirmed_or_planned
 async def test_a_stale_state_moves_nothing(
     robot_at_home: RobotAtHome, fault: str, is_confirmed: bool
