@@ -52,8 +52,13 @@ class MotionServer:
         return request
 
     async def has_finished(self, request: int) -> bool:
-        """Return whether a step was acknowledged; raise where the program was stopped."""
+        """Return whether a step was acknowledged; raise where the program was stopped.
+
+        The acknowledgement is read first: a stopped step is acknowledged too, and a state read before it
+        could still be that of before the step.
+        """
         await self.beat()
+        acknowledged = await self._read("nAck") == request
         state = await self._read("nState")
         if state not in (ServerState.WAITING, ServerState.MOVING):
             raise MotionStoppedError(
@@ -61,7 +66,7 @@ class MotionServer:
                 "the program CellcalServer was stopped.",
                 remedy=f"Look at the robot and the pendant. {_START}",
             )
-        return await self._read("nAck") == request and state == ServerState.WAITING
+        return acknowledged and state == ServerState.WAITING
 
     async def stop(self) -> None:
         """Brake; the program gives up what it was doing."""

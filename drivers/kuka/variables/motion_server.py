@@ -61,8 +61,13 @@ class MotionServer:
         return request
 
     async def has_finished(self, request: int) -> bool:
-        """Return whether a step was acknowledged; raise where the program was stopped."""
+        """Return whether a step was acknowledged; raise where the program was stopped.
+
+        The acknowledgement is read first: a stopped step is acknowledged too, and a state read before it
+        could still be that of before the step.
+        """
         await self.beat()
+        acknowledged = await self._read("CC_ACK") == request
         state = await self.read_server_state()
         if state in (ServerState.STOPPED, ServerState.OFF):
             raise MotionStoppedError(
@@ -70,7 +75,7 @@ class MotionServer:
                 "the program CELLCAL was stopped.",
                 remedy=f"Look at the robot and the pendant. {_START}",
             )
-        return await self._read("CC_ACK") == request and state is ServerState.WAITING
+        return acknowledged and state is ServerState.WAITING
 
     async def stop(self) -> None:
         """Brake; the program gives up what it was doing."""
