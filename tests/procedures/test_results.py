@@ -294,7 +294,7 @@ async def test_a_capture_of_a_moving_arm_is_refused() -> None:
 
 def test_the_refusal_names_what_a_cell_lacks() -> None:
     assert missing_needs(DEFINITION, Cell("bare", IdealArm(), ScriptedTechnician())) == (
-        *("a robot that jogs single axes", "access to encoder counts and mastering"),
+        "access to encoder counts and mastering",
         "a draw-wire, touch probe or tracker, or a record with touched places or a seat",
         "a kinematic model of the robot",
     )
