@@ -12,6 +12,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Awaitable, Callable, Iterator
 from contextlib import AbstractAsyncContextManager, contextmanager
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
@@ -28,6 +29,23 @@ _LOOK = "Look at the robot first: it should have stopped. Use the emergency stop
 IsFinished = Callable[[], Awaitable[bool]]
 
 
+class StepwiseSettings(Protocol):
+    """The settings of a cell file that ``StepwiseOptions`` is made of; units as there."""
+
+    @property
+    def deadline_s(self) -> float: ...
+    @property
+    def speed_limit_rad_s(self) -> float: ...
+    @property
+    def step_s(self) -> float: ...
+    @property
+    def settle_s(self) -> float: ...
+    @property
+    def stuck_s(self) -> float: ...
+    @property
+    def tolerance_rad(self) -> float: ...
+
+
 @dataclass(frozen=True, slots=True)
 class StepwiseOptions:
     """What the cell file says about motion."""
@@ -39,6 +57,19 @@ class StepwiseOptions:
     settle_s: float
     stuck_s: float  # without any motion: given up
     tolerance_rad: float
+
+    @classmethod
+    def from_settings(cls, axes: int, settings: StepwiseSettings) -> "StepwiseOptions":
+        """Return the options of a robot with so many axes."""
+        return cls(
+            axes,
+            settings.deadline_s,
+            settings.speed_limit_rad_s,
+            settings.step_s,
+            settings.settle_s,
+            settings.stuck_s,
+            settings.tolerance_rad,
+        )
 
 
 class StepwiseMotion(ABC):

@@ -84,15 +84,7 @@ class YaskawaConfig(BaseModel):
         from cellcal.drivers.yaskawa.robot import YaskawaOptions  # noqa: PLC0415  as above
         from cellcal.drivers.yaskawa.state import AXES  # noqa: PLC0415  as above
 
-        motion = StepwiseOptions(
-            AXES,
-            self.deadline_s,
-            self.speed_limit_rad_s,
-            self.step_s,
-            self.settle_s,
-            self.stuck_s,
-            self.tolerance_rad,
-        )
+        motion = StepwiseOptions.from_settings(AXES, self)
         return YaskawaOptions(
             self.controller_type,
             self.serial,

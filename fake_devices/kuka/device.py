@@ -11,112 +11,60 @@ Not modelled
 """
 
 import asyncio
-import math
-from collections.abc import Callable, Mapping
-from contextlib import suppress
+from collections.abc import Mapping
 from typing import Any
 
-from cellcal.fake_devices.device import FaultRefusedError, JsonObject
+from cellcal.fake_devices.device import JsonObject
 from cellcal.fake_devices.keep_running import keep_running
 from cellcal.fake_devices.kuka.controller import FRAMES, KukaController
 from cellcal.fake_devices.kuka.server import LINK_FAULTS, ProxyPort
 from cellcal.fake_devices.kuka.variables import VariableTable
 from cellcal.fake_devices.link_faults import LinkFaults
+from cellcal.fake_devices.networked_robot import NetworkedRobot, parse_axes
 from cellcal.fake_devices.world import World
 
 _CYCLE_REAL_S = 0.004
-_TICK_REAL_S = 0.05
+_AXES = tuple(f"A{axis}" for axis in range(1, 7))
 
 
-class FakeKukaRobot:
+class FakeKukaRobot(NetworkedRobot):
     """One controller on one loopback address."""
 
     def __init__(self, world: World, table: Mapping[str, Any]) -> None:
-        self._name = str(table["name"])
-        arm = world.add_arm(self._name, str(table["model"]))
+        name = str(table["name"])
+        arm = world.add_arm(name, str(table["model"]))
         title = arm.model.name.removeprefix("kuka_").upper()
         self.controller = KukaController(arm, str(table.get("serial", "0")), title, world.clock.real_now_s)
         self.controller.heartbeat_s *= world.watchdog_factor
-        self._faults = LinkFaults({kind: {} for kind in LINK_FAULTS}, world.clock.real_now_s)
+        faults = LinkFaults({kind: {} for kind in LINK_FAULTS}, world.clock.real_now_s)
         host, port = str(table.get("address", "127.0.0.1")), int(table.get("port", 7000))
-        self.server = ProxyPort(host, port, VariableTable(self.controller), self._faults)
-        self._ticks: list[asyncio.Task[None]] = []
+        self.server = ProxyPort(host, port, VariableTable(self.controller), faults)
+        super().__init__(name, arm, self.server, faults)
         c = self.controller
-        self._events: dict[str, Callable[[dict[str, Any]], None]] = {
+        self._events |= {
             "open_gate": lambda _: c.open_gate(is_open=True),
             "t1_mode": lambda _: self._turn_switch("T1"),
-            "program_stop": lambda _: self._run_program(on=False),
+            "program_stop": lambda _: self._stop_program(),
             "override": lambda p: c.set_override(int(p.pop("percent", 100))),
             "tool_switched": self._switch_tool,
-            "mastering_lost": lambda p: c.lose_mastering(_parse_axes(p.pop("axes", "all"))),
-            "hand_moves": self._move_by_hand,
+            "mastering_lost": lambda p: c.lose_mastering(parse_axes(p.pop("axes", "all"), _AXES)),
             "mend": lambda _: c.mend(),
             "old_server": lambda _: self._use_server(c3=False),
             "new_server": lambda _: self._use_server(c3=True),
         }
 
-    @property
-    def name(self) -> str:
-        """Name in the cell file."""
-        return self._name
-
-    async def start(self) -> None:
-        await self.server.open()
-        self._ticks = [
-            keep_running(f"programs of {self.name}", self._follow_programs),
-            keep_running(f"port of {self.name}", self._follow_faults),
-        ]
-
-    async def stop(self) -> None:
-        for tick in self._ticks:
-            tick.cancel()
-            with suppress(asyncio.CancelledError):
-                await tick
-        self.server.close()
+    def _begin_tasks(self) -> list[asyncio.Task[None]]:
+        return [keep_running(f"programs of {self.name}", self._follow_programs)]
 
     async def _follow_programs(self) -> None:
         while True:
             self.controller.run_programs()
             await asyncio.sleep(_CYCLE_REAL_S)
 
-    async def _follow_faults(self) -> None:
-        while True:
-            await self._listen_or_not()
-            await asyncio.sleep(_TICK_REAL_S)
-
-    async def _listen_or_not(self) -> None:
-        if self._faults.active_parameters("refuse") is not None:
-            self.server.close()
-        else:
-            with suppress(OSError):  # the address is not free yet; the next tick tries again
-                await self.server.open()
-
-    def fault_names(self) -> frozenset[str]:
-        return self._faults.fault_kinds | frozenset(self._events)
-
-    async def inject_fault(self, name: str, parameters: Mapping[str, Any]) -> JsonObject:
-        if name in self._events:
-            remaining = dict(parameters)
-            try:
-                self._events[name](remaining)
-            except (TypeError, ValueError) as problem:
-                raise FaultRefusedError(str(problem)) from problem
-            if remaining:
-                raise FaultRefusedError(f"{name} does not know {', '.join(sorted(remaining))}")
-        else:
-            self._faults.switch_on(name, parameters)
-        await self._listen_or_not()
-        return {}
-
-    def clear_faults(self) -> None:
-        self._faults.clear_all()
-
     def true_state(self) -> JsonObject:
-        c, arm = self.controller, self.controller.arm
+        c = self.controller
         return {
-            "joints_rad": arm.joints_rad.tolist(),
-            "controller_joints_rad": arm.joints_rad.tolist(),
-            "moving": arm.is_moving,
+            **self._true_arm(),
             "mode": c.mode,
             "state": c.state,
             "stop_flag": c.stop_flag,
@@ -127,42 +75,21 @@ class FakeKukaRobot:
                 "flange_tool": c.tool_matrix().tolist(),
                 "payload_kg": c.loads_kg[c.tool_number - 1],
             },
-            "dh": arm.true_dh.tolist(),
-            "nominal_dh": arm.nominal_dh.tolist(),
-            "base_flange": arm.base_flange().tolist(),
         }
 
     def _turn_switch(self, mode: str) -> None:
         self.controller.mode = mode
 
-    def _run_program(self, *, on: bool) -> None:
-        self.controller.program_runs = on
-        if not on:
-            self.controller.arm.stop(8.0)
+    def _stop_program(self) -> None:
+        self.controller.program_runs = False
+        self.controller.arm.stop(8.0)
 
     def _use_server(self, *, c3: bool) -> None:
         self.server.is_c3 = c3
 
-    def _move_by_hand(self, parameters: dict[str, Any]) -> None:
-        """Drive the arm at the pendant to these joints."""
-        joints = [float(angle) for angle in parameters.pop("joints")]
-        if len(joints) != len(self.controller.arm.joints_rad) or not all(map(math.isfinite, joints)):
-            raise ValueError("joints are as many finite numbers as there are axes [rad]")
-        self.controller.arm.put_joints(joints)
-
     def _switch_tool(self, parameters: dict[str, Any]) -> None:
         c = self.controller
         c.tool_number = int(parameters.pop("number", c.tool_number % FRAMES + 1))
-
-
-def _parse_axes(names: Any) -> list[int]:
-    every = [f"A{axis}" for axis in range(1, 7)]
-    if names == "all":
-        return list(range(6))
-    found = [names] if isinstance(names, str) else list(names)
-    if not found or any(name not in every for name in found):
-        raise FaultRefusedError(f"{names!r} are no axes; they are {', '.join(every)}")
-    return sorted(every.index(name) for name in found)
 
 
 def create_kuka_robot(world: World, table: Mapping[str, Any]) -> FakeKukaRobot:

@@ -15,6 +15,7 @@ from tests.wire.driver_cases import (
     GaugeCase,
     ProbeCase,
     RobotCase,
+    open_at_home,
     open_retrying,
     until_open,
 )
@@ -54,9 +55,7 @@ def robot_case(request: pytest.FixtureRequest) -> RobotCase:
 @pytest.fixture
 async def robot(robot_case: RobotCase, cell: CellConfig, fake_client: FakeCellClient) -> AsyncIterator[Any]:
     """A connected robot at its home position, its cell healthy."""
-    async with open_retrying(cell.robot_named(robot_case.name)) as robot:
-        await robot_case.heal(fake_client, robot)
-        await robot.move_joints(robot_case.home_rad, speed_rad_s=0.5)
+    async with open_at_home(robot_case, cell, fake_client) as robot:
         yield robot
 
 
@@ -93,9 +92,7 @@ async def probe(probe_case: ProbeCase, cell: CellConfig, fake_client: FakeCellCl
 async def fanuc(cell: CellConfig, fake_client: FakeCellClient) -> AsyncIterator[Any]:
     """The Modbus robot, healthy and at home."""
     case = ROBOTS["modbus_robot"]
-    async with open_retrying(cell.robot_named(case.name)) as robot:
-        await case.heal(fake_client, robot)
-        await robot.move_joints(case.home_rad, speed_rad_s=0.5)
+    async with open_at_home(case, cell, fake_client) as robot:
         yield robot
 
 

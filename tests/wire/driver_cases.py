@@ -8,6 +8,7 @@ from typing import Any
 
 from cellcal.drivers.errors import DeviceError
 from cellcal.drivers.interfaces import Condition, ContactEdge, Readiness
+from cellcal.service.configuration.cell_file import CellConfig
 from cellcal.service.demo.fake_cell_client import FakeCellClient
 from tests.machine_speed import stretched_s
 
@@ -80,6 +81,15 @@ async def open_retrying(config: Any) -> AsyncIterator[Any]:
 
         await wait_until(is_there)
         yield found[0]
+
+
+@asynccontextmanager
+async def open_at_home(case: RobotCase, cell: CellConfig, fake_client: FakeCellClient) -> AsyncIterator[Any]:
+    """Open the robot of a case, healthy and at its home position."""
+    async with open_retrying(cell.robot_named(case.name)) as robot:
+        await case.heal(fake_client, robot)
+        await robot.move_joints(case.home_rad, speed_rad_s=0.5)
+        yield robot
 
 
 async def until_ready(device: Any, readiness: Readiness) -> Condition:

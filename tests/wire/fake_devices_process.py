@@ -19,6 +19,13 @@ TIME_FACTOR = 30.0
 _START_S = stretched_s(30.0)
 _numbers = itertools.count()
 
+FLOOR = """\
+[[robot.space.plane]]                    # what stands in the cell: without any, speeds halve
+name = "floor"
+point_in_base_mm = [0, 0, -900]
+normal_in_base = [0, 0, 1]
+"""
+
 CELL = """\
 [cell]
 name = "wire tests"
@@ -37,11 +44,7 @@ deadline_s = 2.0
 speed_limit_rad_s = 0.5
 settle_s = 0.04
 
-[[robot.space.plane]]                    # what stands in the cell: without any, speeds halve
-name = "floor"
-point_in_base_mm = [0, 0, -900]
-normal_in_base = [0, 0, 1]
-
+{floor}
 [[robot]]
 name = "ur"
 driver = "universal_robots"
@@ -53,11 +56,7 @@ deadline_s = 2.0
 speed_limit_rad_s = 0.5
 watchdog_hz = 1.0  # a test machine may be too busy for 5
 
-[[robot.space.plane]]                    # what stands in the cell: without any, speeds halve
-name = "floor"
-point_in_base_mm = [0, 0, -900]
-normal_in_base = [0, 0, 1]
-
+{floor}
 [[robot]]
 name = "rmi"
 driver = "fanuc_rmi"
@@ -70,11 +69,7 @@ speed_limit_rad_s = 0.5
 step_s = 0.5
 settle_s = 0.02
 
-[[robot.space.plane]]                    # what stands in the cell: without any, speeds halve
-name = "floor"
-point_in_base_mm = [0, 0, -900]
-normal_in_base = [0, 0, 1]
-
+{floor}
 [[robot]]
 name = "kuka"
 driver = "kuka_variables"
@@ -88,11 +83,7 @@ speed_limit_rad_s = 0.5
 step_s = 0.5
 settle_s = 0.02
 
-[[robot.space.plane]]                    # what stands in the cell: without any, speeds halve
-name = "floor"
-point_in_base_mm = [0, 0, -900]
-normal_in_base = [0, 0, 1]
-
+{floor}
 [[robot]]
 name = "abb"
 driver = "abb_web_services"
@@ -106,11 +97,7 @@ speed_limit_rad_s = 0.5
 step_s = 0.5
 settle_s = 0.02
 
-[[robot.space.plane]]                    # what stands in the cell: without any, speeds halve
-name = "floor"
-point_in_base_mm = [0, 0, -900]
-normal_in_base = [0, 0, 1]
-
+{floor}
 [[robot]]
 name = "motoman"
 driver = "yaskawa"
@@ -126,11 +113,7 @@ speed_limit_rad_s = 0.5
 step_s = 0.5
 settle_s = 0.02
 
-[[robot.space.plane]]                    # what stands in the cell: without any, speeds halve
-name = "floor"
-point_in_base_mm = [0, 0, -900]
-normal_in_base = [0, 0, 1]
-
+{floor}
 [[gauge]]
 name = "wire"
 driver = "draw_wire"
@@ -222,7 +205,7 @@ def own_address() -> str:
 def run_fakes(folder: Path, text: str = CELL) -> Iterator[tuple[Path, FakeCellClient]]:
     """Play the devices of a cell file until the block ends."""
     path = folder / "cell.toml"
-    text = text.format(address=own_address(), folder=folder, time_factor=TIME_FACTOR)
+    text = text.format(address=own_address(), folder=folder, time_factor=TIME_FACTOR, floor=FLOOR)
     text = text.replace("[fake]\n", "[fake]\nwatchdog_factor = 3.0\n")
     path.write_text(_LIMIT.sub(_stretch_limit, text), encoding="utf-8")
     arms = write_described(folder, describe_arms(path))

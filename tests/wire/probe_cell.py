@@ -41,11 +41,7 @@ deadline_s = 6.0
 speed_limit_rad_s = 0.5
 settle_s = 0.2
 
-[[robot.space.plane]]                    # what stands in the cell: without any, speeds halve
-name = "floor"
-point_in_base_mm = [0, 0, -900]
-normal_in_base = [0, 0, 1]
-""",
+{{floor}}""",
     "ur": """
 [[robot]]
 name = "ur"
@@ -59,11 +55,7 @@ speed_limit_rad_s = 0.5
 watchdog_hz = 1.0  # a test machine may be too busy for 5
 state_rate_hz = 60.0
 
-[[robot.space.plane]]                    # what stands in the cell: without any, speeds halve
-name = "floor"
-point_in_base_mm = [0, 0, -900]
-normal_in_base = [0, 0, 1]
-""",
+{{floor}}""",
 }
 _REST = """
 [cell]

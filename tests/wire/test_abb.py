@@ -20,7 +20,7 @@ from cellcal.drivers.errors import DeviceError, MotionStoppedError, RefusedError
 from cellcal.drivers.interfaces import AlarmKind, Readiness
 from cellcal.service.configuration.cell_file import CellConfig
 from cellcal.service.demo.fake_cell_client import FakeCellClient
-from tests.wire.driver_cases import ROBOTS, open_retrying, wait_until
+from tests.wire.driver_cases import ROBOTS, open_at_home, wait_until
 
 ROOT = Path(__file__).parents[2]
 CASE = ROBOTS["abb_web_services"]
@@ -29,9 +29,7 @@ CASE = ROBOTS["abb_web_services"]
 @pytest.fixture
 async def abb(cell: CellConfig, fake_client: FakeCellClient) -> AsyncIterator[Any]:
     """The ABB, healthy and at home."""
-    async with open_retrying(cell.robot_named(CASE.name)) as robot:
-        await CASE.heal(fake_client, robot)
-        await robot.move_joints(CASE.home_rad, speed_rad_s=0.5)
+    async with open_at_home(CASE, cell, fake_client) as robot:
         yield robot
         await CASE.heal(fake_client, robot)
 

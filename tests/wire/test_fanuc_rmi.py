@@ -21,7 +21,7 @@ from cellcal.drivers.fanuc.rmi.rmi_state import RmiStatus, condition_of
 from cellcal.drivers.interfaces import AlarmKind, Readiness
 from cellcal.service.configuration.cell_file import CellConfig
 from cellcal.service.demo.fake_cell_client import FakeCellClient
-from tests.wire.driver_cases import ROBOTS, open_retrying, wait_until
+from tests.wire.driver_cases import ROBOTS, open_at_home, open_retrying, wait_until
 from tests.wire.link_cuts import cut_links
 
 CASE = ROBOTS["fanuc_rmi"]
@@ -35,9 +35,7 @@ READY = RmiStatus(
 @pytest.fixture
 async def rmi_robot(cell: CellConfig, fake_client: FakeCellClient) -> AsyncIterator[Any]:
     """The FANUC behind the Remote Motion Interface, healthy and at home."""
-    async with open_retrying(cell.robot_named(CASE.name)) as robot:
-        await CASE.heal(fake_client, robot)
-        await robot.move_joints(CASE.home_rad, speed_rad_s=0.5)
+    async with open_at_home(CASE, cell, fake_client) as robot:
         yield robot
         await CASE.heal(fake_client, robot)
 

@@ -27,7 +27,7 @@ from cellcal.drivers.kuka.variables.values import (
 )
 from cellcal.service.configuration.cell_file import CellConfig
 from cellcal.service.demo.fake_cell_client import FakeCellClient
-from tests.wire.driver_cases import ROBOTS, open_retrying, wait_until
+from tests.wire.driver_cases import ROBOTS, open_at_home, wait_until
 
 ROOT = Path(__file__).parents[2]
 CASE = ROBOTS["kuka_variables"]
@@ -36,9 +36,7 @@ CASE = ROBOTS["kuka_variables"]
 @pytest.fixture
 async def kuka(cell: CellConfig, fake_client: FakeCellClient) -> AsyncIterator[Any]:
     """The KUKA, healthy and at home."""
-    async with open_retrying(cell.robot_named(CASE.name)) as robot:
-        await CASE.heal(fake_client, robot)
-        await robot.move_joints(CASE.home_rad, speed_rad_s=0.5)
+    async with open_at_home(CASE, cell, fake_client) as robot:
         yield robot
         await CASE.heal(fake_client, robot)
 

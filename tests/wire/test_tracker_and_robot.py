@@ -33,11 +33,7 @@ speed_limit_rad_s = 1.0
 watchdog_hz = 1.0
 settle_s = 0.1
 
-[[robot.space.plane]]                    # what stands in the cell: without any, speeds halve
-name = "floor"
-point_in_base_mm = [0, 0, -900]
-normal_in_base = [0, 0, 1]
-
+{floor}
 [[tracker]]
 name = "at"
 driver = "laser_tracker"

@@ -21,7 +21,7 @@ from cellcal.drivers.yaskawa.state import AlarmEntry, ControllerStatus
 from cellcal.drivers.yaskawa.tool_file import read_tools
 from cellcal.service.configuration.cell_file import CellConfig
 from cellcal.service.demo.fake_cell_client import FakeCellClient
-from tests.wire.driver_cases import ROBOTS, open_retrying, wait_until
+from tests.wire.driver_cases import ROBOTS, open_at_home, wait_until
 
 READY = ControllerStatus(0xC2, 0x40)
 
@@ -30,9 +30,7 @@ READY = ControllerStatus(0xC2, 0x40)
 async def motoman(cell: CellConfig, fake_client: FakeCellClient) -> AsyncIterator[Any]:
     """The Yaskawa robot, healthy and at home."""
     case = ROBOTS["yaskawa"]
-    async with open_retrying(cell.robot_named(case.name)) as robot:
-        await case.heal(fake_client, robot)
-        await robot.move_joints(case.home_rad, speed_rad_s=0.5)
+    async with open_at_home(case, cell, fake_client) as robot:
         yield robot
         await case.heal(fake_client, robot)
 

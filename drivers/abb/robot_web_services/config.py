@@ -60,15 +60,7 @@ class AbbWebServicesConfig(BaseModel):
             (self.user, self.password),
             deadline_s=_TELEGRAM_SHARE * self.deadline_s,
         )
-        motion = StepwiseOptions(
-            AXES,
-            self.deadline_s,
-            self.speed_limit_rad_s,
-            self.step_s,
-            self.settle_s,
-            self.stuck_s,
-            self.tolerance_rad,
-        )
+        motion = StepwiseOptions.from_settings(AXES, self)
         robot = AbbRobot(link, AbbOptions(self.serial, motion))
         try:
             await robot.connect()

@@ -20,7 +20,7 @@ from cellcal.drivers.abb.robot_web_services.state import (
     read_unit_names,
 )
 from cellcal.drivers.abb.robot_web_services.web_link import WebLink
-from cellcal.drivers.errors import DeviceError, RefusedError, WrongDeviceError
+from cellcal.drivers.errors import DeviceError, RefusedError
 from cellcal.drivers.interfaces import (
     ActiveFrames,
     Condition,
@@ -30,6 +30,7 @@ from cellcal.drivers.interfaces import (
     Readiness,
     RobotCapabilities,
 )
+from cellcal.drivers.wire.serial_number import check_serial_number
 from cellcal.drivers.wire.stepwise_motion import IsFinished, StepwiseMotion, StepwiseOptions
 
 _LOG = logging.getLogger(__name__)
@@ -68,16 +69,7 @@ class AbbRobot(StepwiseMotion):
     async def connect(self) -> None:
         """Open the session and compare the serial number. Nothing is ordered."""
         found = await self.identify()
-        if found.serial != self._options.serial:
-            raise WrongDeviceError(
-                self.name,
-                make_message(
-                    "the robot has the serial number {serial!r}, the cell file {serial_2!r}.",
-                    serial=found.serial,
-                    serial_2=self._options.serial,
-                ),
-                remedy="Check the address, or correct the serial number in the cell file.",
-            )
+        check_serial_number(self.name, found.serial, self._options.serial)
         if not found.firmware.startswith(VERIFIED_ON):
             _LOG.warning("%s: not verified on controller software %r", self.name, found.firmware)
 

@@ -53,15 +53,7 @@ class FanucRmiConfig(BaseModel):
         from cellcal.drivers.wire.stepwise_motion import StepwiseOptions  # noqa: PLC0415  as above
 
         link = RmiLink(self.name, self.address, self.port, deadline_s=_TELEGRAM_SHARE * self.deadline_s)
-        motion = StepwiseOptions(
-            AXES,
-            self.deadline_s,
-            self.speed_limit_rad_s,
-            self.step_s,
-            self.settle_s,
-            self.stuck_s,
-            self.tolerance_rad,
-        )
+        motion = StepwiseOptions.from_settings(AXES, self)
         options = RmiOptions(self.serial, self.model, motion)
         robot = FanucRmiRobot(link, options)
         try:

@@ -56,15 +56,7 @@ class KukaVariablesConfig(BaseModel):
 
         within_s = _TELEGRAM_SHARE * self.deadline_s
         link = VariableLink(self.name, self.address, self.port, deadline_s=within_s)
-        motion = StepwiseOptions(
-            AXES,
-            self.deadline_s,
-            self.speed_limit_rad_s,
-            self.step_s,
-            self.settle_s,
-            self.stuck_s,
-            self.tolerance_rad,
-        )
+        motion = StepwiseOptions.from_settings(AXES, self)
         options = KukaOptions(self.serial, math.radians(self.fastest_axis_deg_s), motion)
         robot = KukaRobot(link, options)
         try:

@@ -12,7 +12,6 @@ from cellcal.calibration.message import make_message
 from cellcal.drivers.errors import (
     DeviceError,
     RefusedError,
-    WrongDeviceError,
 )
 from cellcal.drivers.interfaces import (
     ActiveFrames,
@@ -34,6 +33,7 @@ from cellcal.drivers.kuka.variables.values import (
     write_pose,
 )
 from cellcal.drivers.kuka.variables.variable_link import VariableLink
+from cellcal.drivers.wire.serial_number import check_serial_number
 from cellcal.drivers.wire.stepwise_motion import IsFinished, StepwiseMotion, StepwiseOptions
 
 _LOG = logging.getLogger(__name__)
@@ -81,16 +81,7 @@ class KukaRobot(StepwiseMotion):
     async def connect(self) -> None:
         """Connect, find out which server answers, and compare the serial number. Nothing is ordered."""
         found = await self.identify()
-        if found.serial != self._options.serial:
-            raise WrongDeviceError(
-                self.name,
-                make_message(
-                    "the robot has the serial number {serial!r}, the cell file {serial_2!r}.",
-                    serial=found.serial,
-                    serial_2=self._options.serial,
-                ),
-                remedy="Check the address, or correct the serial number in the cell file.",
-            )
+        check_serial_number(self.name, found.serial, self._options.serial)
         if not found.firmware.startswith(VERIFIED_ON):
             _LOG.warning("%s: not verified on controller software %r", self.name, found.firmware)
 

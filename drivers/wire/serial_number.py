@@ -1,0 +1,18 @@
+"""The check that the robot which answers is the one of the cell file."""
+
+from cellcal.calibration.message import make_message
+from cellcal.drivers.errors import WrongDeviceError
+
+
+def check_serial_number(device: str, found: str, expected: str) -> None:
+    """Raise WrongDeviceError where a robot tells another serial number than the cell file."""
+    if found != expected:
+        raise WrongDeviceError(
+            device,
+            make_message(
+                "the robot has the serial number {serial!r}, the cell file {serial_2!r}.",
+                serial=found,
+                serial_2=expected,
+            ),
+            remedy="Check the address, or correct the serial number in the cell file.",
+        )
