@@ -62,10 +62,9 @@ from cellcal.procedures.verdict import (
 )
 from cellcal.procedures.write_review import (
     WriteAnyway,
-    ask_to_write,
+    ask_to_write_user_frame,
     frame_changes,
     refuse_failed,
-    shift_text,
     with_order_remark,
 )
 
@@ -190,22 +189,11 @@ def _plan_instruction(plan: FacePlan, rules: CornerRules) -> Instruction:
 
 
 def _result_instruction(spec: ProbedFrame, setup: ProbedSetup, verdict: ProcedureVerdict) -> Instruction:
-    x, y, z = (value * 1e3 for value in setup.found.base_frame.position_m)
-    turn = 1e3 * setup.goal.expanded_uncertainties(setup.found.covariance_matrix())[1]
-    found = Instruction(
-        "accept_frame",
-        make_message(
-            "User frame {frame_number}: origin x {x:.2f}, y {y:.2f}, z {z:.2f} mm from the base; its "
-            "axes are known to {turn:.2f} mm per metre (k=2). {text}",
-            frame_number=spec.frame_number,
-            x=x,
-            y=y,
-            z=z,
-            turn=turn,
-            text=shift_text(setup.before, setup.found.base_frame),
-        ),
+    found = setup.found
+    turn_u_rad = setup.goal.expanded_uncertainties(found.covariance_matrix())[1]
+    return ask_to_write_user_frame(
+        spec.frame_number, setup.before, found.base_frame, turn_u_rad, verdict, spec.write_anyway
     )
-    return ask_to_write(found, verdict, setup.before, setup.found.base_frame, spec.write_anyway)
 
 
 def _outline_phases(spec: ProbedFrame) -> tuple[Phase, ...]:

@@ -61,10 +61,9 @@ from cellcal.procedures.verdict import (
 )
 from cellcal.procedures.write_review import (
     WriteAnyway,
-    ask_to_write,
+    ask_to_write_user_frame,
     frame_changes,
     refuse_failed,
-    shift_text,
     with_order_remark,
 )
 
@@ -173,22 +172,10 @@ async def three_point_frame(run: Run, spec: ThreePointFrame) -> FrameSetup:
 def _result_instruction(
     spec: ThreePointFrame, taught: TaughtFrame, before: Pose, verdict: ProcedureVerdict
 ) -> Instruction:
-    x, y, z = (value * 1e3 for value in taught.base_frame.position_m)
-    turn = max(taught.rotation_sigma_rad) * 2e3
-    found = Instruction(
-        "accept_frame",
-        make_message(
-            "User frame {frame_number}: origin x {x:.2f}, y {y:.2f}, z {z:.2f} mm from the base; its "
-            "axes are known to {turn:.2f} mm per metre (k=2). {text}",
-            frame_number=spec.frame_number,
-            x=x,
-            y=y,
-            z=z,
-            turn=turn,
-            text=shift_text(before, taught.base_frame),
-        ),
+    turn_u_rad = 2.0 * max(taught.rotation_sigma_rad)
+    return ask_to_write_user_frame(
+        spec.frame_number, before, taught.base_frame, turn_u_rad, verdict, spec.write_anyway
     )
-    return ask_to_write(found, verdict, before, taught.base_frame, spec.write_anyway)
 
 
 def _outline_phases(spec: ThreePointFrame) -> tuple[Phase, ...]:

@@ -76,6 +76,32 @@ def ask_to_write(
     return with_changes(instruction, frame_changes(before, after), **moved)
 
 
+def ask_to_write_user_frame(
+    frame_number: int,
+    before: Pose,
+    base_user: Pose,
+    turn_u_rad: float,
+    verdict: ProcedureVerdict,
+    write_anyway: str,
+) -> Instruction:
+    """Return the question whether a user frame is written; ``turn_u_rad`` is the uncertainty of its axes (k=2)."""
+    x, y, z = (value * 1e3 for value in base_user.position_m)
+    found = Instruction(
+        "accept_frame",
+        make_message(
+            "User frame {frame_number}: origin x {x:.2f}, y {y:.2f}, z {z:.2f} mm from the base; its "
+            "axes are known to {turn:.2f} mm per metre (k=2). {text}",
+            frame_number=frame_number,
+            x=x,
+            y=y,
+            z=z,
+            turn=1e3 * turn_u_rad,
+            text=shift_text(before, base_user),
+        ),
+    )
+    return ask_to_write(found, verdict, before, base_user, write_anyway)
+
+
 def refuse_failed(verdict: ProcedureVerdict, write_anyway: str | None, evidence: object) -> None:
     """Refuse to go on with what failed, unless an engineer gave a reason to; None: not allowed.
 

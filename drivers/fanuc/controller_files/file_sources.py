@@ -3,8 +3,8 @@
 from pathlib import Path
 from typing import Protocol
 
-from cellcal.calibration.documents.plain_files import read_plain_bytes
 from cellcal.calibration.message import make_message
+from cellcal.drivers.fanuc.backup_file import read_backup_file
 from cellcal.drivers.programs.errors import ProgramFileError
 
 MAX_FILE_BYTES = 64 * 2**20
@@ -51,16 +51,7 @@ class FolderSource:
 
     def read_file(self, name: str) -> bytes | None:
         path = self._paths.get(name.lower())
-        if path is None:
-            return None
-        try:
-            return read_plain_bytes(path, MAX_FILE_BYTES)
-        except OSError as error:
-            raise ProgramFileError(
-                path.name,
-                make_message("it cannot be read: {strerror}.", strerror=error.strerror),
-                remedy="Copy the backup again.",
-            ) from error
+        return None if path is None else read_backup_file(path, MAX_FILE_BYTES)
 
     def list_names(self) -> tuple[str, ...]:
         return tuple(sorted(self._paths))

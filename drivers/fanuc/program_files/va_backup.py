@@ -4,9 +4,9 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from cellcal.calibration.documents.plain_files import read_plain_bytes
 from cellcal.calibration.geometry import Pose
 from cellcal.calibration.message import make_message
+from cellcal.drivers.fanuc.backup_file import read_backup_file
 from cellcal.drivers.fanuc.program_files.va_mastering import GroupMastering, read_mastering
 from cellcal.drivers.fanuc.program_files.va_positions import VaPosition
 from cellcal.drivers.fanuc.program_files.va_spots import damaged_file_error, parse_integer
@@ -71,7 +71,7 @@ def read_backup(folder: str | Path) -> FanucBackup:
         There is none of them, a file is damaged, or it cannot be read.
     """
     files = {
-        name: VaFile.from_bytes(path.name, _bytes_of(path))
+        name: VaFile.from_bytes(path.name, read_backup_file(path, MAX_FILE_BYTES))
         for name, path in _find_files(Path(folder)).items()
     }
     return assemble_backup(str(folder), files)
@@ -141,17 +141,6 @@ def _find_files(folder: Path) -> dict[str, Path]:
             remedy="Save the system variables as ASCII (.VA), or read MD: by FTP; .SV files cannot be read.",
         )
     return found
-
-
-def _bytes_of(path: Path) -> bytes:
-    try:
-        return read_plain_bytes(path, MAX_FILE_BYTES)
-    except OSError as error:
-        raise ProgramFileError(
-            path.name,
-            make_message("it cannot be read: {strerror}.", strerror=error.strerror),
-            remedy="Copy the backup again.",
-        ) from error
 
 
 def _numbered_positions(file: VaFile, name: str) -> dict[tuple[int, int], VaPosition]:
