@@ -191,7 +191,7 @@ def check_angles(
         They disagree.
     """
     moved = np.subtract(pulses, mastering.counts_at_zero)
-    shown_deg = _shown_joints(files, mastering)
+    shown_deg = _read_shown_joints(files, mastering)
     if not shown_deg:
         convention = _convention_by_variables(files, drives)
         joints = convention.to_shown_matrix(np.array(drives.radians_per_count)) @ moved
@@ -265,7 +265,7 @@ def _pulses_of_group(
     return tuple(pulses)
 
 
-def _shown_joints(files: ControllerFiles, mastering: GroupMastering) -> tuple[float, ...]:
+def _read_shown_joints(files: ControllerFiles, mastering: GroupMastering) -> tuple[float, ...]:
     """Return the shown joints; empty where there is no file that tells them."""
     if files.position is None:
         return ()

@@ -19,11 +19,11 @@ export interface Answer {
   told: Record<string, unknown>;
 }
 
-let hear: (told: Record<string, unknown>) => void = () => {};
+let passOnAnswer: (content: Record<string, unknown>) => void = () => {};
 
 /** Let what is told be heard elsewhere, too. This script is loaded before all others, and may need none of them. */
-export function hearAnswers(by: typeof hear): void {
-  hear = by;
+export function hearAnswers(by: typeof passOnAnswer): void {
+  passOnAnswer = by;
 }
 
 /** Send JSON to the service and tell what it answered; a link that is silent is an answer, too. */
@@ -36,7 +36,7 @@ export async function post(path: string, content: unknown, waitMs = WAIT_MS): Pr
       signal: AbortSignal.timeout(waitMs),
     });
     const told = (await answer.json()) as Record<string, string>;
-    hear(told);
+    passOnAnswer(told);
     const { code = "", message = answer.statusText, remedy = "" } = told;
     return { ok: answer.ok, code, message, remedy, waitS: Number(answer.headers.get("retry-after") ?? 0), told };
   } catch {

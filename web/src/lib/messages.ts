@@ -12,7 +12,7 @@ export type Argument = string | Message;
 
 const MOST = 20_000; // texts; the oldest are forgotten
 const HOLE = /\{\{|\}\}|\{(\w+)\}/g;
-const known = new Map<string, Message>();
+const messagesByText = new Map<string, Message>();
 
 /** Take the tables of a document, or of each of a list, and return it. */
 export function learn<T>(document: T): T {
@@ -26,13 +26,13 @@ export function learn<T>(document: T): T {
 function remember(text: string, message: Message) {
   if (english(message) !== text) return; // it would say something else
   if (Object.values(message.arguments).some((argument) => english(argument) === text)) return; // it would never end
-  known.delete(text);
-  known.set(text, message);
-  if (known.size > MOST) known.delete(known.keys().next().value!);
+  messagesByText.delete(text);
+  messagesByText.set(text, message);
+  if (messagesByText.size > MOST) messagesByText.delete(messagesByText.keys().next().value!);
 }
 
 /** The message that has this English text. */
-export const messageOf = (text: string): Message | undefined => known.get(text);
+export const messageOf = (text: string): Message | undefined => messagesByText.get(text);
 
 /** A text, or the English text of a message. */
 export const english = (argument: Argument): string =>

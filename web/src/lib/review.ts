@@ -156,8 +156,8 @@ export async function asked<T>(address: string, body?: unknown): Promise<T> {
       : { method: "POST", headers: { "Content-Type": "application/json" }, body: JSON.stringify(body) };
   const answer = await fetch(address, how);
   if (answer.ok) return learn(await answer.json());
-  const told = learn(await answer.json().catch(() => ({})));
-  throw new Told(told.code ?? "error", told.message ?? answer.statusText, told.remedy ?? "");
+  const content = learn(await answer.json().catch(() => ({})));
+  throw new Told(content.code ?? "error", content.message ?? answer.statusText, content.remedy ?? "");
 }
 
 const UNITS: Record<string, [string, number, number]> = {

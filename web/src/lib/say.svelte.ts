@@ -103,8 +103,8 @@ class Sayings {
   }
 
   #partsIn(table: Record<string, string>, text: string): Part[] {
-    const said = table[escaped(text.trim())];
-    if (said !== undefined) return [{ text: fill(said, String), said: true }];
+    const translation = table[escaped(text.trim())];
+    if (translation !== undefined) return [{ text: fill(translation, String), said: true }];
     const message = messageOf(text);
     if (message) return this.#partsOf(message);
     const sentences = text.split(SENTENCE);
@@ -113,8 +113,8 @@ class Sayings {
 
   #partsOf(message: Message): Part[] {
     return message.template.split(SENTENCE).map((template) => {
-      const said = this.#sentence(template, message);
-      return { text: said ?? english({ ...message, template }), said: said !== null };
+      const translation = this.#sentence(template, message);
+      return { text: translation ?? english({ ...message, template }), said: translation !== null };
     });
   }
 
@@ -128,21 +128,21 @@ class Sayings {
   }
 
   #sentence(template: string, message: Message): string | null {
-    const said = this.#found(template);
-    if (said === null) return null;
-    let known = !isPunctuation(template);
-    const text = fill(said, (name) => {
+    const translation = this.#found(template);
+    if (translation === null) return null;
+    let hasTranslation = !isPunctuation(template);
+    const text = fill(translation, (name) => {
       const argument = message.arguments[name] ?? "";
       const value = this.#value(argument);
-      known ||= value !== null;
+      hasTranslation ||= value !== null;
       return value ?? this.step(english(argument)); // a device has its own name
     });
-    return known ? text : null;
+    return hasTranslation ? text : null;
   }
 
   #found(template: string): string | null {
-    const said = this.#table[template.trim()];
-    if (said !== undefined) return said;
+    const translation = this.#table[template.trim()];
+    if (translation !== undefined) return translation;
     if (isPunctuation(template)) return language.locale === "zh" ? template.replaceAll("; ", "；") : template;
     const lead = LEAD.exec(template)?.[0] ?? "";
     const rest = lead === "" ? undefined : this.#table[template.slice(lead.length)];

@@ -38,12 +38,12 @@ export function rowsOf(path: string, before: unknown, after: unknown, schema?: R
 /** What a path is called: "Motion · Speed of the tip", by the settings of its procedure. */
 export function nameOf(path: string, schema?: Record<string, unknown>): string {
   const names: string[] = [];
-  const said = path.split(".").map((name) => {
+  const labels = path.split(".").map((name) => {
     if (/^\d+$/.test(name)) return name;
     names.push(name);
     return sayings.say(labelOf(name, fieldAt(schema, names)));
   });
-  return said.join(" · ");
+  return labels.join(" · ");
 }
 
 const isNumbers = (value: unknown): value is number[] =>

@@ -366,9 +366,9 @@ class Wire {
     try {
       const answer = await fetch("./api/session", { signal: AbortSignal.timeout(SILENT_MS) });
       if (!answer.ok) return;
-      const told = learn(await answer.json());
-      this.demo = told.demo;
-      if (told.session && !this.session) this.#show(told.session);
+      const content = learn(await answer.json());
+      this.demo = content.demo;
+      if (content.session && !this.session) this.#show(content.session);
     } catch {
       setTimeout(() => void this.#ask(), RETRY_MS);
     }

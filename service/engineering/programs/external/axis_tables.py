@@ -67,7 +67,7 @@ def read_axes(
                 f"{where}: {table_name} is a list of tables.", remedy=f"Begin each with [[{table_name}]]."
             )
         for number, table in enumerate(tables, start=1):
-            place = f"{where}: [[{table_name}]] {_shown(table, number)}"
+            place = f"{where}: [[{table_name}]] {_describe_entry(table, number)}"
             axes.append(_read_axis(table, folder, make, place, is_track=table_name == "track"))
     _refuse_double(axes, where)
     for axis in axes:
@@ -89,7 +89,7 @@ def read_fixture_values(table: Mapping[str, Any], axes: CellAxes, where: str) ->
     return {name: _finite(values, name, f"{where} at") * by_name[name].kind.per_unit for name in values}
 
 
-def _shown(table: Mapping[str, Any], number: int) -> str:
+def _describe_entry(table: Mapping[str, Any], number: int) -> str:
     name = table.get("name")
     return f"{number} ({name})" if isinstance(name, str) and name else str(number)
 
