@@ -53,6 +53,7 @@ def test_every_question_before_a_write_is_among_those_that_write() -> None:
     elsewhere = {  # questions that two procedures share
         "correction_instruction": "accept_mastering",
         "tool_instruction": "accept_tool",
+        "ask_to_write_user_frame": "accept_frame",
     }
     question_keys = set()
     for path in PROCEDURES.rglob("*.py"):
