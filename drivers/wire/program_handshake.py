@@ -4,12 +4,16 @@ The program counts what it has done: a step is ordered by a new request number a
 acknowledges that number. It brakes by itself where the heartbeat of this client stops.
 """
 
+import asyncio
 from abc import ABC, abstractmethod
 from enum import IntEnum
 
-from cellcal.drivers.errors import MotionStoppedError
+from cellcal.drivers.errors import MotionStoppedError, RefusedError
 
 _HIGHEST = 30_000
+_POLL_S = 0.01
+_POLLS_AT_START = 200
+_POLLS_AT_STOP = 100
 
 
 class ProgramState(IntEnum):
@@ -36,8 +40,24 @@ class ProgramHandshake(ABC):
         """Return what the program does; OFF where it does not say."""
 
     @abstractmethod
+    async def _read_life(self) -> int:
+        """Return the number that the controller raises as long as the program runs."""
+
+    @abstractmethod
+    async def _read_request(self) -> int:
+        """Return the number of the last step that was ordered, by whatever client."""
+
+    @abstractmethod
     async def _read_acknowledged(self) -> int:
         """Return the number of the last step that has ended, in whatever way."""
+
+    @abstractmethod
+    async def _order_stop(self) -> None:
+        """Tell the program to brake and to give up its step."""
+
+    @abstractmethod
+    async def _release_stop(self) -> None:
+        """Take back the stop that this client or the program ordered."""
 
     @abstractmethod
     async def _write_request(self, number: int) -> None:
@@ -48,6 +68,14 @@ class ProgramHandshake(ABC):
         """Write a number that differs from the last one."""
 
     @abstractmethod
+    def _not_running_error(self) -> RefusedError:
+        """Return that the program does not wait for orders, and what a person does to start it."""
+
+    @abstractmethod
+    def _stop_unconfirmed_error(self) -> MotionStoppedError:
+        """Return that the program runs on although a stop was ordered."""
+
+    @abstractmethod
     def _stopped_error(self) -> MotionStoppedError:
         """Return that the program was stopped, and what a person does to start it."""
 
@@ -55,6 +83,47 @@ class ProgramHandshake(ABC):
         """Say that this client is alive."""
         self._beat = self._beat % _HIGHEST + 1
         await self._write_heartbeat(self._beat)
+
+    async def require_running(self) -> None:
+        """Release a stop of before and wait until the program waits for orders.
+
+        A step that was ordered just before a stop must have been given up: it would run once the stop is
+        released, and would be taken for the next one.
+
+        Raises
+        ------
+        RefusedError
+            The program does not run, or an old step is pending.
+        """
+        await self.beat()
+        await self._release_stop()
+        before = await self._read_life()
+        for _ in range(_POLLS_AT_START):
+            await self.beat()
+            alive = await self._read_state() is ProgramState.WAITING and await self._read_life() != before
+            if alive and await self._read_request() == await self._read_acknowledged():
+                return
+            await asyncio.sleep(_POLL_S)
+        raise self._not_running_error()
+
+    async def stop(self) -> None:
+        """Brake, and return when the program has confirmed it or does not run.
+
+        A stop that is released before the program has seen it would not have been one.
+
+        Raises
+        ------
+        MotionStoppedError
+            The program runs on and has not confirmed the stop.
+        """
+        await self._order_stop()
+        before = await self._read_life()
+        for _ in range(_POLLS_AT_STOP):
+            if await self._read_state() in (ProgramState.STOPPED, ProgramState.OFF):
+                return
+            await asyncio.sleep(_POLL_S)
+        if await self._read_life() != before:
+            raise self._stop_unconfirmed_error()
 
     async def has_finished(self, request: int) -> bool:
         """Return whether a step was acknowledged; raise where the program was stopped.

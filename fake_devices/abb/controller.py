@@ -131,9 +131,7 @@ class AbbController:
                 self.arm.stop(_BRAKING_RAD_S2)
                 self.numbers["NACK"] = self.numbers["NREQ"]
             self.state = STOPPED
-        elif self.state in (STOPPED, OFF):
-            self.state = WAITING
-        elif self.state == MOVING and not self.arm.is_moving:
+        elif self.state in (STOPPED, OFF) or (self.state == MOVING and not self.arm.is_moving):
             self.state, self.numbers["NACK"] = WAITING, self.numbers["NREQ"]
         elif self.state == WAITING and self.numbers["NREQ"] != self.numbers["NACK"]:
             self._begin_move()

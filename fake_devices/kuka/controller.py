@@ -86,9 +86,7 @@ class KukaController:
         self._watch_heartbeat()
         if not self.may_move or self.stop_flag:
             self._brake(finish=self.state == MOVING)
-        elif self.state in (STOPPED, OFF):
-            self.state = WAITING
-        elif self.state == MOVING and not self.arm.is_moving:
+        elif self.state in (STOPPED, OFF) or (self.state == MOVING and not self.arm.is_moving):
             self.state, self.counters["CC_ACK"] = WAITING, self.counters["CC_REQ"]
         elif self.state == WAITING and self.counters["CC_REQ"] != self.counters["CC_ACK"]:
             self._begin_move()

@@ -27,6 +27,7 @@ MODULE CellcalServer
     IF nStop <> 0 THEN
       nState := 3;
       WaitUntil nStop = 0;
+      nAck := nReq;  ! a step that was ordered before the stop is given up
     ENDIF
     nState := 1;
     WaitUntil nReq <> nAck OR nStop <> 0 \PollRate := 0.05;

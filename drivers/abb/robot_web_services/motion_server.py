@@ -1,14 +1,11 @@
 """The handshake with the RAPID module CellcalServer (deploy/controller_setup/abb)."""
 
-import asyncio
-
 from cellcal.drivers.abb.robot_web_services.rapid_values import read_numbers, write_joint_target
 from cellcal.drivers.abb.robot_web_services.state import converted, read_symbol, write_symbol
 from cellcal.drivers.abb.robot_web_services.web_link import WebLink
 from cellcal.drivers.errors import MotionStoppedError, RefusedError
 from cellcal.drivers.wire.program_handshake import ProgramHandshake, ProgramState
 
-_POLL_S = 0.01
 _MODULE = "CellcalServer"
 _START = "Load the module CellcalServer, move the program pointer to main, and start it in AUTO."
 
@@ -20,18 +17,6 @@ class MotionServer(ProgramHandshake):
         super().__init__()
         self._link = link
 
-    async def require_running(self) -> None:
-        """Raise where the program does not wait for orders; a stop of before is released."""
-        await self._write("nStop", 0)
-        before = await self._read("nLife")
-        for _ in range(100):
-            await self.beat()
-            state, life = await self._read_state(), await self._read("nLife")
-            if state is ProgramState.WAITING and life != before:
-                return
-            await asyncio.sleep(_POLL_S)
-        raise RefusedError(self._link.device, "the program CellcalServer does not run.", remedy=_START)
-
     async def order_move(self, joints_rad: tuple[float, ...], duration_s: float) -> int:
         """Order one step; return the number under which it is acknowledged. The request is written last."""
         request = await self._next_request()
@@ -39,21 +24,39 @@ class MotionServer(ProgramHandshake):
         await write_symbol(self._link, f"{_MODULE}/nTime", f"{max(duration_s, 0.01):.4f}")
         return await self._start_step(request)
 
-    async def stop(self) -> None:
-        """Brake; the program gives up what it was doing."""
-        await self._write("nStop", 1)
-
     async def _read_state(self) -> ProgramState:
         return ProgramState(await self._read("nState"))
 
+    async def _read_life(self) -> int:
+        return await self._read("nLife")
+
+    async def _read_request(self) -> int:
+        return await self._read("nReq")
+
     async def _read_acknowledged(self) -> int:
         return await self._read("nAck")
+
+    async def _order_stop(self) -> None:
+        await self._write("nStop", 1)
+
+    async def _release_stop(self) -> None:
+        await self._write("nStop", 0)
 
     async def _write_request(self, number: int) -> None:
         await self._write("nReq", number)
 
     async def _write_heartbeat(self, number: int) -> None:
         await self._write("nHeart", number)
+
+    def _not_running_error(self) -> RefusedError:
+        return RefusedError(self._link.device, "the program CellcalServer does not run.", remedy=_START)
+
+    def _stop_unconfirmed_error(self) -> MotionStoppedError:
+        return MotionStoppedError(
+            self._link.device,
+            "the program CellcalServer has not confirmed the stop.",
+            remedy="Press the emergency stop and look at the robot.",
+        )
 
     def _stopped_error(self) -> MotionStoppedError:
         return MotionStoppedError(

@@ -1,6 +1,5 @@
 """The handshake with CELLCAL.SRC, the program that moves the robot (deploy/controller_setup/kuka)."""
 
-import asyncio
 import math
 
 from cellcal.calibration.message import make_message
@@ -10,7 +9,6 @@ from cellcal.drivers.kuka.variables.values import read_number, write_axes
 from cellcal.drivers.kuka.variables.variable_link import VariableLink
 from cellcal.drivers.wire.program_handshake import ProgramHandshake, ProgramState
 
-_POLL_S = 0.01
 _START = "Select CELLCAL at the pendant, in AUT or EXT, and start it."
 
 
@@ -21,18 +19,6 @@ class MotionServer(ProgramHandshake):
         super().__init__()
         self._link = link
 
-    async def require_running(self) -> None:
-        """Raise where the program does not wait for orders; a stop of before is released."""
-        await self.beat()
-        await self._link.write_variable("CC_STOP", "FALSE")
-        before = await self._read("CC_LIFE")
-        for _ in range(200):
-            state = await self._read_state()
-            if state is ProgramState.WAITING and await self._read("CC_LIFE") != before:
-                return
-            await asyncio.sleep(_POLL_S)
-        raise RefusedError(self._link.device, "the program CELLCAL does not run.", remedy=_START)
-
     async def order_move(self, joints_rad: tuple[float, ...], percent: int) -> int:
         """Order one step; return the number under which it is acknowledged. The request is written last."""
         request = await self._next_request()
@@ -40,24 +26,42 @@ class MotionServer(ProgramHandshake):
         await self._link.write_variable("CC_VEL", str(percent))
         return await self._start_step(request)
 
-    async def stop(self) -> None:
-        """Brake; the program gives up what it was doing."""
-        await self._link.write_variable("CC_STOP", "TRUE")
-
     async def _read_state(self) -> ProgramState:
         try:
             return ProgramState(await self._read("CC_STATE"))
         except RefusedError:  # its variables are not there
             return ProgramState.OFF
 
+    async def _read_life(self) -> int:
+        return await self._read("CC_LIFE")
+
+    async def _read_request(self) -> int:
+        return await self._read("CC_REQ")
+
     async def _read_acknowledged(self) -> int:
         return await self._read("CC_ACK")
+
+    async def _order_stop(self) -> None:
+        await self._link.write_variable("CC_STOP", "TRUE")
+
+    async def _release_stop(self) -> None:
+        await self._link.write_variable("CC_STOP", "FALSE")
 
     async def _write_request(self, number: int) -> None:
         await self._link.write_variable("CC_REQ", str(number))
 
     async def _write_heartbeat(self, number: int) -> None:
         await self._link.write_variable("CC_HB", str(number))
+
+    def _not_running_error(self) -> RefusedError:
+        return RefusedError(self._link.device, "the program CELLCAL does not run.", remedy=_START)
+
+    def _stop_unconfirmed_error(self) -> MotionStoppedError:
+        return MotionStoppedError(
+            self._link.device,
+            "the program CELLCAL has not confirmed the stop.",
+            remedy="Press the emergency stop and look at the robot.",
+        )
 
     def _stopped_error(self) -> MotionStoppedError:
         return MotionStoppedError(
