@@ -38,6 +38,8 @@ FAULTS: dict[str, dict[str, Any]] = {
     "not_found": {"variable": "actual_q"},
     "local_mode": {},
     "remote_mode": {},
+    "manual_mode": {},
+    "automatic_mode": {},
     "ik_failure": {},
     "late_script": {"delay_s": 2.0},
     "touch": {},
@@ -86,6 +88,8 @@ class UrFaults:
             "not_found": lambda p: server.rtde.hidden_names.add(str(p["variable"])),
             "local_mode": lambda _: self._set_remote(on=False),
             "remote_mode": lambda _: self._set_remote(on=True),
+            "manual_mode": lambda _: self._set_automatic(on=False),
+            "automatic_mode": lambda _: self._set_automatic(on=True),
             "ik_failure": self._ik_failure,
             "late_script": self._late_script,
             "touch": self._touch_once,
@@ -120,7 +124,7 @@ class UrFaults:
         self._c.no_inverse_kinematics = False
         self._c.contact_steps = 0
         self._server.loader.start_delay_s = 0.0
-        self._c.remote = True
+        self._c.remote = self._c.automatic = True
 
     def _unlock_stop(self, _: Mapping[str, Any]) -> None:
         self._c.unlock_protective_stop()
@@ -164,6 +168,9 @@ class UrFaults:
 
     def _set_remote(self, *, on: bool) -> None:
         self._c.remote = on
+
+    def _set_automatic(self, *, on: bool) -> None:
+        self._c.automatic = on
 
     def _ik_failure(self, _: Mapping[str, Any]) -> None:
         self._c.no_inverse_kinematics = True

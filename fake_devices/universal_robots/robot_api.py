@@ -90,7 +90,7 @@ class RobotApi:
                 "/robotstate/v1/robotmode": lambda: {"mode": c.robot_mode.name},
                 "/robotstate/v1/safetymode": lambda: {"mode": self._safety_mode()},
                 "/system/v1/controlmode": lambda: {"mode": "REMOTE" if c.remote else "LOCAL"},
-                "/system/v1/operationalmode": lambda: {"mode": "AUTOMATIC"},
+                "/system/v1/operationalmode": lambda: {"mode": "AUTOMATIC" if c.automatic else "MANUAL"},
             }
         return paths
 
