@@ -95,6 +95,11 @@ class UniversalRobotConfig(BaseModel):
         return self.arm_type or parse_reference(self.model).where
 
     @property
+    def profile(self) -> str:
+        """Which rows of the evidence table are about it."""
+        return "cb3" if arm_types()[self.arm].is_cb3 else "polyscope"
+
+    @property
     def capabilities(self) -> RobotCapabilities:
         """What this robot can do, known before it is reached."""
         return READ_ONLY_CAPABILITIES if arm_types()[self.arm].is_cb3 else CAPABILITIES

@@ -104,13 +104,14 @@ class RobotApiClient:
             raise self._unreadable(make_message("{path} leads elsewhere", path=path))
         if response.status_code != httpx.codes.OK:
             raise self._refused_error(response)
-        return self._decode(response)
+        return self.decode_answer(response.content)
 
-    def _decode(self, response: httpx.Response) -> dict[str, Any]:
-        if len(response.content) > _MOST_OCTETS:
+    def decode_answer(self, content: bytes) -> dict[str, Any]:
+        """Return the JSON object of an answer; raise WireProtocolError where it is none."""
+        if len(content) > _MOST_OCTETS:
             raise self._unreadable("it is too long")
         try:
-            reply = parse_json(response.content)
+            reply = parse_json(content)
         except (DocumentError, ValueError) as error:
             raise self._unreadable("it is no JSON") from error
         if not isinstance(reply, dict):

@@ -91,8 +91,9 @@ async def test_registers_in_use_are_refused() -> None:
             assert "in use" in (await child.read_line())["refused"].lower()
 
 
-async def test_a_receiver_sees_a_cut_link_and_comes_back() -> None:
-    async with fake_ur() as robot, run_wheel(robot, "receive_only") as child:
+@pytest.mark.parametrize("software", ["3.15.8", "5.11.1", "10.12.1"])
+async def test_a_receiver_sees_a_cut_link_and_comes_back(software: str) -> None:
+    async with fake_ur(settings={"software": software}) as robot, run_wheel(robot, "receive_only") as child:
         assert await child.read_line() == {"connected": True}
         await robot.inject_fault("link_loss_all", {})
         await child.go_on()
