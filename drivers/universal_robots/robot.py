@@ -193,7 +193,8 @@ class UniversalRobot(ReadingUniversalRobot):
             return REMOTE_UNKNOWN
         if not await self._contact.in_remote_control(known_s=remote_known_s):
             return LOCAL
-        return MANUAL if await self._contact.operational_mode() == _MANUAL else condition
+        mode = await self._contact.operational_mode(known_s=remote_known_s)
+        return MANUAL if mode == _MANUAL else condition
 
     # during a move
 

@@ -70,6 +70,7 @@ class RobotConnection:
         self._identity: Identity | None = None
         self._doubts = ""
         self._remote: tuple[float, bool] = (float("-inf"), False)
+        self._operational: tuple[float, str] = (float("-inf"), "")
         self._connecting = asyncio.Lock()
         self._closed = False
 
@@ -124,11 +125,15 @@ class RobotConnection:
             self._remote = (time.monotonic(), remote)
         return remote
 
-    async def operational_mode(self) -> str:
-        """Return the operational mode where the controller tells it, else ""."""
+    async def operational_mode(self, *, known_s: float = 0.0) -> str:
+        """Return the operational mode where the controller tells it, else ""; ``known_s`` as for the control."""
         if self._kind is not ControllerKind.POLYSCOPE_X:
             return ""
-        return await self._robot_api.operational_mode()
+        asked_s, mode = self._operational
+        if time.monotonic() - asked_s > known_s:
+            mode = await self._robot_api.operational_mode()
+            self._operational = (time.monotonic(), mode)
+        return mode
 
     async def stop_program(self) -> None:
         """Stop whatever program runs, on a path of its own; the arm decelerates and stays where it is."""

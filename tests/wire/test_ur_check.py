@@ -5,7 +5,10 @@ from pathlib import Path
 
 import pytest
 
+from cellcal.procedures.catalogue import definition_named, missing_needs
 from cellcal.service.cli.app import run_command_line
+from cellcal.service.configuration.cell_file import read_cell_file
+from cellcal.service.runs.open_cell import offline_cell
 from tests.machine_speed import stretched_s
 from tests.wire.fake_devices_process import run_fakes
 
@@ -67,3 +70,15 @@ def test_the_check_says_what_could_not_be_told_apart(
         (stranger,) = [d for d in json.loads(capsys.readouterr().out)["devices"] if d["name"] == "new"]
         assert calibration in stranger["message"]
         assert stranger["remedy"]
+
+
+@pytest.mark.parametrize(("motion", "offered"), [("observe", True), ("program", True), ("commanded", False)])
+def test_a_robot_that_is_only_read_is_moved_by_a_person_or_not_at_all(
+    tmp_path: Path, motion: str, offered: bool
+) -> None:
+    text = CELL.format(folder=tmp_path, address="10.0.0.7", second_address="10.0.0.8", time_factor=1.0)
+    path = tmp_path / "cell.toml"
+    path.write_text(text.replace('model = "ur5"', f'model = "ur5"\nmotion = "{motion}"'))
+    cell = offline_cell(read_cell_file(path), "old")
+    lacks = missing_needs(definition_named("drift_check"), cell)
+    assert ("a robot that moves on command" not in lacks) is offered
