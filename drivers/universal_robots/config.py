@@ -2,9 +2,9 @@
 
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
-from typing import Literal, Self
+from typing import Literal
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, field_validator
 
 from cellcal.calibration.arm.model_references import parse_reference
 from cellcal.calibration.arm.robot_models import known_names
@@ -38,7 +38,7 @@ class UniversalRobotConfig(BaseModel):
     name: str = Field(min_length=1, max_length=64)
     address: str = Field(min_length=1)
     model: str
-    arm_type: str = ""  # which arm it is, where the model is a file
+    arm_type: str = Field(default="", validate_default=True)  # which arm it is, where the model is a file
     serial: str = Field(min_length=1)  # PolyScope X does not tell it
     calibration: str = Field(
         default="", pattern="^(calib_[0-9]+)?$"
@@ -55,39 +55,54 @@ class UniversalRobotConfig(BaseModel):
     watchdog_hz: float = Field(default=5.0, ge=1, le=10)  # below 5 the arm runs on for longer than 0.2 s
     release_after_s: float = Field(default=5.0, ge=0, le=600)
 
-    @model_validator(mode="after")
-    def _check_arm(self) -> Self:
-        reference = parse_reference(self.model)
-        known = ", ".join(arm_types())
-        if reference.is_file and self.arm_type not in arm_types():
-            raise ValueError(
-                make_message("where model is a file, arm_type names the arm, one of {models}", models=known)
-            )
-        if self.arm not in arm_types():
+    @field_validator("model")
+    @classmethod
+    def _check_model(cls, model: str, others: ValidationInfo) -> str:
+        reference = parse_reference(model)
+        if reference.is_file:
+            return model
+        if reference.where not in arm_types():
             raise ValueError(
                 make_message(
-                    "this driver does not know a {name!r}; it knows {models}", name=self.arm, models=known
+                    "this driver does not know a {name!r}; it knows {models}",
+                    name=reference.where,
+                    models=", ".join(arm_types()),
                 )
             )
-        if not reference.is_file and self.arm != reference.where:
-            raise ValueError(
-                make_message(
-                    "model says {model} and arm_type says {arm_type}",
-                    model=reference.where,
-                    arm_type=self.arm,
-                )
-            )
-        if not reference.is_file and reference.where not in known_names():
+        if reference.where not in known_names():
             raise ValueError(
                 make_message(
                     "the catalogue holds no kinematics of a {name}: no public source has them. Write a model file "
                     "from the controller with `cellcal ur-model {address} --arm {name} --out {name}.toml`, then "
                     'write model = "{name}.toml" and arm_type = "{name}"',
-                    name=self.arm,
-                    address=self.address,
+                    name=reference.where,
+                    address=others.data.get("address", ""),
                 )
             )
-        return self
+        return model
+
+    @field_validator("arm_type")
+    @classmethod
+    def _check_arm_type(cls, arm_type: str, others: ValidationInfo) -> str:
+        if "model" not in others.data:
+            return arm_type  # what is wrong with the model is said already
+        reference = parse_reference(others.data["model"])
+        if reference.is_file and arm_type not in arm_types():
+            raise ValueError(
+                make_message(
+                    "where model is a file, arm_type names the arm, one of {models}",
+                    models=", ".join(arm_types()),
+                )
+            )
+        if not reference.is_file and arm_type not in ("", reference.where):
+            raise ValueError(
+                make_message(
+                    "model says {model} and arm_type says {arm_type}",
+                    model=reference.where,
+                    arm_type=arm_type,
+                )
+            )
+        return arm_type
 
     @property
     def arm(self) -> str:
