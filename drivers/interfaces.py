@@ -245,6 +245,15 @@ class KnowsSpeedOverride(Protocol):
         ...
 
 
+@runtime_checkable
+class DoubtsIdentity(Protocol):
+    """Devices whose name plate may leave open who answers."""
+
+    async def identity_doubts(self) -> str:
+        """Return in sentences what the name plate does not prove, and what a person does; "" where it proves all."""
+        ...
+
+
 class KnowsMode(Protocol):
     """Robots with capabilities.tells_mode."""
 
