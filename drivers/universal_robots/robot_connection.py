@@ -110,13 +110,13 @@ class RobotConnection:
             raise WrongDeviceError(
                 self.device,
                 make_message(
-                    "at {address} answers a {model} with serial {serial}; the cell file names a {model_2} "
-                    "with serial {serial_2}.",
+                    "at {address} answers a {found_model} with serial {found_serial}; the cell file names a "
+                    "{expected_model} with serial {expected_serial}.",
                     address=self._address,
-                    model=model,
-                    serial=serial,
-                    model_2=self._model,
-                    serial_2=self._serial,
+                    found_model=model,
+                    found_serial=serial,
+                    expected_model=self._model,
+                    expected_serial=self._serial,
                 ),
                 remedy="Correct the address or the serial in the cell file.",
             )

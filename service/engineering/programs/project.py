@@ -115,7 +115,9 @@ class Project:
         if make is None or name != make.base:
             names = ", ".join(self.frames) or "none"
             raise ProjectError(
-                make_message("{name} has no user frame {name_2}.", name=self.name, name_2=name),
+                make_message(
+                    "{project_name} has no user frame {frame_name}.", project_name=self.name, frame_name=name
+                ),
                 remedy=make_message("It has {names}; a project's are [frames.NAME].", names=names),
             )
         return np.eye(4)
