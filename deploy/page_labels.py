@@ -1,4 +1,4 @@
-"""Write the names that pages have of procedures and settings from their definitions: `make types`. A test compares."""
+"""Write the names that pages have of procedures and of their settings: `make types`. A test finds them stale."""
 
 import json
 import sys
