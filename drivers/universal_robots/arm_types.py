@@ -134,26 +134,26 @@ def check_arm(device: str, address: str, expected: str, reported: ReportedArm) -
         raise WrongDeviceError(
             device,
             make_message(
-                "the controller at {address} reports type code {type_code}, the model {model!r} and software "
-                "{version}, which fit no arm that this driver knows; the cell file names a {model_2}.",
+                "the controller at {address} reports type code {type_code}, the model {found_model!r} and software "
+                "{version}, which fit no arm that this driver knows; the cell file names a {expected_model}.",
                 address=address,
                 type_code=reported.type_code,
-                model=reported.dashboard_name or "",
+                found_model=reported.dashboard_name or "",
                 version=reported.version,
-                model_2=expected,
+                expected_model=expected,
             ),
             remedy=_READ_THE_LABEL,
         )
     raise WrongDeviceError(
         device,
         make_message(
-            "at {address} answers a {model} (type code {type_code}, software {version}); the cell file names a "
-            "{model_2}.",
+            "at {address} answers a {found_model} (type code {type_code}, software {version}); the cell file names a "
+            "{expected_model}.",
             address=address,
-            model=any_of(models),
+            found_model=any_of(models),
             type_code=reported.type_code,
             version=reported.version,
-            model_2=expected,
+            expected_model=expected,
         ),
         remedy=_READ_THE_LABEL,
     )

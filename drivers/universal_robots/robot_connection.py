@@ -185,11 +185,12 @@ class RobotConnection:
         raise WrongDeviceError(
             self.device,
             make_message(
-                "at {address} answers the {model} with serial {serial}; the cell file names serial {serial_2}.",
+                "at {address} answers the {model} with serial {found_serial}; the cell file names serial "
+                "{expected_serial}.",
                 address=self._address,
                 model=self._expected.arm,
-                serial=serial,
-                serial_2=self._expected.serial,
+                found_serial=serial,
+                expected_serial=self._expected.serial,
             ),
             remedy="Correct the address or the serial in the cell file.",
         )

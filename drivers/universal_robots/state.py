@@ -196,7 +196,12 @@ class StateClient:
         self.report_loss(again=True)
         if answered != kind:
             raise self._protocol_error(
-                make_message("{chr!r} in answer to {chr_2!r}", chr=chr(answered), chr_2=chr(kind)), reply
+                make_message(
+                    "{answer_type!r} in answer to {request_type!r}",
+                    answer_type=chr(answered),
+                    request_type=chr(kind),
+                ),
+                reply,
             )
         return reply
 

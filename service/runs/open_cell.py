@@ -23,7 +23,8 @@ from cellcal.drivers.interfaces import (
 )
 from cellcal.procedures.cell import Cell, DeviceCertificate, GaugeSetup, MotionCaps, ProbeSetup, TrackerSetup
 from cellcal.procedures.recovery.pendant_mastering import PendantMastering
-from cellcal.service.configuration.cell_file import CellConfig, GaugeEntry, ProbeEntry, TrackerEntry
+from cellcal.service.configuration.cell_file import CellConfig
+from cellcal.service.configuration.instrument_tables import GaugeEntry, ProbeEntry, TrackerEntry
 from cellcal.service.record.journal import Journal
 from cellcal.service.record.journal_files import lease_folder
 from cellcal.service.record.robot_lock import DEVICES, acquire_lease
