@@ -151,3 +151,34 @@ def test_a_sum_in_one_krl_position_does_not_refuse_the_program(tmp_path: Path, x
     assert moved.code == ExitCode.REFUSED
     assert moved.report_point("LIN@7")["status"] == "changed"
     assert moved.report_point("LIN@8")["status"] == "left"
+
+
+TARGET = "[[{},20,350],[0,0,1,0],[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]]"
+RAPID = """MODULE AR
+  VAR robtarget pA{{5}};
+  PROC main()
+    pA{{1}}:={};
+    pA{{2}}:={};
+    {}
+    MoveL pA{{1}}, v100, z1, tool0;
+    MoveL pA{{2}}, v100, z1, tool0;
+  ENDPROC
+ENDMODULE
+"""
+
+
+@pytest.mark.parametrize(
+    ("statement", "statuses", "code"),
+    [
+        ("", ["changed", "changed"], ExitCode.PASS),
+        ("pA{2}:=CRobT();", ["changed", "left"], ExitCode.REFUSED),
+        ("pA{2}.trans.x:=pA{2}.trans.x+40;", ["changed", "changed"], ExitCode.REFUSED),
+    ],
+)
+def test_values_given_to_an_empty_array_are_its_targets(
+    tmp_path: Path, statement: str, statuses: list[str], code: ExitCode
+) -> None:
+    text = RAPID.format(TARGET.format(300), TARGET.format(310), statement)
+    moved = move_program(tmp_path, "abb", "wobj0_case.mod", offset=TURNED, text=text)
+    assert moved.code == code
+    assert [one["status"] for one in moved.report["points"]] == statuses
