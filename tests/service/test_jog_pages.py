@@ -45,8 +45,8 @@ async def ask_during_run(page: Page, prompt: dict[str, Any], guided: dict[str, A
             if content["kind"] == "session":
                 content["content"] |= {"prompt": prompt, "run": RUN}
             if content["kind"] == "live":
-                content["content"] = with_messages(content["content"] | {"guidance": guided})
-            line.send(json.dumps(content))
+                content["content"]["guidance"] = guided
+            line.send(json.dumps(with_messages(content)))
 
         server.on_message(change_message)
 
