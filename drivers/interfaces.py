@@ -15,6 +15,7 @@ flag                           Protocol
 ``tells_active_frames``        ``KnowsActiveFrames``
 ``tells_mode``                 ``KnowsMode``
 ``tells_speed_override``       ``KnowsSpeedOverride``
+``position_cure``              ``TellsPositionData``
 ``measures_poses``             ``MeasuresPoses``
 =============================  ==========================
 
@@ -28,6 +29,7 @@ from typing import Any, Protocol, runtime_checkable
 
 from cellcal.calibration.geometry import Pose
 from cellcal.calibration.mastering.counts import DriveTrain
+from cellcal.calibration.mastering.position_record import ShownValue
 
 Joints = tuple[float, ...]
 Counts = tuple[int, ...]
@@ -51,6 +53,14 @@ class Readiness(StrEnum):
     STOPPED = "stopped"  # emergency or protective stop
     POSITION_LOST = "position_lost"  # encoders or mastering: the recovery's business
     UNREACHABLE = "unreachable"
+
+
+class PositionCure(StrEnum):
+    """How a person at the pendant brings a lost position back, where no wire writes it."""
+
+    REVOLUTION_COUNTERS = "revolution_counters"  # ABB: each axis at its mark, the fraction of a turn is kept
+    ABSOLUTE_DATA = "absolute_data"  # Yaskawa: the absolute data of each axis are typed or made anew
+    MASTERING_GAUGE = "mastering_gauge"  # KUKA: EMD or dial gauge in the cartridge of each axis
 
 
 class AlarmKind(StrEnum):
@@ -101,6 +111,7 @@ class RobotCapabilities:
 
     axes: int
     moves_joints: bool = True
+    moves_slowly: bool = True  # joint moves of 2 deg/s and less, the pace of a robot that may be lost
     moves_linear: bool = False
     hand_guiding: bool = False
     jogs_single_axes: bool = False
@@ -113,6 +124,7 @@ class RobotCapabilities:
     tells_active_frames: bool = False
     tells_mode: bool = False
     tells_speed_override: bool = False
+    position_cure: PositionCure | None = None  # what a person does about a lost position; None: nothing known
 
 
 @dataclass(frozen=True, slots=True)
@@ -198,6 +210,14 @@ class MasteringStore(ReadsEncoderCounts, Protocol):
 
     async def reset_position_alarms(self) -> None:
         """Acknowledge a lost position (FANUC: RES_PCA). Idempotent; the controller may ask for a power cycle."""
+        ...
+
+
+class TellsPositionData(Protocol):
+    """Robots with capabilities.position_cure: what their controllers show about the position."""
+
+    async def position_data(self) -> tuple[ShownValue, ...]:
+        """Return joints, states and whatever else the maker documents, in the controller's own texts."""
         ...
 
 
