@@ -6,7 +6,7 @@ import numpy as np
 
 from cellcal.calibration.mastering.counts import MasteringRecord
 from cellcal.calibration.mastering.position_record import PositionRecord, ShownValue
-from cellcal.calibration.mastering.turn_recovery import TurnRecovery
+from cellcal.calibration.mastering.turn_recovery import BLIND_SIGMAS, TurnRecovery
 from cellcal.calibration.mastering.turn_results import GateCheck
 from cellcal.calibration.message import make_message
 from cellcal.drivers.interfaces import PositionCure
@@ -72,7 +72,7 @@ def prove_axes(
     axes = range(len(record.counts_at_zero))
     offsets = record.drive.radians_per_turn() @ np.array(recovery.offset_turns)
     per_turn = np.abs(np.diag(record.drive.radians_per_turn()))
-    blind = recovery.blind_turns or (0.0,) * len(offsets)
+    blind = recovery.blind_turns or tuple(BLIND_SIGMAS * sigma for sigma in recovery.sigma_turns)
     real = set(axes) if recovery.mode == "all" else set(recovery.replaced_axes)
     return tuple(
         AxisProof(

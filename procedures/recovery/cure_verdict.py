@@ -13,6 +13,7 @@ from cellcal.procedures.verdict import (
     state_figure,
 )
 
+NEW_ZEROS = "Zeros were set anew: once they pass, take a new position record, for the next loss."
 AFTER_CURE = (
     "One taught production point was touched again at creep speed, and is where it was.",
     "Safety functions that depend on the robot's position (for example FANUC DCS, KUKA SafeOperation mastering "
@@ -80,6 +81,7 @@ def verdict_on_cure(limit_rad: float, result: PositionCureResult) -> ProcedureVe
         ),
         remarks=(
             make_message("Brought back at the pendant: {back}.", back=back or "none"),
+            *((NEW_ZEROS,) if any(axis.found == "new" for axis in result.axes) else ()),
             *(_next_text(axis, limit_rad) for axis in result.axes if _is_wrong(axis, limit_rad)),
         ),
         set_aside=tuple(
