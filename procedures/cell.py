@@ -8,7 +8,7 @@ from typing import Protocol
 from cellcal.calibration.arm.kinematics import RobotModel
 from cellcal.calibration.drift.reference import DriftReference
 from cellcal.calibration.mastering.counts import MasteringRecord
-from cellcal.calibration.mastering.position_record import PositionRecord
+from cellcal.calibration.mastering.position_record import ArmPositionRecord
 from cellcal.calibration.points.alignment import Alignment
 from cellcal.calibration.poses.calibrated_arm import CalibratedArm
 from cellcal.drivers.interfaces import (
@@ -190,7 +190,9 @@ class Cell:
     )  # of instruments, by their roles
     model: RobotModel | None = None  # nominal kinematics
     record: MasteringRecord | None = None  # the latest of this robot
-    position_record: PositionRecord | None = None  # the latest of this robot, where encoders cannot be read
+    position_record: ArmPositionRecord | None = (
+        None  # the latest of this robot, where encoders cannot be read
+    )
     backups: tuple[MasteringBackup, ...] = ()  # of this robot's mastering before each write, oldest first
     alignments: tuple[Alignment, ...] = ()  # of every robot with every fixture, oldest first
     calibrated: CalibratedArm | None = None  # the latest parameters of this robot

@@ -9,7 +9,7 @@ from typing import Annotated
 
 from pydantic import Field
 
-from cellcal.calibration.mastering.position_record import PositionRecord, ShownValue
+from cellcal.calibration.mastering.position_record import ArmPositionRecord, ShownValue
 from cellcal.calibration.message import make_message
 from cellcal.drivers.interfaces import PositionCure
 from cellcal.procedures.cell import Cell
@@ -64,7 +64,7 @@ class PositionRecordSpec:
 class PositionRecordResult:
     """The record, what a proof could reach with it, and how the controller's make shows its position."""
 
-    record: PositionRecord
+    record: ArmPositionRecord
     prospect: RecoveryProspect
     set_aside: tuple[str, ...]
     cure: PositionCure | None
@@ -84,7 +84,7 @@ async def position_record(run: Run, spec: PositionRecordSpec) -> PositionRecordR
     measured = await mastering_record(run.with_devices(with_shown_motors), _mastering_spec(spec))
     record = seal_record(replace(measured.record, taken_by="position_record 1"))
     return PositionRecordResult(
-        PositionRecord(record, shown.values), measured.prospect, measured.set_aside, shown.cure
+        ArmPositionRecord(record, shown.values), measured.prospect, measured.set_aside, shown.cure
     )
 
 

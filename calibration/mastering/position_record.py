@@ -25,7 +25,7 @@ class ShownValue:
 
 
 @dataclass(frozen=True, slots=True)
-class PositionRecord:
+class ArmPositionRecord:
     """Lengths over the reach of a healthy robot, with what its controller showed. Never changed.
 
     The counts of ``measured`` are no encoder counts: they are the joints that the controller shows, in units of

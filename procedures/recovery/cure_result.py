@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cellcal.calibration.mastering.counts import MasteringRecord
-from cellcal.calibration.mastering.position_record import PositionRecord, ShownValue
+from cellcal.calibration.mastering.position_record import ArmPositionRecord, ShownValue
 from cellcal.calibration.mastering.turn_recovery import BLIND_SIGMAS, TurnRecovery
 from cellcal.calibration.mastering.turn_results import GateCheck
 from cellcal.calibration.message import make_message
@@ -48,7 +48,7 @@ class PositionCureResult:
     shown: tuple[ShownValue, ...]  # after the cure
 
 
-def changed_constants(record: PositionRecord, shown: tuple[ShownValue, ...]) -> tuple[str, ...]:
+def changed_constants(record: ArmPositionRecord, shown: tuple[ShownValue, ...]) -> tuple[str, ...]:
     """Return which data of the machine differ from those of the record; what one of both lacks is not compared."""
     before = {(value.name, value.axis): value.value for value in record.shown if value.is_constant}
     return tuple(

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, replace
 
-from cellcal.calibration.mastering.position_record import PositionRecord, ShownValue
+from cellcal.calibration.mastering.position_record import ArmPositionRecord, ShownValue
 from cellcal.calibration.message import make_message
 from cellcal.drivers.errors import UnreachableError
 from cellcal.drivers.interfaces import AlarmKind, Condition, PositionCure, Readiness
@@ -59,7 +59,7 @@ async def read_reached_condition(cell: Cell) -> Condition:
     return condition
 
 
-async def stored_position_record(cell: Cell) -> PositionRecord:
+async def stored_position_record(cell: Cell) -> ArmPositionRecord:
     """Return the position record of this very robot."""
     record, serial = cell.position_record, (await cell.robot.identify()).serial
     if record is None:

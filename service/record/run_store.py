@@ -9,7 +9,7 @@ from pydantic import TypeAdapter
 from cellcal.calibration.documents.json_text import parse_json
 from cellcal.calibration.drift.reference import DriftReference
 from cellcal.calibration.mastering.counts import MasteringRecord
-from cellcal.calibration.mastering.position_record import PositionRecord
+from cellcal.calibration.mastering.position_record import ArmPositionRecord
 from cellcal.calibration.message import make_message
 from cellcal.calibration.message_table import MESSAGES, remember_table
 from cellcal.calibration.points.alignment import Alignment
@@ -28,7 +28,7 @@ ALIGNMENT = "alignment"
 PARAMETER_SET = "parameter_set"
 DRIFT_REFERENCE = "drift_reference"
 _RECORDS: TypeAdapter[MasteringRecord] = TypeAdapter(MasteringRecord)
-_POSITION_RECORDS: TypeAdapter[PositionRecord] = TypeAdapter(PositionRecord)
+_POSITION_RECORDS: TypeAdapter[ArmPositionRecord] = TypeAdapter(ArmPositionRecord)
 _ALIGNMENTS: TypeAdapter[Alignment] = TypeAdapter(Alignment)
 _ARMS: TypeAdapter[CalibratedArm] = TypeAdapter(CalibratedArm)
 _REFERENCES: TypeAdapter[DriftReference] = TypeAdapter(DriftReference)
@@ -144,7 +144,7 @@ class RunStore:
         facts = self.list_stored(RECORD, robot_serial)
         return _RECORDS.validate_python(facts[-1]["value"]) if facts else None
 
-    def position_record(self, robot_serial: str) -> PositionRecord | None:
+    def position_record(self, robot_serial: str) -> ArmPositionRecord | None:
         """Return the latest position record of a robot; None when none was ever taken."""
         facts = self.list_stored(POSITION_RECORD, robot_serial)
         return _POSITION_RECORDS.validate_python(facts[-1]["value"]) if facts else None

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from cellcal.calibration.errors import CellError
-from cellcal.calibration.mastering.position_record import PositionRecord
+from cellcal.calibration.mastering.position_record import ArmPositionRecord
 from cellcal.calibration.uncertainty import Verdict
 from cellcal.drivers.interfaces import Answer, Instruction, Question
 from cellcal.procedures.cell import Cell
@@ -194,9 +194,9 @@ class GuidedBench:
     config: CellConfig
     cell: Cell
     hands: PendantWorker
-    record: PositionRecord | None = None
+    record: ArmPositionRecord | None = None
 
-    async def take_record(self, **settings: Any) -> PositionRecord:
+    async def take_record(self, **settings: Any) -> ArmPositionRecord:
         """Take the position record of the healthy robot."""
         spec = build_spec(self.config, "robot", "position_record", {"poses": 24, "samples": 2, **settings})
         result = await position_record(Run(self.cell, MemoryLedger()), spec)

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from cellcal.calibration.mastering.counts import DriveTrain
-from cellcal.calibration.mastering.position_record import PositionRecord, ShownValue
+from cellcal.calibration.mastering.position_record import ArmPositionRecord, ShownValue
 from cellcal.drivers.interfaces import Alarm, AlarmKind, Condition, PositionCure, Readiness, RobotCapabilities
 from cellcal.procedures.position_cure import PositionCureSpec
 from cellcal.procedures.position_record import PositionRecordSpec, position_record
@@ -80,7 +80,7 @@ def shown_scene() -> ProcedureScene:
     return ProcedureScene(arm, wire, hands, cell, PositionRecordSpec(poses=20, samples=2))
 
 
-_record_cache: dict[str, PositionRecord] = {}
+_record_cache: dict[str, ArmPositionRecord] = {}
 
 
 async def cure_scene(
