@@ -52,9 +52,10 @@ bench: $(VENV)/.dev
 	@test -n "$(ARGS)" || $(BIN)/python -m tests.benchmarks.bench_commands
 	@test -n "$(ARGS)" || $(BIN)/python -m tests.benchmarks.bench_routes
 
-# The pages' types are written from the service's description of itself.
+# Types and names of the pages are written from what the service and the procedures say of themselves.
 types: $(VENV)/.runtime
 	@$(BIN)/python deploy/typescript_types.py
+	@$(BIN)/python deploy/page_labels.py
 
 # The locks name packages and hashes, and no registry host.
 lock:

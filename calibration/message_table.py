@@ -21,6 +21,7 @@ from cellcal.calibration.message import (
     find_message,
     remember_message,
 )
+from cellcal.calibration.renamed_holes import rename_holes
 
 MESSAGES = "messages"
 _DEEPEST = 20  # messages inside of messages
@@ -80,8 +81,9 @@ def read_message(text: str, entry: Any) -> Message | None:
 def _read_entry(entry: Any, depth: int = 0) -> Message:
     if depth > _DEEPEST:
         raise ValueError("messages inside of messages without end")
-    arguments = {str(name): _read_argument(each, depth) for name, each in entry["arguments"].items()}
-    return Message.from_template(entry["template"], arguments)
+    template, written = rename_holes(entry["template"], entry["arguments"])
+    arguments = {str(name): _read_argument(each, depth) for name, each in written.items()}
+    return Message.from_template(template, arguments)
 
 
 def _read_argument(written: Any, depth: int) -> Argument:

@@ -3,7 +3,8 @@
 Imitates
     A robot cell with its cabinet doors open.
 Source
-    The tables [[robot]], [[gauge]], [[tracker]], [[probe]] and [fake] of a cell file.
+    The tables [[robot]], [[gauge]], [[tracker]], [[probe]] and [fake] of a cell file; [fake.robots.NAME] holds
+    what a simulated robot is besides.
 Modelled
     Every driver that has a fake.
 Not modelled
@@ -66,7 +67,13 @@ class FakeCell:
         self.world.watchdog_factor = _possible_factor(float(fake.get("watchdog_factor", 1.0)))
         self.world.add_fixtures(fake)
         self.control_port = int(fake.get("control_port", 0))
-        self.robots = self._build_devices(document.get("robot", []))
+        settings = fake.get("robots", {})
+        self.robots = self._build_devices(
+            [
+                {**table, "settings": settings[table["name"]]} if table.get("name") in settings else table
+                for table in document.get("robot", [])
+            ]
+        )
         self.gauges = self._build_devices(document.get("gauge", []))
         self.trackers = self._build_devices(document.get("tracker", []))
         self.probes = self._build_devices(document.get("probe", []))

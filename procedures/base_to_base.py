@@ -178,10 +178,10 @@ def _refuse_other_drawing(alignments: tuple[Alignment, ...]) -> None:
         if other.points_in_fixture_m != first.points_in_fixture_m:
             raise RefusalError(
                 make_message(
-                    "the alignments of {robot_serial} and {robot_serial_2} name different points of "
+                    "the alignments of {first_serial} and {other_serial} name different points of "
                     "{fixture}: it may be two fixtures",
-                    robot_serial=first.robot_serial,
-                    robot_serial_2=other.robot_serial,
+                    first_serial=first.robot_serial,
+                    other_serial=other.robot_serial,
                     fixture=first.fixture,
                 ),
                 code="procedure.other_fixture",

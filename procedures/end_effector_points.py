@@ -245,13 +245,13 @@ def _uncertain_error(tool: FoundToolFrame, spec: EndEffectorPoints) -> RefusalEr
     return RefusalError(
         make_message(
             "after {captures} captures the tip is known within {tip_u_mm:.3f} mm and the axes within "
-            "{angle_u_deg:.3f} deg (k=2); {tip_u_mm_2:.3f} mm and {angle_u_deg_2:.3f} deg are asked "
+            "{angle_u_deg:.3f} deg (k=2); {tip_limit_mm:.3f} mm and {angle_limit_deg:.3f} deg are asked "
             "for",
             captures=tool.captures,
             tip_u_mm=tool.tip_u_m * 1000.0,
             angle_u_deg=math.degrees(tool.angle_u_rad),
-            tip_u_mm_2=spec.tip_u_m * 1000.0,
-            angle_u_deg_2=math.degrees(spec.angle_u_rad),
+            tip_limit_mm=spec.tip_u_m * 1000.0,
+            angle_limit_deg=math.degrees(spec.angle_u_rad),
         ),
         code="procedure.undecided",
         remedy="Use points further apart, a mastering record with more poses, or more captures (max_captures).",

@@ -15,14 +15,9 @@ from pydantic import Field, TypeAdapter
 from pydantic_core import to_jsonable_python
 
 from cellcal.calibration.geometry import Pose
-from cellcal.calibration.message import join_messages, make_message
+from cellcal.calibration.message import make_message
 from cellcal.calibration.points.alignment import Alignment
-from cellcal.calibration.points.fixture import (
-    PlacedPoints,
-    Triple,
-    place_points,
-    refuse_bad_points,
-)
+from cellcal.calibration.points.fixture import PlacedPoints, Triple, place_points, refuse_bad_points
 from cellcal.calibration.wires.network import WirePlace
 from cellcal.calibration.wires.network_fit import WireNetwork
 from cellcal.drivers.interfaces import Instruction
@@ -33,7 +28,7 @@ from cellcal.procedures.motion.plan_words import PlanTour, plan_words
 from cellcal.procedures.procedure_definition import Phase, ProcedureDefinition, StoredResult
 from cellcal.procedures.questions import ask_acceptance, ask_confirmation
 from cellcal.procedures.refit import Refit, RefitResult, pose_values, values_of
-from cellcal.procedures.run import RefusalError, Run
+from cellcal.procedures.run import Run
 from cellcal.procedures.run_history import Finding
 from cellcal.procedures.setting_texts import (
     FIXTURE,
@@ -45,9 +40,15 @@ from cellcal.procedures.setting_texts import (
 )
 from cellcal.procedures.steps.mastering import check_same_epoch
 from cellcal.procedures.steps.pages import plan_page
+from cellcal.procedures.survey.alignment_result import (
+    AlignmentResult,
+    alignment_instruction,
+    judge_alignment,
+    uncertain_error,
+    wrong_shape_error,
+)
 from cellcal.procedures.survey.shared_fixture import (
     NOTHING_KNOWN,
-    BaseOutlook,
     KnownWire,
     base_outlook,
     read_known_wire,
@@ -65,7 +66,7 @@ from cellcal.procedures.survey.survey import (
     fit_survey,
     goal_uncertainties,
 )
-from cellcal.procedures.survey.survey_choice import fixed_plan_captures, order_pools, saving_text
+from cellcal.procedures.survey.survey_choice import fixed_plan_captures, order_pools
 from cellcal.procedures.survey.survey_forecast import state_before, survey_forecast
 from cellcal.procedures.survey.survey_motion import (
     Wire,
@@ -77,14 +78,7 @@ from cellcal.procedures.survey.survey_motion import (
 )
 from cellcal.procedures.survey.survey_refit import refit_lengths, survey_of
 from cellcal.procedures.survey.wire_survey import measure_spots, read_survey_state
-from cellcal.procedures.verdict import (
-    Characteristic,
-    ProcedureVerdict,
-    SetAside,
-    known_within,
-    state_fact,
-    state_figure,
-)
+from cellcal.procedures.verdict import ProcedureVerdict
 from cellcal.procedures.write_review import (
     WriteAnyway,
     raise_first,
@@ -155,25 +149,6 @@ class FixtureAlignment:
     write_anyway: Annotated[WriteAnyway, WRITE_ANYWAY] = ""
 
 
-@dataclass(frozen=True, slots=True)
-class AlignmentResult:
-    """The alignment, how well the points found fit the drawing, and what it took."""
-
-    alignment: Alignment
-    placed: PlacedPoints
-    network: WireNetwork
-    captures: int
-    fixed_plan_captures: int | None  # evenly drawn poses for the same U; None: more than were drawn
-    limits: FrameLimits
-    base: BaseOutlook | None = None  # None where it was not asked for
-    set_aside: tuple[SetAside, ...] = ()
-
-    @property
-    def saving_text(self) -> str:
-        """What choosing the poses saved, in words."""
-        return saving_text(self.captures, self.fixed_plan_captures)
-
-
 _RESULT: TypeAdapter[AlignmentResult] = TypeAdapter(AlignmentResult)
 
 
@@ -195,11 +170,11 @@ async def fixture_alignment(run: Run, spec: FixtureAlignment) -> AlignmentResult
 
     result = await run.solve("place the fixture", place_fixture, survey, spec, measured.captures, known_wire)
     result = replace(result, set_aside=measured.set_aside)
-    raise_first((_bad_shape_error(result), _uncertain_error(result, spec)), spec.write_anyway)
-    verdict = _judge_result(spec, result)
+    raise_first((wrong_shape_error(result), uncertain_error(result, spec.bases)), spec.write_anyway)
+    verdict = judge_alignment(result, spec.bases, spec.rules)
     refuse_failed(verdict, spec.write_anyway, result)
     shown = with_verdict(
-        _result_instruction(result), verdict, "Keep it as the robot's alignment?", spec.write_anyway
+        alignment_instruction(result), verdict, "Keep it as the robot's alignment?", spec.write_anyway
     )
     await run.step(
         "accept the result", ask_acceptance, shown, sha256_of(to_jsonable_python(result.alignment))
@@ -289,54 +264,6 @@ def fit_fixture(
     return network, place_points(spec.points_in_fixture_m, found, covariance, sigma_point_m=sigma_m)
 
 
-def _bad_shape_error(result: AlignmentResult) -> RefusalError | None:
-    placed = result.placed
-    if placed.is_consistent():
-        return None
-    i, j = placed.worst_pair
-    return RefusalError(
-        make_message(
-            "alignment points {i} and {j} were found {worst_gap_mm:.2f} mm {detail} each other than "
-            "on the drawing ({worst_deviation:.1f} deviations)",
-            i=i + 1,
-            j=j + 1,
-            worst_gap_mm=abs(placed.worst_gap_m) * 1000.0,
-            detail="further from" if placed.worst_gap_m > 0 else "nearer to",
-            worst_deviation=placed.worst_deviation,
-        ),
-        code="procedure.wrong_shape",
-        remedy="See that the adaptor sat on the points in the order of the drawing, and that the drawing is of this "
-        "fixture; then start a new run.",
-        evidence=result,
-    )
-
-
-def _uncertain_error(result: AlignmentResult, spec: FixtureAlignment) -> RefusalError | None:
-    figures: list[tuple[str, PlacedPoints | BaseOutlook, FrameLimits]]
-    figures = [("the fixture", result.placed, result.limits)]
-    if result.base is not None and spec.bases is not None:
-        figures.append(("a base through the fixture", result.base, spec.bases))
-    missed = [
-        f"{what} is known within {found.origin_u_m * 1e3:.3f} mm and "
-        f"{math.degrees(found.angle_u_rad):.4f} deg (k=2); "
-        f"{limits.origin_m * 1e3:.3f} mm and {math.degrees(limits.angle_rad):.4f} deg are asked for"
-        for what, found, limits in figures
-        if found.origin_u_m > limits.origin_m or found.angle_u_rad > limits.angle_rad
-    ]
-    if not missed:
-        return None
-    return RefusalError(
-        make_message(
-            "after {captures} captures {missed}", captures=result.captures, missed=join_messages("; ", missed)
-        ),
-        code="procedure.undecided",
-        remedy="Use more alignment points (six, spread wide and not in one plane, usually reach 0.15 mm where four "
-        "reach 0.24 mm), a mastering record with more poses, more readings (samples) and captures (max_captures), "
-        "or a wire with a better certificate (scale_sigma).",
-        evidence=result,
-    )
-
-
 def _fixture_point(point: np.ndarray, sigma_m: float) -> WirePlace:
     x, y, z = (float(v) for v in point)
     return WirePlace((x, y, z), sigma_m)
@@ -376,27 +303,6 @@ def _plan_instruction(plan: SurveyPlan, spec: FixtureAlignment) -> Instruction:
     return plan_page(instruction, tour, plan.planned_moves(spec.rules))
 
 
-def _result_instruction(result: AlignmentResult) -> Instruction:
-    placed = result.placed
-    x, y, z = (value * 1e3 for value in placed.outer_inner.position_m)
-    return Instruction(
-        "accept_alignment",
-        make_message(
-            "{fixture}: origin x {x:.2f}, y {y:.2f}, z {z:.2f} mm from the base, within "
-            "{origin_u_mm:.3f} mm and {angle_u_deg:.4f} deg (k=2); the points fit the drawing within "
-            "{rms_mm:.3f} mm RMS. {entry_text}.",
-            fixture=result.alignment.fixture,
-            x=x,
-            y=y,
-            z=z,
-            origin_u_mm=placed.origin_u_m * 1000.0,
-            angle_u_deg=math.degrees(placed.angle_u_rad),
-            rms_mm=placed.rms_m * 1000.0,
-            entry_text=result.saving_text,
-        ),
-    )
-
-
 def _outline_phases(spec: FixtureAlignment) -> tuple[Phase, ...]:
     points = len(spec.points_in_fixture_m)
     expected = points * max(spec.rules.min_captures, min(20, spec.rules.max_captures))
@@ -416,59 +322,7 @@ def _results_to_store(spec: FixtureAlignment, result: AlignmentResult) -> Stored
 
 
 def _make_verdict(spec: FixtureAlignment, result: AlignmentResult) -> ProcedureVerdict:
-    return with_order_remark(_judge_result(spec, result), spec.write_anyway)
-
-
-def _judge_result(spec: FixtureAlignment, result: AlignmentResult) -> ProcedureVerdict:
-    placed, rules = result.placed, spec.rules
-    return ProcedureVerdict(
-        characteristics=(
-            known_within("fixture's origin", "m", u=placed.origin_u_m / 2.0, limit=spec.limits.origin_m),
-            known_within("fixture's angle", "rad", u=placed.angle_u_rad / 2.0, limit=spec.limits.angle_rad),
-            state_fact(
-                "shape of the points",
-                placed.is_consistent(),
-                "chi square of the points found against the drawing, 99.9 %",
-                found=placed.chi_square,
-                limit=placed.most_chi_square,
-            ),
-            *_base_figures(spec, result),
-            state_figure("residual of the points", placed.rms_m, "m"),
-            state_figure("residual of the lengths", result.network.residual_rms_m, "m"),
-        ),
-        limits_from="limits of the settings",
-        remarks=(result.saving_text,),
-        set_aside=result.set_aside,
-        not_verified=(
-            make_message(
-                "the wire's scale is taken from its certificate: {scale_sigma:.3f} mm per metre (k=1)",
-                scale_sigma=rules.scale_sigma * 1000.0,
-            ),
-            make_message(
-                "drawing and seat of a point are taken as {point_sigma_mm:.3f} mm (k=1)",
-                point_sigma_mm=rules.point_sigma_m * 1000.0,
-            ),
-        ),
-    )
-
-
-def _base_figures(spec: FixtureAlignment, result: AlignmentResult) -> tuple[Characteristic, ...]:
-    base, limits = result.base, spec.bases
-    if base is None or limits is None:
-        return ()
-    what = (
-        make_message("base of {robot_name}", robot_name=base.seen)
-        if base.seen
-        else "base of a robot that becomes aligned as well"
-    )
-    return (
-        known_within(
-            make_message("{what}, origin", what=what), "m", u=base.origin_u_m / 2.0, limit=limits.origin_m
-        ),
-        known_within(
-            make_message("{what}, angle", what=what), "rad", u=base.angle_u_rad / 2.0, limit=limits.angle_rad
-        ),
-    )
+    return with_order_remark(judge_alignment(result, spec.bases, spec.rules), spec.write_anyway)
 
 
 def _forecast_run(spec: FixtureAlignment, knowledge: Knowledge) -> Forecast:

@@ -131,16 +131,11 @@ def _bad_shape_error(found: FoundFrameOffset) -> RefusalError | None:
     placed = found.placed
     if placed.is_consistent():
         return None
-    i, j = placed.worst_pair
     return RefusalError(
         make_message(
             "points {i} and {j} are {worst_gap_mm:.2f} mm {detail} each other than before the move "
             "({worst_deviation:.1f} deviations): this is not the same shape",
-            i=i + 1,
-            j=j + 1,
-            worst_gap_mm=abs(placed.worst_gap_m) * 1000.0,
-            detail="further from" if placed.worst_gap_m > 0 else "nearer to",
-            worst_deviation=placed.worst_deviation,
+            **placed.worst_gap_arguments(),
         ),
         code="procedure.wrong_shape",
         remedy="See that the points are those listed, in this order, and that pointer and workpiece are whole.",
@@ -155,11 +150,11 @@ def _uncertain_error(found: FoundFrameOffset, spec: FrameOffset) -> RefusalError
     return RefusalError(
         make_message(
             "the moved frame is known within {origin_u_mm:.2f} mm and {angle_u_deg:.3f} deg (k=2); "
-            "{origin_u_mm_2:.2f} mm and {angle_u_deg_2:.3f} deg are asked for",
+            "{origin_limit_mm:.2f} mm and {angle_limit_deg:.3f} deg are asked for",
             origin_u_mm=placed.origin_u_m * 1000.0,
             angle_u_deg=math.degrees(placed.angle_u_rad),
-            origin_u_mm_2=spec.origin_u_m * 1000.0,
-            angle_u_deg_2=math.degrees(spec.angle_u_rad),
+            origin_limit_mm=spec.origin_u_m * 1000.0,
+            angle_limit_deg=math.degrees(spec.angle_u_rad),
         ),
         code="procedure.undecided",
         remedy="Touch more points, or points further apart.",

@@ -24,7 +24,13 @@ from cellcal.procedures.procedure_definition import Phase, ProcedureDefinition, 
 from cellcal.procedures.questions import ask_acceptance, ask_confirmation
 from cellcal.procedures.recovery.mastering_forecasts import forecast_place_recovery, forecast_recovery
 from cellcal.procedures.recovery.place_recovery import OLD_RECORD, recover_by_places
-from cellcal.procedures.recovery.position_alarms import ClearedEncoders, IndexTurning, clear_position_alarms
+from cellcal.procedures.recovery.position_alarms import (
+    AlarmRound,
+    ClearedEncoders,
+    IndexTurning,
+    clear_position_alarms,
+    end_battery_alarms,
+)
 from cellcal.procedures.recovery.recovery_campaign import (
     RecoveryCampaign,
     check_memory,
@@ -73,7 +79,9 @@ async def mastering_recovery(run: Run, spec: MasteringRecoverySpec) -> RecoveryR
         spec = fewest_captures(spec)
     record = await run.step("read the stored record", stored_record)
     await run.step("the saved counts", confirm_newest, saved_counts_page(record, spec.last_counts))
+    alarms_before = AlarmRound()
     if spec.last_counts is None:
+        alarms_before = await end_battery_alarms(run, spec.alarms)
         await run.step("near the reference pose", ask_confirmation, levers_page(AT_REFERENCE, record))
     last_counts = record.reference_counts if spec.last_counts is None else spec.last_counts
     by_places = spec.evidence == "places" or record.wire is None  # which then has places only
@@ -81,7 +89,7 @@ async def mastering_recovery(run: Run, spec: MasteringRecoverySpec) -> RecoveryR
         await run.ensure("the wire is hooked", ask_confirmation, HOOK_WIRE)
     doubt = first_uncertainty(spec.room, len(last_counts), is_measured=spec.last_counts is not None)
     turning = IndexTurning(spec.index_speed_rad_s, spec.room, doubt)
-    woken = await clear_position_alarms(run, record, last_counts, spec.alarms, turning)
+    woken = await clear_position_alarms(run, record, last_counts, spec.alarms, turning, alarms_before)
     if by_places:
         return await recover_by_places(run, spec, record, woken.counts)
     return await _recover_by_wire(run, spec, record, woken, doubt)
@@ -197,8 +205,9 @@ def _outline_phases(spec: MasteringRecoverySpec) -> tuple[Phase, ...]:
     return (
         Phase("read the stored record"),
         Phase("the saved counts"),
+        *(Phase(name, times, adaptive=True) for name, times in _BATTERIES),
         *((Phase("near the reference pose"),) if spec.last_counts is None else ()),
-        *(Phase(name, times, adaptive=True) for name, times in _WAKING),
+        *(Phase(name, times, adaptive=True) for name, times in _INDICES),
         *(_wire_phases(spec) if spec.evidence == "wire" else _BY_PLACES),
         *(Phase("accept the correction"), Phase("write the mastering")),
         *(_final_phases(spec) if spec.evidence == "wire" else _FINALLY_PLACES),
@@ -206,9 +215,12 @@ def _outline_phases(spec: MasteringRecoverySpec) -> tuple[Phase, ...]:
     )
 
 
-_WAKING = (
+_BATTERIES = (
     *(("look at the alarms", 3), ("new battery", 1), ("acknowledge the lost position", 1)),
-    *(("power cycle", 1), ("wait for the robot", 1), ("plan the turns", 1), ("slow motion", 1)),
+    *(("power cycle", 1), ("wait for the robot", 1)),
+)
+_INDICES = (
+    *(("plan the turns", 1), ("slow motion", 1)),
     ("reset the alarms", 0),
     ("counts before the turns", 1),
     *((f"pass the index of J{axis},", 1) for axis in range(1, 7)),

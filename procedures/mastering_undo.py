@@ -127,10 +127,10 @@ def _refuse_unfit(backup: MasteringBackup, motors: Motors) -> None:
     if motors.epoch != backup.epoch:
         raise RefusalError(
             make_message(
-                "the encoders lost their position since that write (epoch {epoch}, now {epoch_2}): its "
+                "the encoders lost their position since that write (epoch {epoch_of_write}, now {epoch_now}): its "
                 "backup belongs to other counts",
-                epoch=backup.epoch,
-                epoch_2=motors.epoch,
+                epoch_of_write=backup.epoch,
+                epoch_now=motors.epoch,
             ),
             code="procedure.wrong_backup",
             remedy="Recover the mastering instead.",

@@ -34,7 +34,8 @@ from cellcal.procedures.setting_texts import (
 )
 from cellcal.procedures.steps.pages import ARM_CHECKS, PlannedMoves, plan_page
 from cellcal.procedures.steps.write import read_user_frame, write_user_frame
-from cellcal.procedures.teaching.corner_plan import CornerRules, FacePlan, first_spots, plan_spots
+from cellcal.procedures.teaching.corner_places import CornerRules, first_spots
+from cellcal.procedures.teaching.corner_plan import FacePlan, plan_spots
 from cellcal.procedures.teaching.corner_touches import (
     CheckTouch,
     CornerGoal,

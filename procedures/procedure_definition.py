@@ -83,7 +83,10 @@ class ProcedureDefinition:
 
 
 NEEDS: dict[str, tuple[str, Callable[[Cell], bool]]] = {
-    "moves_joints": ("a robot that moves on command", lambda cell: cell.robot.capabilities.moves_joints),
+    "moves_joints": (
+        "a robot that moves on command",  # a person's moves do as well
+        lambda cell: cell.robot.capabilities.moves_joints or cell.level is not MotionLevel.COMMANDED,
+    ),
     "commanded": (
         'a robot that this software moves (motion = "commanded" in cell.toml)',
         lambda cell: cell.level is MotionLevel.COMMANDED,

@@ -12,28 +12,27 @@
 """
 
 import asyncio
-from collections.abc import Awaitable, Callable, Coroutine, Mapping
+from collections.abc import Awaitable, Callable, Mapping
 from dataclasses import dataclass, field, replace
-from functools import cache
-from typing import Any, Concatenate, ParamSpec, Protocol, TypeVar, get_type_hints
+from typing import Any, Concatenate, ParamSpec, Protocol, TypeVar
 
-from pydantic import TypeAdapter
 from pydantic_core import to_jsonable_python
 
 from cellcal.calibration.errors import CellError
 from cellcal.calibration.message import make_message
 from cellcal.drivers.errors import DeviceError, DeviceTimeoutError, RefusedError, UnreachableError
-from cellcal.drivers.interfaces import Instruction, Joints
+from cellcal.drivers.interfaces import Instruction
 from cellcal.procedures.canonical_json import is_alike, sha256_of
 from cellcal.procedures.cell import Cell
-from cellcal.procedures.instruction_page import InstructionPage, PagedInstruction, page_of
+from cellcal.procedures.instruction_page import page_of
 from cellcal.procedures.progress import PauseGate, StepProgress, ignore_progress
+from cellcal.procedures.robot_stop import finish_cleanup, stop_and_wait
 from cellcal.procedures.run_history import EventKind, Finding, RunHistory, StepEffect
+from cellcal.procedures.step_record import StepTask, goal_of, journalled_inputs, result_codec
 
 P = ParamSpec("P")
 R = TypeVar("R")
 ATTEMPTS = 3
-STOP_DEADLINE_S = 5.0
 RETRYABLE = (UnreachableError, DeviceTimeoutError)
 
 
@@ -109,26 +108,6 @@ class _RunState:
     cleared: bool = False
 
 
-@dataclass(frozen=True, slots=True)
-class _StepTask:
-    """One step as the journal sees it."""
-
-    name: str
-    effect: StepEffect
-    kind: EventKind
-    inputs: Any
-    codec: TypeAdapter[Any]
-    act: Callable[[Cell], Awaitable[Any]]
-    solves: bool = False
-    page: InstructionPage | None = None
-    goal_rad: Joints | None = None
-
-    @property
-    def activity_name(self) -> str:
-        """What a screen says of it while it goes on: read, move, write, solve."""
-        return "solve" if self.solves else "read" if self.effect is StepEffect.NONE else self.effect.value
-
-
 class Run:
     """Lends the cell to steps and hands their findings to the procedure.
 
@@ -200,12 +179,12 @@ class Run:
         async def run_calculation(_: Cell) -> R:
             return await asyncio.to_thread(calculation, *args, **kwargs)
 
-        task = _StepTask(
+        task = StepTask(
             self._claim_name(name),
             StepEffect.NONE,
             EventKind.FINDING,
             inputs,
-            _result_codec(calculation),
+            result_codec(calculation),
             run_calculation,
             solves=True,
         )
@@ -220,18 +199,18 @@ class Run:
         **kwargs: P.kwargs,
     ) -> None:
         """Check a standing condition on every entry, also when resuming."""
-        inputs = _journalled_inputs(args, kwargs)
+        inputs = journalled_inputs(args, kwargs)
 
         async def run_check(cell: Cell) -> Any:
             return await work(cell, *args, **kwargs)
 
         await self._perform_task(
-            _StepTask(
+            StepTask(
                 self._claim_name(name),
                 StepEffect.NONE,
                 EventKind.CONDITION,
                 inputs,
-                _result_codec(work),
+                result_codec(work),
                 run_check,
             )
         )
@@ -244,7 +223,7 @@ class Run:
         *args: P.args,
         **kwargs: P.kwargs,
     ) -> R:
-        inputs = _journalled_inputs(args, kwargs)
+        inputs = journalled_inputs(args, kwargs)
 
         async def run_work(cell: Cell) -> R:
             return await work(cell, *args, **kwargs)
@@ -252,14 +231,14 @@ class Run:
         page = next(
             (page_of(each) for each in (*args, *kwargs.values()) if isinstance(each, Instruction)), None
         )
-        goal_rad = _goal_of(*args) if effect is StepEffect.MOVE else None
+        goal_rad = goal_of(*args) if effect is StepEffect.MOVE else None
         result: R = await self._answer_step(
-            _StepTask(
+            StepTask(
                 self._claim_name(name),
                 effect,
                 EventKind.FINDING,
                 inputs,
-                _result_codec(work),
+                result_codec(work),
                 run_work,
                 page=page,
                 goal_rad=goal_rad,
@@ -267,7 +246,7 @@ class Run:
         )
         return result
 
-    async def _answer_step(self, task: _StepTask) -> Any:
+    async def _answer_step(self, task: StepTask) -> Any:
         book = self._book
         replayed = book.done < len(book.past.findings)
         if replayed:
@@ -287,7 +266,7 @@ class Run:
         self._book.named.add(full)
         return full
 
-    async def _perform_task(self, task: _StepTask) -> Any:
+    async def _perform_task(self, task: StepTask) -> Any:
         await self._wait_at_gate(task.name)
         await self._confirm_after_resume(task.name, task.effect)
         tries = 0
@@ -299,7 +278,7 @@ class Run:
                 if tries == ATTEMPTS or not await self._may_retry(task.name, error):
                     raise
 
-    async def _run_live(self, task: _StepTask) -> Any:
+    async def _run_live(self, task: StepTask) -> Any:
         book, name = self._book, task.name
         attempt = book.attempts[name] = book.attempts.get(name, 0) + 1
         body = {"step": name, "attempt": attempt, "effect": task.effect.value, "inputs": task.inputs}
@@ -337,7 +316,7 @@ class Run:
 
     async def _stop_robot(self) -> bool:
         """Ask the robot to stop and wait; True once it stands still."""
-        return await to_the_end(_stop_and_wait(self._book.cell))
+        return await finish_cleanup(stop_and_wait(self._book.cell))
 
     async def _wait_at_gate(self, name: str) -> None:
         gate = self._book.gate
@@ -392,7 +371,7 @@ class Run:
         )
 
     def _announce_progress(
-        self, kind: str, step: str, *, message: str = "", value: Any = None, task: _StepTask | None = None
+        self, kind: str, step: str, *, message: str = "", value: Any = None, task: StepTask | None = None
     ) -> None:
         book = self._book
         index = min(book.done + (kind not in ("finding", "replayed")), max(book.expected, book.done + 1))
@@ -406,44 +385,7 @@ def _lend_as_it_is(cell: Cell) -> Cell:
     return cell
 
 
-async def to_the_end(work: Coroutine[Any, Any, R]) -> R:
-    """Wait for a clean-up, whatever else is cancelled meanwhile."""
-    cleaning = asyncio.ensure_future(work)
-    while not cleaning.done():
-        try:
-            await asyncio.wait({cleaning})
-        except asyncio.CancelledError:
-            continue  # the first one is re-raised by our caller, once all is settled
-    return cleaning.result()
-
-
-async def _stop_and_wait(cell: Cell) -> bool:
-    try:
-        async with asyncio.timeout(STOP_DEADLINE_S):
-            await cell.robot.stop()
-    except (CellError, TimeoutError):
-        return False
-    return True
-
-
-def _journalled_inputs(args: tuple[Any, ...], kwargs: Mapping[str, Any]) -> Any:
-    """Return a step's inputs as the journal keeps them: how a screen shows an instruction is none of them."""
-
-    def plain_value(value: Any) -> Any:
-        return value.plain_instruction if isinstance(value, PagedInstruction) else value
-
-    return to_jsonable_python(
-        [[*map(plain_value, args)], {name: plain_value(value) for name, value in kwargs.items()}]
-    )
-
-
-def _goal_of(way: Any = None, *_: Any) -> Joints | None:
-    """Return where a move ends by its first input: a pose, or a way whose last corner is one; None: not told."""
-    end = way[-1] if isinstance(way, tuple) and way and isinstance(way[-1], tuple) else way
-    return end if isinstance(end, tuple) and all(isinstance(angle, float) for angle in end) else None
-
-
-def _refuse_mismatch(finding: Finding, task: _StepTask) -> None:
+def _refuse_mismatch(finding: Finding, task: StepTask) -> None:
     if finding.step != task.name:
         raise ReplayMismatchError(
             make_message(
@@ -460,11 +402,3 @@ def _refuse_mismatch(finding: Finding, task: _StepTask) -> None:
             ),
             remedy="Redo the run from the step before it.",
         )
-
-
-@cache
-def _result_codec(work: Callable[..., Any]) -> TypeAdapter[Any]:
-    hints = get_type_hints(work)
-    if "return" not in hints:
-        raise TypeError(f"{work} needs a return annotation: its result is journalled")
-    return TypeAdapter(hints["return"])

@@ -276,24 +276,24 @@ def _result_instruction(part: Part, found: CalibratedRobot | PlacedTags) -> Inst
     if isinstance(found, CalibratedRobot):
         robot = found.found
         text = make_message(
-            "Zero positions of {model}: tags that were not fitted are met within {rmse_mm:.3f} mm "
-            "RMS before and {rmse_mm_2:.3f} mm after.",
+            "Zero positions of {model}: tags that were not fitted are met within {rms_before_mm:.3f} mm "
+            "RMS before and {rms_after_mm:.3f} mm after.",
             model=robot.model,
-            rmse_mm=robot.before.rmse_m * 1000.0,
-            rmse_mm_2=robot.after.rmse_m * 1000.0,
+            rms_before_mm=robot.before.rmse_m * 1000.0,
+            rms_after_mm=robot.after.rmse_m * 1000.0,
         )
     else:
         x, y, z = (value * 1e3 for value in found.outer_inner.position_m)
         what = "The robot's base in the fixture" if part == "base" else "The workpiece in the robot's base"
         text = make_message(
-            "{what}: x {x:.3f}, y {y:.3f}, z {z:.3f} mm, within {expanded_uncertainty:.3f} mm and "
-            "{expanded_uncertainty_2:.4f} degrees (95 %).",
+            "{what}: x {x:.3f}, y {y:.3f}, z {z:.3f} mm, within {position_u_mm:.3f} mm and "
+            "{angle_u_deg:.4f} degrees (95 %).",
             what=what,
             x=x,
             y=y,
             z=z,
-            expanded_uncertainty=found.origin_uncertainty.expanded_uncertainty * 1000.0,
-            expanded_uncertainty_2=math.degrees(found.angle_uncertainty.expanded_uncertainty),
+            position_u_mm=found.origin_uncertainty.expanded_uncertainty * 1000.0,
+            angle_u_deg=math.degrees(found.angle_uncertainty.expanded_uncertainty),
         )
     return Instruction("accept_part", make_message("{text} Take it over into the simulation?", text=text))
 

@@ -296,7 +296,7 @@ def with_zeros(
         reading,
         parts=reading.parts - len(reading.zeros_rad) + len(zeros),
         says=f"{zero_text}, and {says}" if zero_text else says,
-        cure=make_message("{cure} {cure_2}", cure=reading.cure, cure_2=cure)
+        cure=make_message("{own_cure} {further_cure}", own_cure=reading.cure, further_cure=cure)
         if zero_text and not reading.columns
         else cure,
         zeros_rad=zeros,

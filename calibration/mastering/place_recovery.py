@@ -8,11 +8,12 @@ from cellcal.calibration.arm.kinematics import RobotModel, load_model
 from cellcal.calibration.errors import CalibrationError
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.mastering.counts import DriveTrain, MasteringRecord, PlaceCapture, RecoveryKit
+from cellcal.calibration.mastering.hypothesis_report import RecoveryRobot
 from cellcal.calibration.mastering.integer_search import success_probability
 from cellcal.calibration.mastering.place_choice import PlaceChoice
 from cellcal.calibration.mastering.place_evidence import PlaceProblem
 from cellcal.calibration.mastering.pose_design import TURN_UNCERTAINTY
-from cellcal.calibration.mastering.turn_recovery import RecoveryRobot, TurnRecovery, recover_from
+from cellcal.calibration.mastering.turn_recovery import TurnRecovery, recover_from
 from cellcal.calibration.mastering.turn_verification import verify_evidence
 
 FITTED = 6  # places that tell all motors to a few hundredths of a degree; the others are left for checking

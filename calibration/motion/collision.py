@@ -197,9 +197,9 @@ class CollisionCheck:
         names = {capsule.link: capsule.name for capsule in self.shape.arm}
         words += [
             make_message(
-                "touching by construction, so not checked: {names} and {names_2}",
-                names=names[i],
-                names_2=names[j],
+                "touching by construction, so not checked: {one_shape} and {other_shape}",
+                one_shape=names[i],
+                other_shape=names[j],
             )
             for i, j in sorted(self.touching)
         ]

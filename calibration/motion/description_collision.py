@@ -136,7 +136,9 @@ class DescriptionCheck:
             shapes.removeCollisionPair(pair)
         return [
             make_message(
-                "touching by construction, so not checked: {names} and {names_2}", names=one, names_2=other
+                "touching by construction, so not checked: {one_shape} and {other_shape}",
+                one_shape=one,
+                other_shape=other,
             )
             for one, other in names
         ]

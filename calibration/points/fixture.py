@@ -41,6 +41,17 @@ class PlacedPoints:
     worst_gap_m: float  # … by this much, found minus drawn …
     worst_deviation: float  # … and by how many deviations
 
+    def worst_gap_arguments(self) -> dict[str, object]:
+        """Return the arguments of a message about the worst pair; points are counted from 1."""
+        i, j = self.worst_pair
+        return {
+            "i": i + 1,
+            "j": j + 1,
+            "worst_gap_mm": abs(self.worst_gap_m) * 1000.0,
+            "detail": "further from" if self.worst_gap_m > 0 else "nearer to",
+            "worst_deviation": self.worst_deviation,
+        }
+
     @property
     def origin_u_m(self) -> float:
         """U (k = 2) of the origin in its worst direction [m]."""

@@ -111,9 +111,9 @@ class ModbusDrawWire:
             raise WrongDeviceError(
                 self.name,
                 make_message(
-                    "the encoder has the serial number {serial}, cell.toml says {serial_2}.",
-                    serial=serial,
-                    serial_2=self._options.serial,
+                    "the encoder has the serial number {found_serial}, cell.toml says {expected_serial}.",
+                    found_serial=serial,
+                    expected_serial=self._options.serial,
                 ),
                 remedy="Check address and cables, and the order of words; change cell.toml only if the gauge "
                 "was exchanged.",

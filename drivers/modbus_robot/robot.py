@@ -14,7 +14,6 @@ from cellcal.calibration.geometry import Pose
 from cellcal.calibration.mastering.counts import DriveTrain
 from cellcal.calibration.message import make_message
 from cellcal.drivers.errors import (
-    BusyError,
     DeviceError,
     MotionStoppedError,
     RefusedError,
@@ -43,6 +42,7 @@ from cellcal.drivers.modbus_robot.mastering import (
 )
 from cellcal.drivers.modbus_robot.profile import ControllerProfile, Operation
 from cellcal.drivers.modbus_robot.register_client import RegisterBlock, RegisterClient
+from cellcal.drivers.wire.busy import refuse_second_action
 from cellcal.drivers.wire.deadline import answer_deadline
 
 _LOG = logging.getLogger(__name__)
@@ -338,13 +338,7 @@ class ModbusRobot:
 
     @contextmanager
     def _exclusive_use(self, doing: str) -> Iterator[None]:
-        if self._doing:
-            raise BusyError(
-                self.name,
-                make_message(
-                    "a {doing} is under way, a {doing_2} was asked for.", doing=self._doing, doing_2=doing
-                ),
-            )
+        refuse_second_action(self.name, self._doing, doing)
         self._doing = doing
         try:
             yield

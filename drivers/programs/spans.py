@@ -169,9 +169,9 @@ def checked_rows(name: str, positions: Positions, change: PositionChange) -> NDA
             raise ProgramFileError(
                 name,
                 make_message(
-                    "the change brings {shape} coordinates in place of {shape_2}.",
-                    shape=values.shape,
-                    shape_2=shape,
+                    "the change brings {found_shape} coordinates in place of {expected_shape}.",
+                    found_shape=values.shape,
+                    expected_shape=shape,
                 ),
             )
     for texts in (change.configurations, change.user_frames):

@@ -4,23 +4,33 @@ from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from typing import Literal
 
-from pydantic import BaseModel, ConfigDict, Field, field_validator
+from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, field_validator
 
-from cellcal.calibration.arm.mounting import MOUNTED
+from cellcal.calibration.arm.model_references import parse_reference
+from cellcal.calibration.arm.robot_models import known_names
 from cellcal.calibration.message import make_message
 from cellcal.drivers.interfaces import RobotCapabilities
+from cellcal.drivers.universal_robots.arm_types import arm_types
 from cellcal.drivers.universal_robots.motion import MotionTolerances
-from cellcal.drivers.universal_robots.robot import CAPABILITIES, UniversalRobot, UrMotionOptions
-from cellcal.drivers.universal_robots.robot_connection import RobotConnection, StreamTiming
+from cellcal.drivers.universal_robots.reading_robot import (
+    READ_ONLY_CAPABILITIES,
+    ReadingUniversalRobot,
+    UrMotionOptions,
+)
+from cellcal.drivers.universal_robots.robot import CAPABILITIES, UniversalRobot
+from cellcal.drivers.universal_robots.robot_connection import (
+    ExpectedRobot,
+    RobotConnection,
+    StreamTiming,
+)
 from cellcal.drivers.universal_robots.session import SessionOptions
 
-_MODELS = ("ur3e", "ur5e", "ur10e", "ur16e")  # e-Series: CB3 runs another software
 _STALE_SHARE = 0.25  # of the deadline
 _CONNECT_SHARE = 0.75
 
 
 class UniversalRobotConfig(BaseModel):
-    """How to reach a UR controller, and how its arm may move. Its ports are the maker's and fixed."""
+    """How to reach a UR controller, and how its arm may move."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
 
@@ -28,7 +38,12 @@ class UniversalRobotConfig(BaseModel):
     name: str = Field(min_length=1, max_length=64)
     address: str = Field(min_length=1)
     model: str
-    serial: str = Field(min_length=1)
+    arm_type: str = Field(default="", validate_default=True)  # which arm it is, where the model is a file
+    serial: str = Field(min_length=1)  # PolyScope X does not tell it
+    calibration: str = Field(
+        default="", pattern="^(calib_[0-9]+)?$"
+    )  # name of the factory table; compared at connect
+    robot_api_port: int = Field(default=80, ge=1, le=65535)  # PolyScope X; the maker's other ports are fixed
     deadline_s: float = Field(default=2.0, ge=1.0, le=60)
     speed_limit_rad_s: float = Field(default=0.5, gt=0, le=3.0)
     acceleration_rad_s2: float = Field(default=1.0, gt=0, le=10)
@@ -42,21 +57,67 @@ class UniversalRobotConfig(BaseModel):
 
     @field_validator("model")
     @classmethod
-    def _check_model(cls, name: str) -> str:
-        if name.partition(MOUNTED)[0] not in _MODELS:
+    def _check_model(cls, model: str, others: ValidationInfo) -> str:
+        reference = parse_reference(model)
+        if reference.is_file:
+            return model
+        if reference.where not in arm_types():
             raise ValueError(
                 make_message(
                     "this driver does not know a {name!r}; it knows {models}",
-                    name=name,
-                    models=", ".join(_MODELS),
+                    name=reference.where,
+                    models=", ".join(arm_types()),
                 )
             )
-        return name
+        if reference.where not in known_names():
+            raise ValueError(
+                make_message(
+                    "the catalogue holds no kinematics of a {name}: no public source has them. Write a model file "
+                    "from the controller with `cellcal ur-model {address} --arm {name} --out {name}.toml`, then "
+                    'write model = "{name}.toml" and arm_type = "{name}"',
+                    name=reference.where,
+                    address=others.data.get("address", ""),
+                )
+            )
+        return model
+
+    @field_validator("arm_type")
+    @classmethod
+    def _check_arm_type(cls, arm_type: str, others: ValidationInfo) -> str:
+        if "model" not in others.data:
+            return arm_type  # what is wrong with the model is said already
+        reference = parse_reference(others.data["model"])
+        if reference.is_file and arm_type not in arm_types():
+            raise ValueError(
+                make_message(
+                    "where model is a file, arm_type names the arm, one of {models}",
+                    models=", ".join(arm_types()),
+                )
+            )
+        if not reference.is_file and arm_type not in ("", reference.where):
+            raise ValueError(
+                make_message(
+                    "model says {model} and arm_type says {arm_type}",
+                    model=reference.where,
+                    arm_type=arm_type,
+                )
+            )
+        return arm_type
+
+    @property
+    def arm(self) -> str:
+        """Which arm of the maker it is, whatever model it is calibrated with."""
+        return self.arm_type or parse_reference(self.model).where
+
+    @property
+    def profile(self) -> str:
+        """Which rows of the evidence table are about it."""
+        return "cb3" if arm_types()[self.arm].is_cb3 else "polyscope"
 
     @property
     def capabilities(self) -> RobotCapabilities:
         """What this robot can do, known before it is reached."""
-        return CAPABILITIES
+        return READ_ONLY_CAPABILITIES if arm_types()[self.arm].is_cb3 else CAPABILITIES
 
     @property
     def pendant_language(self) -> str:
@@ -64,21 +125,27 @@ class UniversalRobotConfig(BaseModel):
         return self.driver
 
     @asynccontextmanager
-    async def open(self) -> AsyncIterator[UniversalRobot]:
+    async def open(self) -> AsyncIterator[ReadingUniversalRobot]:
         """Connect for reading, check model and serial number; give the robot back at the end."""
-        robot = UniversalRobot(self._make_connection(), self._session_options(), self._motion_options())
+        robot = self._make_robot()
         try:
             await robot.connect()
             yield robot
         finally:
             await robot.close()
 
+    def _make_robot(self) -> ReadingUniversalRobot:
+        if self.capabilities.moves_joints:
+            return UniversalRobot(self._make_connection(), self._session_options(), self._motion_options())
+        return ReadingUniversalRobot(self._make_connection(), self.address, self._motion_options())
+
     def _make_connection(self) -> RobotConnection:
         return RobotConnection(
             self.name,
             self.address,
-            (self.model.partition(MOUNTED)[0], self.serial),  # a controller does not tell its mounting
+            ExpectedRobot(self.arm, self.serial, self.calibration),
             StreamTiming(self.state_rate_hz, _STALE_SHARE * self.deadline_s, self.deadline_s),
+            robot_api_port=self.robot_api_port,
         )
 
     def _session_options(self) -> SessionOptions:

@@ -1,33 +1,26 @@
-"""The arm's own kinematics, measured by the maker at the factory, from the controller's primary interface.
+"""The arm's own kinematics, measured by the maker at the factory, and the drawing that they belong to.
 
-Source: the maker's description of the primary client interface (port 30001): packets of i32 length and u8
-type; type 16 holds sub-packages of u32 length and u8 type; sub-package 5 holds checksums, theta, a, d, alpha.
-The numbers are absolute, not differences to the nominal arm. d of the parallel joints may be hundreds of
-metres that cancel: see cellcal.calibration.arm.ur_factory before using them as they are.
+Source: the maker's description of the primary client interface: sub-package 5 holds checksums, theta, a, d, alpha;
+sub-package 6 the limits, speeds and nominal DH of the arm, and the code of its type.
+The numbers of sub-package 5 are absolute, not differences to the nominal arm. d of the parallel joints may be
+hundreds of metres that cancel: see cellcal.calibration.arm.ur_factory before using them as they are.
 """
 
-import asyncio
-import contextlib
 import math
 import struct
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
 from cellcal.calibration.arm.kinematics import DhTable
+from cellcal.calibration.arm.ur_factory import calibration_hash
 from cellcal.calibration.message import make_message
-from cellcal.drivers.errors import UnreachableError, WireProtocolError
-from cellcal.drivers.universal_robots.state import CABLE, Six
+from cellcal.drivers.universal_robots.primary_interface import read_sub_packages, unreadable_error
+from cellcal.drivers.universal_robots.state import Six
 
-PORT = 30001
-_PACKET = struct.Struct(">iB")
-_SUB_PACKET = struct.Struct(">IB")
 _KINEMATICS = struct.Struct(">6I6d6d6d6dI")
-_ROBOT_STATE = 16
-_KINEMATICS_INFO = 5
-_LONGEST_PACKET = 1 << 16
-_HEX_SHOWN = 48
+_CONFIGURATION = struct.Struct(">12d12d5d6d6d6d6d4i")  # newer software may add to it
+_KINEMATICS_INFO, _CONFIGURATION_DATA = 5, 6
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,66 +38,48 @@ class FactoryKinematics:
         """Return the table for cellcal.calibration.arm.ur_factory.factory_model."""
         return DhTable.from_rows(np.array([self.theta_rad, self.d_m, self.a_m, self.alpha_rad]).T)
 
+    @property
+    def name(self) -> str:
+        """Name of the table, ``calib_`` and a number, by which the maker's ROS driver knows it as well."""
+        return calibration_hash(self.to_table())
+
+
+@dataclass(frozen=True, slots=True)
+class ControllerArm:
+    """The arm as its controller describes it."""
+
+    type_code: int
+    nominal: DhTable  # the drawing
+    lower_rad: Six
+    upper_rad: Six
+    max_speed_rad_s: Six
+    factory: FactoryKinematics
+
+
+async def read_controller_arm(device: str, address: str, *, deadline_s: float) -> ControllerArm:
+    """Read type, drawing, limits and factory calibration; change nothing. Errors as of ``read_sub_packages``."""
+    found = await read_sub_packages(
+        device, address, (_KINEMATICS_INFO, _CONFIGURATION_DATA), deadline_s=deadline_s
+    )
+    kinematics = decode_kinematics(device, found[_KINEMATICS_INFO])
+    return decode_arm(device, found[_CONFIGURATION_DATA], kinematics)
+
 
 async def read_factory_kinematics(device: str, address: str, *, deadline_s: float) -> FactoryKinematics:
-    """Connect to the primary interface and take the first kinematics it sends; change nothing."""
-    try:
-        async with asyncio.timeout(deadline_s):
-            reader, writer = await asyncio.open_connection(address, PORT)
-            try:
-                return await _first_kinematics(device, reader)
-            finally:
-                writer.transport.abort()
-                with contextlib.suppress(OSError):
-                    await writer.wait_closed()
-    except TimeoutError:
-        what = make_message("sent no factory calibration within {deadline_s:g} s", deadline_s=deadline_s)
-    except (OSError, EOFError) as error:
-        what = make_message("cannot be reached ({error})", error=error)
-    raise UnreachableError(
-        device,
-        make_message("the primary interface of {address} {what}.", address=address, what=what),
-        remedy=CABLE,
-    )
-
-
-async def _first_kinematics(device: str, reader: asyncio.StreamReader) -> FactoryKinematics:
-    while True:
-        header = await reader.readexactly(_PACKET.size)
-        size, kind = _PACKET.unpack(header)
-        if not _PACKET.size <= size <= _LONGEST_PACKET:
-            raise _unreadable_error(device, make_message("a packet of {size} bytes", size=size), header)
-        body = await reader.readexactly(size - _PACKET.size)
-        if kind == _ROBOT_STATE:
-            for sub_kind, data in sub_packages(device, body):
-                if sub_kind == _KINEMATICS_INFO:
-                    return decode_kinematics(device, data)
-
-
-def sub_packages(device: str, body: bytes) -> Iterator[tuple[int, bytes]]:
-    """Yield (type, data) of the sub-packages of a robot state packet."""
-    start = 0
-    while start < len(body):
-        if len(body) - start < _SUB_PACKET.size:
-            raise _unreadable_error(device, "half a sub-package", body[start:])
-        size, kind = _SUB_PACKET.unpack_from(body, start)
-        if not _SUB_PACKET.size <= size <= len(body) - start:
-            raise _unreadable_error(
-                device, make_message("a sub-package of {size} bytes", size=size), body[start:]
-            )
-        yield kind, body[start + _SUB_PACKET.size : start + size]
-        start += size
+    """Read the first kinematics that are sent; change nothing. Errors as of ``read_sub_packages``."""
+    found = await read_sub_packages(device, address, (_KINEMATICS_INFO,), deadline_s=deadline_s)
+    return decode_kinematics(device, found[_KINEMATICS_INFO])
 
 
 def decode_kinematics(device: str, data: bytes) -> FactoryKinematics:
     """Read the kinematics sub-package."""
     if len(data) != _KINEMATICS.size:
-        raise _unreadable_error(
+        raise unreadable_error(
             device, make_message("kinematics of {data_count} bytes", data_count=len(data)), data
         )
     values = _KINEMATICS.unpack(data)
     if not all(map(math.isfinite, values[6:30])):
-        raise _unreadable_error(device, "kinematics that are not numbers", data)
+        raise unreadable_error(device, "kinematics that are not numbers", data)
     return FactoryKinematics(
         theta_rad=values[6:12],
         a_m=values[12:18],
@@ -115,10 +90,21 @@ def decode_kinematics(device: str, data: bytes) -> FactoryKinematics:
     )
 
 
-def _unreadable_error(device: str, what: str, frame: bytes) -> WireProtocolError:
-    return WireProtocolError(
-        device,
-        make_message("the primary interface sent {what}.", what=what),
-        remedy="Report this with the controller's version; nothing in the cell is at fault.",
-        frame=frame[:_HEX_SHOWN].hex(),
+def decode_arm(device: str, data: bytes, factory: FactoryKinematics) -> ControllerArm:
+    """Read the configuration sub-package."""
+    if len(data) < _CONFIGURATION.size:
+        raise unreadable_error(
+            device, make_message("a configuration of {data_count} bytes", data_count=len(data)), data
+        )
+    values = _CONFIGURATION.unpack_from(data)
+    if not all(map(math.isfinite, values[:53])):
+        raise unreadable_error(device, "a configuration that is not numbers", data)
+    a, d, alpha, theta = (values[start : start + 6] for start in (29, 35, 41, 47))
+    return ControllerArm(
+        type_code=values[55],
+        nominal=DhTable.from_rows(np.array([theta, d, a, alpha]).T),
+        lower_rad=values[0:12:2],
+        upper_rad=values[1:12:2],
+        max_speed_rad_s=values[12:24:2],
+        factory=factory,
     )

@@ -21,13 +21,33 @@ LOCAL = Condition(
 )
 
 
+MANUAL = Condition(
+    Readiness.NOT_READY,
+    "the operational mode is manual.",
+    "Choose the automatic mode at the pendant, or continue by hand.",
+)
+REMOTE_UNKNOWN = Condition(
+    Readiness.NOT_READY,
+    "the controller does not tell whether the pendant is in Remote.",
+    "Update it to PolyScope X 10.12 or later, or continue by hand.",
+)
+
+
+def arm_condition_of(sample: StateSample) -> Condition:
+    """Tell whether the arm stands under power and is not stopped; who would move it does not matter."""
+    entry = _safety_entry(sample) or _mode_entry(sample)
+    if entry is None:
+        return Condition(Readiness.READY)
+    return Condition(
+        Readiness(entry.kind), make_message("{entry_text}.", entry_text=entry.text), entry.remedy
+    )
+
+
 def condition_of(sample: StateSample, *, program_is_ours: bool) -> Condition:
     """Tell whether the arm could move now, and if not, who must do what."""
-    entry = _safety_entry(sample) or _mode_entry(sample)
-    if entry is not None:
-        return Condition(
-            Readiness(entry.kind), make_message("{entry_text}.", entry_text=entry.text), entry.remedy
-        )
+    condition = arm_condition_of(sample)
+    if condition.readiness is not Readiness.READY:
+        return condition
     if sample.runtime_state != RuntimeState.STOPPED and not program_is_ours:
         return Condition(
             Readiness.NOT_READY,
@@ -43,7 +63,7 @@ def condition_of(sample: StateSample, *, program_is_ours: bool) -> Condition:
             ),
             "Raise the speed slider at the pendant.",
         )
-    return Condition(Readiness.READY)
+    return condition
 
 
 def safety_stop_of(device: str, sample: StateSample) -> MotionStoppedError | None:

@@ -1,4 +1,4 @@
-"""A Universal Robots arm: reads its own state stream, moves through a fenced session, stops on two paths."""
+"""A Universal Robots arm that moves: its own state stream, a fenced session for motion, a stop on two paths."""
 
 import asyncio
 import contextlib
@@ -6,13 +6,9 @@ import logging
 import math
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import replace
 
-import numpy as np
-
-from cellcal.calibration.geometry import Pose, homogeneous_matrix
 from cellcal.calibration.message import make_message
-from cellcal.calibration.orientation import rotation_from
 from cellcal.drivers.errors import (
     BusyError,
     DeviceError,
@@ -21,25 +17,29 @@ from cellcal.drivers.errors import (
     RefusedError,
     UnreachableError,
 )
-from cellcal.drivers.interfaces import (
-    ActiveFrames,
-    Condition,
-    Identity,
-    JointReading,
-    Joints,
-    Readiness,
-    RobotCapabilities,
+from cellcal.drivers.interfaces import Condition, Joints, Readiness, RobotCapabilities
+from cellcal.drivers.universal_robots.health import (
+    LOCAL,
+    MANUAL,
+    REMOTE_UNKNOWN,
+    condition_error,
+    condition_of,
+    safety_stop_of,
 )
-from cellcal.drivers.universal_robots.factory_calibration import FactoryKinematics, read_factory_kinematics
-from cellcal.drivers.universal_robots.health import LOCAL, condition_error, condition_of, safety_stop_of
 from cellcal.drivers.universal_robots.motion import (
-    MotionTolerances,
     expected_s,
     farthest_joint,
     has_arrived,
     has_stood,
-    is_moving,
     path_deviation_rad,
+)
+from cellcal.drivers.universal_robots.reading_robot import (
+    LOOK_FIRST,
+    READ_ONLY_CAPABILITIES,
+    STILL_S,
+    ReadingUniversalRobot,
+    UrMotionOptions,
+    with_look_first,
 )
 from cellcal.drivers.universal_robots.robot_connection import RobotConnection
 from cellcal.drivers.universal_robots.rtde import RuntimeState
@@ -54,105 +54,38 @@ _log = logging.getLogger(__name__)
 _REMOTE_KNOWN_S = 1.0
 _OLD_PROGRAM_S = 0.6  # ours, left by a session that was killed, ends by its watchdog
 _STOP_HEARD_S = 0.5
-_STILL_S = 0.1
 _STUCK_S = 1.0
 _PATH_RAD = 0.05
 _SLOWER = 1.5
-_LOOK = "Look at the robot first: it should have stopped. Use the emergency stop if it has not."
+_MANUAL = "MANUAL"
+
+CAPABILITIES = replace(READ_ONLY_CAPABILITIES, moves_joints=True, tells_mode=True)
 
 
-@dataclass(frozen=True, slots=True)
-class UrMotionOptions:
-    """What the cell file says about motion."""
-
-    deadline_s: float
-    speed_limit_rad_s: float
-    acceleration_rad_s2: float
-    stop_deceleration_rad_s2: float
-    tolerances: MotionTolerances
-
-
-CAPABILITIES = RobotCapabilities(
-    axes=6, hand_guiding=True, tells_active_frames=True, tells_mode=True, tells_speed_override=True
-)
-
-
-class UniversalRobot:
-    """Robot and KnowsActiveFrames over RTDE. The rest a UR cannot do without a person or its own program."""
+class UniversalRobot(ReadingUniversalRobot):
+    """Robot, KnowsActiveFrames and KnowsMode. The rest a UR cannot do without a person or its own program."""
 
     def __init__(self, contact: RobotConnection, session: SessionOptions, options: UrMotionOptions) -> None:
-        self._contact, self._session_options, self._options = contact, session, options
+        super().__init__(contact, session.address, options)
+        self._session_options = session
         self._session: MotionSession | None = None
         self._moving = False
         self._stop_asked = False
 
     @property
-    def name(self) -> str:
-        return self._contact.device
-
-    @property
     def capabilities(self) -> RobotCapabilities:
         return CAPABILITIES
-
-    async def connect(self) -> None:
-        """Connect for reading. Nothing is sent to the arm before the first move."""
-        async with answer_deadline(self.name, self._options.deadline_s, "connecting"):
-            await self._contact.ensure_stream()
 
     async def close(self) -> None:
         """Give the robot back and hang up."""
         await self._end_session()
-        self._contact.close()
-
-    async def identify(self) -> Identity:
-        async with answer_deadline(self.name, self._options.deadline_s, "asking who it is"):
-            return await self._contact.read_identity()
-
-    async def read_condition(self) -> Condition:
-        try:
-            async with answer_deadline(self.name, self._options.deadline_s, "asking its condition"):
-                return await self._current_condition(remote_known_s=_REMOTE_KNOWN_S)
-        except DeviceError as error:
-            return Condition(Readiness.UNREACHABLE, error.message, error.remedy)
-
-    async def read_joints(self) -> JointReading:
-        sample = await self._read_sample("reading the joints")
-        return JointReading(
-            joints_rad=sample.joints_rad,
-            moving=is_moving(sample, self._options.tolerances),
-            taken_at_s=sample.received_at_s,
-            device_time_s=sample.timestamp_s,
-            raw=sample.raw.hex(),
-        )
-
-    async def flange_pose(self) -> Pose:
-        sample = await self._read_sample("reading the pose")
-        return _to_pose(sample.tcp_pose) @ _to_pose(sample.tcp_offset).inverse()
-
-    async def active_frames(self) -> ActiveFrames:
-        sample = await self._read_sample("reading the active tool")
-        if not all(map(math.isfinite, (*sample.tcp_offset, sample.payload_kg))):
-            raise RefusedError(self.name, "the controller tells a tool or payload that is not a number.",
-                               remedy="Set TCP and payload anew on the pendant.")  # fmt: skip
-        return ActiveFrames(None, _to_pose(sample.tcp_offset), 0, sample.payload_kg)  # poses are in the base
+        await super().close()
 
     async def controller_mode(self) -> str:
         async with answer_deadline(self.name, self._options.deadline_s, "asking its mode"):
             remote = await self._contact.in_remote_control()
-        return "remote control" if remote else "local control"
-
-    async def speed_override(self) -> float:
-        sample = await self._read_sample("reading the speed slider")
-        if not math.isfinite(sample.speed_fraction):
-            raise RefusedError(self.name, "the controller tells a speed slider that is not a number.",
-                               remedy="Move the speed slider on the pendant.")  # fmt: skip
-        return sample.speed_fraction
-
-    async def factory_kinematics(self) -> FactoryKinematics:
-        """Return the arm's kinematics as measured by the maker and used by the controller."""
-        return await read_factory_kinematics(
-            self.name, self._session_options.address, deadline_s=self._options.deadline_s
-        )
+            operational = (await self._contact.operational_mode()).lower()
+        return f"{'remote' if remote else 'local'} control{', ' if operational else ''}{operational}"
 
     async def move_joints(self, target_rad: Joints, *, speed_rad_s: float) -> None:
         target, speed_rad_s = self._check_target(target_rad, speed_rad_s)
@@ -163,21 +96,21 @@ class UniversalRobot:
             try:
                 await self._travel_to(state, session, target, speed_rad_s)
             except asyncio.CancelledError as cancelled:
-                await run_to_end(self._halt_after_cancel(cancelled, session))
+                await run_to_end(self._halt_after_cancel(cancelled))
                 raise
             except DeviceError as error:
                 _log.warning("%s: the move failed: %s", self.name, error)
                 await self._abandon_session(session, error.message)
-                raise _with_look_first(error) from None
+                raise with_look_first(error) from None
             finally:
                 session.end_move()
 
     async def stop(self) -> None:
         self._stop_asked = True
         try:
-            await run_to_end(self._halt_arm(self._session))
+            await run_to_end(self._halt_arm())
         except DeviceError as error:
-            raise _with_look_first(error) from None
+            raise with_look_first(error) from None
         finally:
             self._stop_asked = self._moving  # a move under way has still to see it
 
@@ -244,8 +177,11 @@ class UniversalRobot:
             return await MotionSession.open(self.name, self._session_options, lambda: contact.is_connected)
         except (DeviceTimeoutError, UnreachableError):
             with contextlib.suppress(DeviceError):  # our program may have started all the same
-                await contact.dashboard.stop_program()
+                await contact.stop_program()
             raise
+
+    async def _read_condition(self) -> Condition:
+        return await self._current_condition(remote_known_s=_REMOTE_KNOWN_S)
 
     async def _current_condition(self, *, remote_known_s: float) -> Condition:
         sample = await self._contact.read_sample()
@@ -253,7 +189,12 @@ class UniversalRobot:
         condition = condition_of(sample, program_is_ours=ours)
         if condition.readiness is not Readiness.READY:
             return condition
-        return condition if await self._contact.in_remote_control(known_s=remote_known_s) else LOCAL
+        if not self._contact.tells_remote_control:
+            return REMOTE_UNKNOWN
+        if not await self._contact.in_remote_control(known_s=remote_known_s):
+            return LOCAL
+        mode = await self._contact.operational_mode(known_s=remote_known_s)
+        return MANUAL if mode == _MANUAL else condition
 
     # during a move
 
@@ -281,7 +222,7 @@ class UniversalRobot:
                 raise self._foreign_motion_error()
             if has_arrived(state.samples, target, tolerances) and not await session.move_running():
                 return
-            if not has_stood(state.samples, tolerances, _STILL_S):
+            if not has_stood(state.samples, tolerances, STILL_S):
                 moved_at_s = loop.time()
             elif loop.time() - moved_at_s > _STUCK_S:
                 raise self._short_of_target_error(sample, target)
@@ -328,12 +269,14 @@ class UniversalRobot:
 
     # ending a move
 
-    async def _halt_arm(self, session: MotionSession | None) -> None:
-        """Stop the arm through the session, or else through the dashboard; confirm standstill."""
-        async with answer_deadline(self.name, self._options.deadline_s, "confirming standstill"):
-            if session is None or not await self._stop_by_session(session):
-                await self._stop_by_dashboard(session)
-            await self._has_stopped()
+    async def _end_program(self) -> None:
+        """End what moves through the session, or else whatever program plays on the controller's own path."""
+        session = self._session
+        if session is not None and await self._stop_by_session(session):
+            return
+        if session is not None:
+            session.kill("the arm had to be stopped without it")
+        await super()._end_program()
 
     async def _stop_by_session(self, session: MotionSession) -> bool:
         if not session.is_usable:
@@ -343,34 +286,18 @@ class UniversalRobot:
             return True
         return False
 
-    async def _stop_by_dashboard(self, session: MotionSession | None) -> None:
-        """End whatever program plays: nothing may move on, or be resumed, behind our back."""
-        if session is not None:
-            session.kill("the arm had to be stopped without it")
-        with contextlib.suppress(DeviceError):
-            if (await self._contact.read_sample()).runtime_state == RuntimeState.STOPPED:
-                return
-        await self._contact.dashboard.stop_program()
-
-    async def _has_stopped(self) -> None:
-        state = await self._contact.ensure_stream()
-        while True:
-            await state.read_fresh()
-            if has_stood(state.samples, self._options.tolerances, _STILL_S):
-                return
-
-    async def _halt_after_cancel(self, cancelled: asyncio.CancelledError, session: MotionSession) -> None:
+    async def _halt_after_cancel(self, cancelled: asyncio.CancelledError) -> None:
         try:
-            await self._halt_arm(session)
+            await self._halt_arm()
         except DeviceError as error:
-            cancelled.add_note(f"{error} {_LOOK}")
-            _log.error("%s: cancelled, but standstill is not confirmed: %s %s", self.name, error, _LOOK)
+            cancelled.add_note(f"{error} {LOOK_FIRST}")
+            _log.error("%s: cancelled, but standstill is not confirmed: %s %s", self.name, error, LOOK_FIRST)
 
     async def _abandon_session(self, session: MotionSession, reason: str) -> None:
         """After a failure: end the child and the program, so that a later ``play`` cannot resume the move."""
         session.kill(reason)
         with contextlib.suppress(DeviceError):
-            await self._contact.dashboard.stop_program()
+            await self._contact.stop_program()
         if self._contact.is_connected:
             with contextlib.suppress(DeviceError):
                 async with answer_deadline(self.name, self._options.deadline_s / 2, "confirming standstill"):
@@ -383,20 +310,3 @@ class UniversalRobot:
         if not self._contact.is_connected:
             session.kill("the link to the controller was lost")
         await session.close()
-
-    async def _read_sample(self, doing: str) -> StateSample:
-        async with answer_deadline(self.name, self._options.deadline_s, doing):
-            return await self._contact.read_sample()
-
-
-def _to_pose(values: Six) -> Pose:
-    numbers = np.array(values)
-    return Pose.from_matrix(homogeneous_matrix(rotation_from("ur_rotation_vector", numbers[3:]), numbers[:3]))
-
-
-def _with_look_first(error: DeviceError) -> DeviceError:
-    """Where we lost sight of the arm, the first thing to do is to look at it."""
-    blind = isinstance(error, UnreachableError | DeviceTimeoutError)
-    if blind and not error.remedy.startswith(_LOOK):
-        error.remedy = make_message("{look} {error_remedy}", look=_LOOK, error_remedy=error.remedy)
-    return error

@@ -9,17 +9,25 @@ import logging
 import time
 from dataclasses import dataclass
 
-from cellcal.calibration.message import make_message
-from cellcal.drivers.errors import RefusedError, UnreachableError, WrongDeviceError
+from cellcal.calibration.message import join_messages, make_message
+from cellcal.drivers.errors import UnreachableError, WrongDeviceError
 from cellcal.drivers.interfaces import Identity
+from cellcal.drivers.universal_robots.arm_types import (
+    ControllerKind,
+    ReportedArm,
+    any_of,
+    check_arm,
+    controller_kind,
+)
 from cellcal.drivers.universal_robots.dashboard import UrDashboard
+from cellcal.drivers.universal_robots.factory_calibration import ControllerArm, read_controller_arm
+from cellcal.drivers.universal_robots.robot_api import RobotApiClient
 from cellcal.drivers.universal_robots.state import ControllerVersion, StateClient, StateSample
 
 _log = logging.getLogger(__name__)
 
 VENDOR = "Universal Robots"
 VERIFIED_ON: tuple[str, ...] = ()  # controller software tried with a real arm; none so far, see README.md
-_OLDEST, _NEWEST_MAJOR = (5, 6), 5
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,16 +39,38 @@ class StreamTiming:
     deadline_s: float
 
 
-class RobotConnection:
-    """One robot that answers at an address, proved to be the one of the cell file."""
+@dataclass(frozen=True, slots=True)
+class ExpectedRobot:
+    """The robot of the cell file. ``calibration``: the name of its factory table, "" where none is given."""
 
-    def __init__(self, device: str, address: str, expected: tuple[str, str], timing: StreamTiming) -> None:
+    arm: str
+    serial: str
+    calibration: str = ""
+
+
+class RobotConnection:
+    """One robot that answers at an address, proved to be the one of the cell file as far as its controller tells."""
+
+    def __init__(
+        self,
+        device: str,
+        address: str,
+        expected: ExpectedRobot,
+        timing: StreamTiming,
+        *,
+        robot_api_port: int = 80,
+    ) -> None:
         self.device, self._address, self._timing = device, address, timing
-        self._model, self._serial = expected
-        self.dashboard = UrDashboard(device, address, deadline_s=timing.deadline_s / 4)
+        self._expected = expected
+        self._part_s = timing.deadline_s / 4
+        self._dashboard = UrDashboard(device, address, deadline_s=self._part_s)
+        self._robot_api = RobotApiClient(device, address, robot_api_port, deadline_s=self._part_s)
+        self._kind = ControllerKind.POLYSCOPE_5  # until it has told its software
         self._state: StateClient | None = None
         self._identity: Identity | None = None
+        self._doubts = ""
         self._remote: tuple[float, bool] = (float("-inf"), False)
+        self._operational: tuple[float, str] = (float("-inf"), "")
         self._connecting = asyncio.Lock()
         self._closed = False
 
@@ -76,26 +106,53 @@ class RobotConnection:
             raise UnreachableError(self.device, "the robot has not told who it is.")
         return self._identity
 
+    async def read_doubts(self) -> str:
+        """Return in sentences what the name plate does not prove; "" where it proves all."""
+        await self.read_identity()
+        return self._doubts
+
+    @property
+    def tells_remote_control(self) -> bool:
+        """Whether this controller says who has control; the first Robot API does not."""
+        return self._kind is not ControllerKind.POLYSCOPE_X or self._robot_api.tells_modes
+
     async def in_remote_control(self, *, known_s: float = 0.0) -> bool:
         """Whether the pendant is in Remote; an answer not older than ``known_s`` will do."""
         asked_s, remote = self._remote
         if time.monotonic() - asked_s > known_s:
-            remote = await self.dashboard.in_remote_control()
+            on_x = self._kind is ControllerKind.POLYSCOPE_X
+            remote = await (self._robot_api if on_x else self._dashboard).in_remote_control()
             self._remote = (time.monotonic(), remote)
         return remote
 
-    def close(self) -> None:
+    async def operational_mode(self, *, known_s: float = 0.0) -> str:
+        """Return the operational mode where the controller tells it, else ""; ``known_s`` as for the control."""
+        if self._kind is not ControllerKind.POLYSCOPE_X:
+            return ""
+        asked_s, mode = self._operational
+        if time.monotonic() - asked_s > known_s:
+            mode = await self._robot_api.operational_mode()
+            self._operational = (time.monotonic(), mode)
+        return mode
+
+    async def stop_program(self) -> None:
+        """Stop whatever program runs, on a path of its own; the arm decelerates and stays where it is."""
+        on_x = self._kind is ControllerKind.POLYSCOPE_X
+        await (self._robot_api if on_x else self._dashboard).stop_program()
+
+    async def close(self) -> None:
         """Hang up for good."""
         self._closed = True
         if self._state is not None:
             self._state.close()
+        await self._robot_api.close()
 
     async def _connect_state(self) -> StateClient:
         timing = self._timing
         state = StateClient(self.device, self._address, rate_hz=timing.rate_hz, stale_s=timing.stale_s)
         version = await state.connect(deadline_s=timing.deadline_s / 2)
         try:
-            self._check_version(version)
+            self._kind = controller_kind(self.device, version)
             self._identity = await self._read_name_plate(version)
         except BaseException:
             state.close()
@@ -103,34 +160,73 @@ class RobotConnection:
         return state
 
     async def _read_name_plate(self, version: ControllerVersion) -> Identity:
-        serial = await self.dashboard.serial_number()
-        family = await self.dashboard.read_model()
-        model = family.lower().removesuffix("e") + "e"  # 5.x is e-Series; the dashboard leaves it out
-        if (model, serial) != (self._model, self._serial):
-            raise WrongDeviceError(
-                self.device,
-                make_message(
-                    "at {address} answers a {model} with serial {serial}; the cell file names a {model_2} "
-                    "with serial {serial_2}.",
-                    address=self._address,
-                    model=model,
-                    serial=serial,
-                    model_2=self._model,
-                    serial_2=self._serial,
-                ),
-                remedy="Correct the address or the serial in the cell file.",
-            )
+        arm = await read_controller_arm(self.device, self._address, deadline_s=self._part_s)
+        on_x = self._kind is ControllerKind.POLYSCOPE_X
+        serial, name = await self._ask_robot_api() if on_x else await self._ask_dashboard()
+        reported = ReportedArm(version, arm.type_code, name)
+        others = check_arm(self.device, self._address, self._expected.arm, reported)
+        self._check_serial(serial)
+        self._check_calibration(arm)
+        self._doubts = self._describe_doubts(arm, others, tells_serial=serial is not None)
         if self._identity is None and not str(version).startswith(VERIFIED_ON):
             _log.warning("%s: not verified on controller software %s", self.device, version)
-        return Identity(VENDOR, model, serial, str(version))
+        return Identity(VENDOR, self._expected.arm, self._expected.serial, str(version))
 
-    def _check_version(self, version: ControllerVersion) -> None:
-        if (version.major, version.minor) < _OLDEST or version.major > _NEWEST_MAJOR:
-            raise RefusedError(
-                self.device,
+    async def _ask_dashboard(self) -> tuple[str | None, str | None]:
+        return await self._dashboard.serial_number(), await self._dashboard.read_model()
+
+    async def _ask_robot_api(self) -> tuple[str | None, str | None]:
+        await self._robot_api.connect()
+        return None, None  # neither is in it
+
+    def _check_serial(self, serial: str | None) -> None:
+        if serial is None or serial == self._expected.serial:
+            return
+        raise WrongDeviceError(
+            self.device,
+            make_message(
+                "at {address} answers the {model} with serial {found_serial}; the cell file names serial "
+                "{expected_serial}.",
+                address=self._address,
+                model=self._expected.arm,
+                found_serial=serial,
+                expected_serial=self._expected.serial,
+            ),
+            remedy="Correct the address or the serial in the cell file.",
+        )
+
+    def _check_calibration(self, arm: ControllerArm) -> None:
+        expected, found = self._expected.calibration, arm.factory.name
+        if expected in ("", found):
+            return
+        raise WrongDeviceError(
+            self.device,
+            make_message(
+                "at {address} answers an arm with the factory calibration {found}; the cell file names {expected}.",
+                address=self._address,
+                found=found,
+                expected=expected,
+            ),
+            remedy="Correct the address, or the calibration in the cell file if the arm was exchanged.",
+        )
+
+    def _describe_doubts(self, arm: ControllerArm, others: tuple[str, ...], *, tells_serial: bool) -> str:
+        found = []
+        if others:
+            found.append(
                 make_message(
-                    "the controller runs software {version}; this driver knows 5.6 to 5.25.", version=version
-                ),
-                remedy="Use a controller with PolyScope 5.6 or later, not PolyScope X.",
-                vendor_text=str(version),
+                    "Its controller does not tell a {model} from a {others}: compare the label on the arm.",
+                    model=self._expected.arm,
+                    others=any_of(others),
+                )
             )
+        if not tells_serial and not self._expected.calibration:
+            found.append(
+                make_message(
+                    "Its controller does not tell a serial number; {serial} is what the cell file says. Write "
+                    'calibration = "{calibration}" into the entry of the robot: it is compared at every connect.',
+                    serial=self._expected.serial,
+                    calibration=arm.factory.name,
+                )
+            )
+        return join_messages(" ", found)

@@ -18,6 +18,7 @@ from cellcal.drivers.errors import DeviceError, RefusedError, UnreachableError, 
 from cellcal.drivers.universal_robots.rtde import PORT, MessageType, RtdeLink, pack_message
 from cellcal.drivers.wire.trace import FrameTrace
 
+UPDATE = "Update the controller: CB3 to 3.12, PolyScope 5 to 5.6 or PolyScope X to 10.11, or later."
 CABLE = "Check that the controller is switched on and the network cable is plugged in."
 
 _KEPT_SAMPLES = 512
@@ -161,9 +162,7 @@ class StateClient:
 
     async def _negotiate_version(self) -> ControllerVersion:
         if await self._send_request(MessageType.PROTOCOL, struct.pack(">H", 2)) != b"\x01":
-            raise self._refused_error(
-                "does not speak version 2 of RTDE", "Update it to PolyScope 5.6 or later."
-            )
+            raise self._refused_error("does not speak version 2 of RTDE", UPDATE)
         version = await self._send_request(MessageType.VERSION)
         if len(version) != 16:
             raise self._protocol_error("a version of another size", version)
@@ -186,7 +185,7 @@ class StateClient:
             raise self._protocol_error(make_message("fields of other types ({types})", types=types), reply)
         raise self._refused_error(
             make_message("does not know {unknown}", unknown=", ".join(unknown)),
-            "Update it to PolyScope 5.6 or later.",
+            UPDATE,
         )
 
     async def _send_request(self, kind: MessageType, payload: bytes = b"") -> bytes:
@@ -197,7 +196,12 @@ class StateClient:
         self.report_loss(again=True)
         if answered != kind:
             raise self._protocol_error(
-                make_message("{chr!r} in answer to {chr_2!r}", chr=chr(answered), chr_2=chr(kind)), reply
+                make_message(
+                    "{answer_type!r} in answer to {request_type!r}",
+                    answer_type=chr(answered),
+                    request_type=chr(kind),
+                ),
+                reply,
             )
         return reply
 

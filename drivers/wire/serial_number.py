@@ -10,9 +10,9 @@ def check_serial_number(device: str, found: str, expected: str) -> None:
         raise WrongDeviceError(
             device,
             make_message(
-                "the robot has the serial number {serial!r}, the cell file {serial_2!r}.",
-                serial=found,
-                serial_2=expected,
+                "the robot has the serial number {found_serial!r}, the cell file {expected_serial!r}.",
+                found_serial=found,
+                expected_serial=expected,
             ),
             remedy="Check the address, or correct the serial number in the cell file.",
         )

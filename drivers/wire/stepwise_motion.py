@@ -18,8 +18,9 @@ import numpy as np
 
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.message import make_message
-from cellcal.drivers.errors import BusyError, DeviceError, MotionStoppedError, RefusedError
+from cellcal.drivers.errors import DeviceError, MotionStoppedError, RefusedError
 from cellcal.drivers.interfaces import Condition, Joints, Readiness
+from cellcal.drivers.wire.busy import refuse_second_action
 from cellcal.drivers.wire.cancellation import run_to_end
 from cellcal.drivers.wire.deadline import answer_deadline
 
@@ -260,13 +261,7 @@ class StepwiseMotion(ABC):
 
     @contextmanager
     def _exclusive_use(self, doing: str) -> Iterator[None]:
-        if self._doing:
-            raise BusyError(
-                self.name,
-                make_message(
-                    "a {doing} is under way, a {doing_2} was asked for.", doing=self._doing, doing_2=doing
-                ),
-            )
+        refuse_second_action(self.name, self._doing, doing)
         self._doing, self._stop_ordered = doing, False
         self._idle.clear()
         try:

@@ -23,6 +23,7 @@ from urllib.parse import parse_qsl, unquote, urlsplit
 
 from cellcal.fake_devices.abb.resources import ResourceTable
 from cellcal.fake_devices.link_faults import LinkFaults
+from cellcal.fake_devices.listening_port import ListeningPort
 
 LINK_FAULTS = ("silent", "refuse", "reset", "garbage", "page", "no_session")
 USER, PASSWORD = "Default User", "robotics"
@@ -39,38 +40,19 @@ _PHRASES = {
 }
 
 
-class ServicePort:
-    """One listening port."""
+class ServicePort(ListeningPort):
+    """The port of the web server."""
 
     def __init__(self, host: str, port: int, table: ResourceTable, faults: LinkFaults) -> None:
-        self._host, self._port, self._table, self._faults = host, port, table, faults
-        self._server: asyncio.Server | None = None
-        self._writers: set[asyncio.StreamWriter] = set()
+        super().__init__(host, port, self._serve_requests)
+        self._table, self._faults = table, faults
         self._nonce = secrets.token_hex(16)
         self._sessions: set[str] = set()
 
-    async def open(self) -> None:
-        """Listen, where nothing listens yet."""
-        if self._server is None:
-            self._server = await asyncio.start_server(self._serve, self._host, self._port)
-
-    def close(self) -> None:
-        """Stop listening and hang up."""
-        if self._server is not None:
-            self._server.close()
-            self._server = None
-        for writer in tuple(self._writers):
-            writer.transport.abort()
-
-    async def _serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        self._writers.add(writer)
-        try:
-            with suppress(OSError, asyncio.IncompleteReadError, asyncio.LimitOverrunError, ValueError):
-                while await self._serve_request(reader, writer):
-                    pass
-        finally:
-            self._writers.discard(writer)
-            writer.close()
+    async def _serve_requests(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        with suppress(asyncio.LimitOverrunError, ValueError):
+            while await self._serve_request(reader, writer):
+                pass
 
     async def _serve_request(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> bool:
         head = (await reader.readuntil(b"\r\n\r\n")).decode("latin-1").split("\r\n")

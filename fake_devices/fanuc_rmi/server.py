@@ -19,6 +19,7 @@ from typing import Any
 from cellcal.fake_devices.fanuc_rmi.controller import RmiController
 from cellcal.fake_devices.fanuc_rmi.packets import PacketTable, parse_packet
 from cellcal.fake_devices.link_faults import LinkFaults
+from cellcal.fake_devices.listening_port import ListeningPort
 
 LINK_FAULTS = ("silent", "refuse", "reset", "garbage", "split", "unasked")
 _TICK_REAL_S = 0.005
@@ -30,31 +31,26 @@ class RmiServer:
     def __init__(
         self, host: str, ports: tuple[int, int], controller: RmiController, faults: LinkFaults
     ) -> None:
-        self._host, self._ports, self._faults = host, ports, faults
+        self._second_port, self._faults = ports[1], faults
         self.controller, self._table = controller, PacketTable(controller)
-        self._servers: list[asyncio.Server] = []
-        self._writers: set[asyncio.StreamWriter] = set()
+        self._first = ListeningPort(host, ports[0], self._serve_first)
+        self._second = ListeningPort(host, ports[1], self._serve_second)
         self._client: asyncio.StreamWriter | None = None
 
     async def open(self) -> None:
         """Listen at both ports, where nothing listens yet."""
-        if self._servers:
-            return
-        first = await asyncio.start_server(self._serve_first, self._host, self._ports[0])
-        self._servers.append(first)
-        self._servers.append(await asyncio.start_server(self._serve_second, self._host, self._ports[1]))
+        await self._first.open()
+        await self._second.open()
 
     def close(self) -> None:
         """Stop listening and hang up."""
-        for server in self._servers:
-            server.close()
-        self._servers = []
-        self.hang_up()
+        self._first.close()
+        self._second.close()
 
     def hang_up(self) -> None:
         """Cut every connection."""
-        for writer in tuple(self._writers):
-            writer.transport.abort()
+        self._first.cut_connections()
+        self._second.cut_connections()
 
     async def follow_motions(self) -> None:
         """Run the queue and send the replies of what has ended."""
@@ -72,33 +68,23 @@ class RmiServer:
             await self._send(self._client, packet)
 
     async def _serve_first(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        self._writers.add(writer)
-        try:
-            with suppress(OSError, asyncio.IncompleteReadError):
-                fields = parse_packet(await reader.readuntil(b"\r\n")) or {}
-                if fields.get("Communication") in ("FRC_Connect", "FRC_Connect_STMO"):
-                    reply = {"Communication": fields["Communication"], "ErrorID": 0}
-                    reply |= {"PortNumber": self._ports[1], "MajorVersion": 7, "MinorVersion": 0}
-                    await self._send(writer, reply)
-        finally:
-            self._writers.discard(writer)
-            writer.close()
+        fields = parse_packet(await reader.readuntil(b"\r\n")) or {}
+        if fields.get("Communication") in ("FRC_Connect", "FRC_Connect_STMO"):
+            reply = {"Communication": fields["Communication"], "ErrorID": 0}
+            reply |= {"PortNumber": self._second_port, "MajorVersion": 7, "MinorVersion": 0}
+            await self._send(writer, reply)
 
     async def _serve_second(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        self._writers.add(writer)
         if self._client is not None and not self._client.is_closing():
             with suppress(OSError):
                 await reader.read()  # it is never answered
         self._client = writer
         try:
-            with suppress(OSError, asyncio.IncompleteReadError):
-                while await self._serve_packet(await reader.readuntil(b"\r\n"), writer):
-                    pass
+            while await self._serve_packet(await reader.readuntil(b"\r\n"), writer):
+                pass
         finally:
-            self._writers.discard(writer)
             if self._client is writer:
                 self._client = None
-            writer.close()
 
     async def _serve_packet(self, line: bytes, writer: asyncio.StreamWriter) -> bool:
         """Answer one packet; return whether the connection stays."""

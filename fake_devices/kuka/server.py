@@ -18,43 +18,25 @@ from contextlib import suppress
 
 from cellcal.fake_devices.kuka.variables import VariableTable
 from cellcal.fake_devices.link_faults import LinkFaults
+from cellcal.fake_devices.listening_port import ListeningPort
 
 LINK_FAULTS = ("silent", "refuse", "reset", "split", "stale", "short")
 _VERSION = "@PROXY_VERSION"
 
 
-class ProxyPort:
-    """One listening port."""
+class ProxyPort(ListeningPort):
+    """The port of the variable server."""
 
     def __init__(self, host: str, port: int, table: VariableTable, faults: LinkFaults) -> None:
-        self._host, self._port, self._table, self._faults = host, port, table, faults
+        super().__init__(host, port, self._serve_requests)
+        self._table, self._faults = table, faults
         self.is_c3 = True
-        self._server: asyncio.Server | None = None
-        self._writers: set[asyncio.StreamWriter] = set()
 
-    async def open(self) -> None:
-        """Listen, where nothing listens yet."""
-        if self._server is None:
-            self._server = await asyncio.start_server(self._serve, self._host, self._port)
-
-    def close(self) -> None:
-        """Stop listening and hang up."""
-        if self._server is not None:
-            self._server.close()
-            self._server = None
-        for writer in tuple(self._writers):
-            writer.transport.abort()
-
-    async def _serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        self._writers.add(writer)
-        try:
-            with suppress(OSError, asyncio.IncompleteReadError, struct.error):
-                while True:
-                    tag, length = struct.unpack(">HH", await reader.readexactly(4))
-                    await self._answer(tag, await reader.readexactly(length), writer)
-        finally:
-            self._writers.discard(writer)
-            writer.close()
+    async def _serve_requests(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        with suppress(struct.error):
+            while True:
+                tag, length = struct.unpack(">HH", await reader.readexactly(4))
+                await self._answer(tag, await reader.readexactly(length), writer)
 
     async def _answer(self, tag: int, body: bytes, writer: asyncio.StreamWriter) -> None:
         if self._faults.use_once("silent") is not None:

@@ -10,6 +10,7 @@ Not modelled
     Slow wear: gears, belts, bearings.
 """
 
+import contextlib
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -58,6 +59,8 @@ class WorldFaults:
             "bring_tip": lambda parameters: self._bring_tool(parameters, seated=False),
             "bring_to_seat": lambda parameters: self._bring_tool(parameters, seated=True),
             "press_reset": self._press_reset,
+            "acknowledge_lost_position": self._acknowledge_lost_position,
+            "type_mastering": self._type_mastering,
             "partial_write": self._partial_write,
             "select": self._select_at_pendant,
             "tool_switched": self._tool_switched,
@@ -230,6 +233,20 @@ class WorldFaults:
     def _press_reset(self, _parameters: dict[str, Any]) -> None:
         """Press the RESET key of the pendant; what it cannot clear stays."""
         self._controller.reset_alarms()
+
+    def _acknowledge_lost_position(self, _parameters: dict[str, Any]) -> None:
+        """Press RES_PCA in the menu Master/Cal, then RESET; what these cannot clear stays."""
+        self._controller.request_reset(1)
+        with contextlib.suppress(ProgramRefusalError):  # the pendant shows what is left
+            self._controller.reset_alarms()
+
+    def _type_mastering(self, parameters: dict[str, Any]) -> None:
+        """Type six master counts, set MASTER_DONE and press CALIBRATE."""
+        counts = tuple(int(count) for count in parameters.pop("counts"))
+        if len(counts) != len(self._controller.counts_at_zero):
+            raise FaultRefusedError("there is one master count for each axis")
+        self._controller.write_counts_at_zero(counts)
+        self._controller.calibrate_joints()
 
     def _partial_write(self, parameters: dict[str, Any]) -> None:
         self._controller.refused_axes = frozenset(

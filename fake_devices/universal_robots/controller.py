@@ -67,7 +67,7 @@ class UrController:
         self.limits_rad_s: Vector = tuple(float(value) for value in arm.max_speed_rad_s)
         self.registers = GeneralRegisters()
         self.robot_mode, self.safety_mode = RobotMode.RUNNING, SafetyMode.NORMAL
-        self.runtime, self.remote = RuntimeState.STOPPED, True
+        self.runtime, self.remote, self.automatic = RuntimeState.STOPPED, True, True
         self.program: RunningProgram | None = None
         self.loaded_program = "cell.urp"
         self.joints_rad: Vector = tuple(arm.controller_joints_rad.tolist())

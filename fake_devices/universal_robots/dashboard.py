@@ -1,11 +1,12 @@
 """Port 29999: commands for people and for PLCs, one line each.
 
 Imitates
-    The dashboard server of PolyScope 5.
+    The dashboard server of PolyScope 3 and 5.
 Source
-    The maker's dashboard server page for the e-Series; what ur_rtde 1.6.5 expects word for word.
+    The maker's dashboard server page for the e-Series; what ur_rtde 1.6.5 expects word for word; the first software
+    of each command as the maker's C++ client library 2.14.0 has it.
 Modelled
-    The commands of that table; remote and local control.
+    The commands of that table, those that the software version has; remote and local control, which CB3 lacks.
 Not modelled
     User roles, installations, generating support files; programs on the controller's disk have no content.
 """
@@ -28,6 +29,14 @@ _REMOTE_ONLY = frozenset(
     {"play", "stop", "pause", "power on", "power off", "brake release", "unlock protective stop", "shutdown"}
 )
 _STATES = {RuntimeState.PLAYING: "PLAYING", RuntimeState.PAUSED: "PAUSED"}
+_NEVER = (4, 0)
+_SINCE = {  # first software of the CB3 and of the e-Series, where it is not the first there was
+    "get serial number": ((3, 12), (5, 6)),
+    "get robot model": ((3, 12), (5, 6)),
+    "is in remote control": (_NEVER, (5, 6)),
+    "safetystatus": (_NEVER, (5, 4)),
+    "restart safety": ((3, 7), (5, 1)),
+}
 
 
 class DashboardConnection(PortConnection):
@@ -56,6 +65,8 @@ class DashboardConnection(PortConnection):
         self.send(text.encode() + b"\n")
 
     def _reply_to(self, text: str) -> str:
+        if text in _SINCE and not self._has_command(text):
+            return f"could not understand: '{text}'"
         if text in _REMOTE_ONLY and not self._c.remote:
             return _LOCAL_REFUSAL
         if text in self._commands:
@@ -72,6 +83,11 @@ class DashboardConnection(PortConnection):
             "setUserRole": "Setting user role",
         }
         return answers.get(word, f"could not understand: '{text}'")
+
+    def _has_command(self, text: str) -> bool:
+        identity = self._c.identity
+        old, new = _SINCE[text]
+        return identity.version[:2] >= (old if identity.is_cb3 else new)
 
     def _question_commands(self) -> dict[str, Callable[[], str]]:
         c = self._c

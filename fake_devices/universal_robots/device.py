@@ -1,7 +1,8 @@
 """The Universal Robots arm of a cell: arm and controller put together, and what can happen to them.
 
 Imitates
-    A UR e-Series robot, software 5.11 unless the cell file says otherwise.
+    A UR robot: e-Series with software 5.11, or CB3 with 3.15 for a UR3, UR5 or UR10, unless the cell file says
+    otherwise in [fake.robots.NAME]: ``software``, ``dashboard_model``, ``type_code`` (``identity.py``).
 Source
     README of this package.
 Modelled
@@ -16,6 +17,7 @@ from typing import Any
 from cellcal.fake_devices.device import FaultRefusedError, JsonObject
 from cellcal.fake_devices.universal_robots.faults import FAULTS, UrFaults
 from cellcal.fake_devices.universal_robots.identity import UrIdentity
+from cellcal.fake_devices.universal_robots.robot_api import DEFAULT_PORT
 from cellcal.fake_devices.universal_robots.server import UniversalRobotServer
 from cellcal.fake_devices.world import World
 
@@ -25,12 +27,17 @@ class FakeUniversalRobot:
 
     def __init__(self, world: World, table: Mapping[str, Any]) -> None:
         self._name = str(table["name"])
-        model = str(table.get("model", "ur10e"))
-        self._arm = world.add_arm(self._name, model)
-        shown = model[:2].upper() + model[2:]
-        identity = UrIdentity(model=shown, serial=str(table.get("serial", "20225500042")))
+        settings: Mapping[str, Any] = table.get("settings", {})
+        self._arm = world.add_arm(self._name, str(settings.get("arm") or table.get("model", "ur10e")))
+        identity = UrIdentity.of_tables(table, settings)
         address = str(table.get("address", "127.0.0.1"))
-        self.server = UniversalRobotServer(self._arm, address, identity, world.clock.now_s)
+        self.server = UniversalRobotServer(
+            self._arm,
+            address,
+            identity,
+            world.clock.now_s,
+            robot_api_port=int(table.get("robot_api_port", DEFAULT_PORT)),
+        )
         self._faults = UrFaults(self.server)
 
     @property

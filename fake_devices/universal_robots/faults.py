@@ -38,9 +38,14 @@ FAULTS: dict[str, dict[str, Any]] = {
     "not_found": {"variable": "actual_q"},
     "local_mode": {},
     "remote_mode": {},
+    "manual_mode": {},
+    "automatic_mode": {},
     "ik_failure": {},
     "late_script": {"delay_s": 2.0},
     "touch": {},
+    "api_refuses": {},
+    "api_moved": {},
+    "api_nonsense": {"text": "not JSON"},
     "speed_slider": {"fraction": 1.0},
     "tool_switched": {"tcp": (0.0, 0.0, 0.1, 0.0, 0.0, 0.0), "payload_kg": None},
 }
@@ -83,9 +88,14 @@ class UrFaults:
             "not_found": lambda p: server.rtde.hidden_names.add(str(p["variable"])),
             "local_mode": lambda _: self._set_remote(on=False),
             "remote_mode": lambda _: self._set_remote(on=True),
+            "manual_mode": lambda _: self._set_automatic(on=False),
+            "automatic_mode": lambda _: self._set_automatic(on=True),
             "ik_failure": self._ik_failure,
             "late_script": self._late_script,
             "touch": self._touch_once,
+            "api_refuses": self._refuse_api_orders,
+            "api_moved": self._move_api,
+            "api_nonsense": self._break_api_answers,
             "tool_switched": self._tool_switched,
         }
 
@@ -108,11 +118,13 @@ class UrFaults:
             port.silent = False
         self._server.rtde.hidden_names.clear()
         self._server.rtde.frozen = False
+        api = self._server.robot_api
+        api.refuses_orders, api.moved, api.broken_answer = False, False, None
         self._c.registers.foreign_owner = False
         self._c.no_inverse_kinematics = False
         self._c.contact_steps = 0
         self._server.loader.start_delay_s = 0.0
-        self._c.remote = True
+        self._c.remote = self._c.automatic = True
 
     def _unlock_stop(self, _: Mapping[str, Any]) -> None:
         self._c.unlock_protective_stop()
@@ -157,6 +169,9 @@ class UrFaults:
     def _set_remote(self, *, on: bool) -> None:
         self._c.remote = on
 
+    def _set_automatic(self, *, on: bool) -> None:
+        self._c.automatic = on
+
     def _ik_failure(self, _: Mapping[str, Any]) -> None:
         self._c.no_inverse_kinematics = True
 
@@ -165,6 +180,15 @@ class UrFaults:
 
     def _touch_once(self, _: Mapping[str, Any]) -> None:
         self._c.contact_steps = 1
+
+    def _refuse_api_orders(self, _: Mapping[str, Any]) -> None:
+        self._server.robot_api.refuses_orders = True
+
+    def _move_api(self, _: Mapping[str, Any]) -> None:
+        self._server.robot_api.moved = True
+
+    def _break_api_answers(self, parameters: Mapping[str, Any]) -> None:
+        self._server.robot_api.broken_answer = str(parameters["text"])
 
     def _tool_switched(self, parameters: Mapping[str, Any]) -> None:
         """Select another TCP of the installation at the pendant, and optionally another payload."""

@@ -1,12 +1,13 @@
-"""One fake controller on one loopback address: its five ports and its beat.
+"""One fake controller on one loopback address: its ports and its beat.
 
 Imitates
     The network side of the control box.
 Source
     README of this package; the maker's client interface page.
 Modelled
-    30001 and 30002 (state ten times a second), 30003 (programs), 30004 (RTDE), 29999 (dashboard). Controller
-    steps by absolute deadlines: at the base rate when a client asks for more than 125 Hz, else at 125 Hz.
+    30001 and 30002 (state ten times a second), 30003 (programs), 30004 (RTDE), 29999 (dashboard); with PolyScope X
+    the Robot API and no dashboard. Controller steps by absolute deadlines: at the base rate when a client asks
+    for more than 125 Hz, else at 125 Hz.
 Not modelled
     Modbus on 502, the URCap port 50002, SFTP.
 """
@@ -21,6 +22,7 @@ from cellcal.fake_devices.universal_robots.dashboard import DashboardConnection
 from cellcal.fake_devices.universal_robots.identity import UrIdentity
 from cellcal.fake_devices.universal_robots.ports import TcpPort
 from cellcal.fake_devices.universal_robots.primary import PrimaryConnection, RobotState
+from cellcal.fake_devices.universal_robots.robot_api import DEFAULT_PORT, RobotApi, RobotApiConnection
 from cellcal.fake_devices.universal_robots.rtde_port import RtdeConnection, RtdeServer
 from cellcal.fake_devices.universal_robots.script_port import ProgramLoader, ScriptConnection
 
@@ -34,7 +36,13 @@ class UniversalRobotServer:
     """The handle of a fake controller: ``start``, ``close``, and its parts for the faults."""
 
     def __init__(
-        self, arm: ArmPort, address: str, identity: UrIdentity, world_s: Callable[[], float]
+        self,
+        arm: ArmPort,
+        address: str,
+        identity: UrIdentity,
+        world_s: Callable[[], float],
+        *,
+        robot_api_port: int = DEFAULT_PORT,
     ) -> None:
         self.address = address
         self.controller = UrController(arm, identity)
@@ -47,8 +55,16 @@ class UniversalRobotServer:
             SECONDARY: TcpPort(address, SECONDARY, self._primary_connection),
             SCRIPT: TcpPort(address, SCRIPT, lambda port: ScriptConnection(port, self.loader)),
             RTDE: TcpPort(address, RTDE, lambda port: RtdeConnection(port, self.rtde)),
-            DASHBOARD: TcpPort(address, DASHBOARD, lambda port: DashboardConnection(port, self.controller)),
         }
+        self.robot_api = RobotApi(self.controller)
+        if identity.is_polyscope_x:
+            self.ports[robot_api_port] = TcpPort(
+                address, robot_api_port, lambda port: RobotApiConnection(port, self.robot_api)
+            )
+        else:
+            self.ports[DASHBOARD] = TcpPort(
+                address, DASHBOARD, lambda port: DashboardConnection(port, self.controller)
+            )
         self._beat: asyncio.Task[None] | None = None
         self._state_due_s = 0.0
         self.cable_in = True

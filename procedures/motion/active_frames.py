@@ -110,7 +110,10 @@ def cure_text(changed: Iterable[Change], then: str = "resume") -> str:
         return make_message(_CURES[only.template], **only.arguments, then=then)
     words = ", ".join(undone)
     return make_message(
-        "{words}{words_2}, then {then}.", words=words[:1].upper(), words_2=words[1:], then=then
+        "{first_letter}{further_letters}, then {then}.",
+        first_letter=words[:1].upper(),
+        further_letters=words[1:],
+        then=then,
     )
 
 

@@ -5,8 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from cellcal.calibration.mastering.counts import MasteringRecord
+from cellcal.calibration.mastering.hypothesis_report import BLIND_SIGMAS
 from cellcal.calibration.mastering.position_record import ArmPositionRecord, ShownValue
-from cellcal.calibration.mastering.turn_recovery import BLIND_SIGMAS, TurnRecovery
+from cellcal.calibration.mastering.turn_recovery import TurnRecovery
 from cellcal.calibration.mastering.turn_results import GateCheck
 from cellcal.calibration.message import make_message
 from cellcal.drivers.interfaces import PositionCure

@@ -13,6 +13,7 @@ from cellcal.procedures.verdict import (
     state_figure,
 )
 
+NOTHING_BACK = "No axis was brought back in this run: all were proved as they stood."
 NEW_ZEROS = "Zeros were set anew: once they pass, take a new position record, for the next loss."
 AFTER_CURE = (
     "One taught production point was touched again at creep speed, and is where it was.",
@@ -70,7 +71,11 @@ def verdict_on_cure(limit_rad: float, result: PositionCureResult) -> ProcedureVe
         not result.changed_constants,
         "; ".join(result.changed_constants) or "nothing that the controller shows of them differs",
     )
-    back = ", ".join(axis.name for axis in result.axes if axis.brought_back)
+    back = [
+        make_message("Axis {name} was brought back at the pendant.", name=axis.name)
+        for axis in result.axes
+        if axis.brought_back
+    ]
     return ProcedureVerdict(
         (*figures, *gate, constants),
         limits_from="limits of the settings",
@@ -80,7 +85,7 @@ def verdict_on_cure(limit_rad: float, result: PositionCureResult) -> ProcedureVe
             "What the controller keeps inside and does not show, such as encoder values, was not compared.",
         ),
         remarks=(
-            make_message("Brought back at the pendant: {back}.", back=back or "none"),
+            *(back or [NOTHING_BACK]),
             *((NEW_ZEROS,) if any(axis.found == "new" for axis in result.axes) else ()),
             *(_next_text(axis, limit_rad) for axis in result.axes if _is_wrong(axis, limit_rad)),
         ),

@@ -1,6 +1,6 @@
 """The first part of a recovery: from position alarms to encoders whose readings within a turn are known."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Annotated
 
 import numpy as np
@@ -75,8 +75,35 @@ class ClearedEncoders:
     counts: Counts  # what healthy encoders would count now: the last healthy counts, and the turns since
 
 
+@dataclass(frozen=True, slots=True)
+class AlarmRound:
+    """How often the alarms were looked at, and whether one of them said that a position was lost."""
+
+    number: int = 0
+    lost: bool = False
+
+
+async def end_battery_alarms(run: Run, codes: AlarmCodes) -> AlarmRound:
+    """Exchange batteries and restart the controller until only alarms are left that let the axes be jogged.
+
+    For a robot that a person has to bring somewhere first: with a battery alarm it has no drive power.
+    """
+    seen = AlarmRound()
+    for k in range(1, ROUNDS):
+        active, seen = await _look_at_alarms(run, codes, seen)
+        if not active & {*codes.battery, *codes.power_cycle}:
+            break
+        await _restart_with_batteries(run, codes, active, k)
+    return seen
+
+
 async def clear_position_alarms(
-    run: Run, record: MasteringRecord, last_counts: Counts, codes: AlarmCodes, turning: IndexTurning
+    run: Run,
+    record: MasteringRecord,
+    last_counts: Counts,
+    codes: AlarmCodes,
+    turning: IndexTurning,
+    before: AlarmRound = AlarmRound(),
 ) -> ClearedEncoders:
     """Clear the position alarms: battery, power cycle, one turn of every motor past its index.
 
@@ -85,27 +112,35 @@ async def clear_position_alarms(
     StillAlarmedError
         An alarm stays that this procedure cannot answer.
     """
-    woken = ClearedEncoders(lost=False, counts=last_counts)
-    for k in range(1, ROUNDS + 1):
-        condition = await run.step(f"look at the alarms {k}", read_alarms)
-        active = {alarm.code for alarm in condition.alarms}
-        if active & {*codes.battery, *codes.power_cycle, *codes.index}:
-            woken = replace(woken, lost=True)
+    counts, seen = last_counts, before
+    for k in range(before.number + 1, ROUNDS + 1):
+        active, seen = await _look_at_alarms(run, codes, seen)
         if active & {*codes.battery, *codes.power_cycle}:
-            if active & {*codes.battery}:
-                await run.step(f"new battery {k}", ask_confirmation, NEW_BATTERY)
-            await run.write(f"acknowledge the lost position {k}", reset_alarms)
-            await run.step(f"power cycle {k}", ask_confirmation, POWER_CYCLE)
-            gone = (*codes.battery, *codes.power_cycle)
-            await run.step(f"wait for the robot {k}", wait_for_robot, gone)
+            await _restart_with_batteries(run, codes, active, k)
         elif active & {*codes.index}:
-            woken = replace(woken, counts=await _pass_indices(run, record, woken.counts, k, turning))
+            counts = await _pass_indices(run, record, counts, k, turning)
         elif active:
             await run.write(f"reset the alarms {k}", reset_alarms)
         else:
             break
     await run.ensure("no alarm is left", check_no_alarm)
-    return woken
+    return ClearedEncoders(seen.lost, counts)
+
+
+async def _look_at_alarms(run: Run, codes: AlarmCodes, seen: AlarmRound) -> tuple[set[str], AlarmRound]:
+    condition = await run.step(f"look at the alarms {seen.number + 1}", read_alarms)
+    active = {alarm.code for alarm in condition.alarms}
+    lost = bool(active & {*codes.battery, *codes.power_cycle, *codes.index})
+    return active, AlarmRound(seen.number + 1, seen.lost or lost)
+
+
+async def _restart_with_batteries(run: Run, codes: AlarmCodes, active: set[str], k: int) -> None:
+    if active & {*codes.battery}:
+        await run.step(f"new battery {k}", ask_confirmation, NEW_BATTERY)
+    await run.write(f"acknowledge the lost position {k}", reset_alarms)
+    await run.step(f"power cycle {k}", ask_confirmation, POWER_CYCLE)
+    gone = (*codes.battery, *codes.power_cycle)
+    await run.step(f"wait for the robot {k}", wait_for_robot, gone)
 
 
 async def check_no_alarm(cell: Cell) -> Condition:

@@ -41,6 +41,10 @@ from cellcal.procedures.steps.capture import StillCapture, capture_still
 from cellcal.procedures.steps.motion import CountsToJoints, jog_to
 
 FULL_CALIBRATION = "Have the robot inspected; a full calibration is advised before it works again."
+MARKS_FIRST = (
+    "Did every axis stand at its mark of the reference pose when that was asked? If not, start again with the robot "
+    "there. If it did, have the robot inspected; a full calibration is then advised."
+)
 DOUBT_SIGMAS = 2.0  # a motor this far from a whole turn may be a new one: worth a finer look
 
 
@@ -179,9 +183,8 @@ async def measure_until_decided(campaign: RecoveryCampaign, guess: tuple[int, ..
         if (
             recovery.mode == "geometry" and changed
         ):  # two judgements in a row, the second with one capture more
-            raise campaign.refused_error(
-                recovery, recovery.reason, FULL_CALIBRATION, "procedure.geometry_changed"
-            )
+            remedy = MARKS_FIRST if spec.last_counts is None else FULL_CALIBRATION
+            raise campaign.refused_error(recovery, recovery.reason, remedy, "procedure.geometry_changed")
         if exhausted:
             reason = make_message(
                 "not decidable after {taken} captures: {recovery_reason}",

@@ -1,8 +1,8 @@
 """What a screen draws beside an instruction: plans, points that were taught, results before they are kept.
 
-Everything here is data for a page of some kind (`procedures.shown.Page`), never an input of a step: the words of
-an instruction stand in the journal, its picture does not. A new procedure picks one of these kinds and needs no
-page of its own.
+Everything here is data for a page of some kind (`procedures.instruction_page.InstructionPage`), never an input of a
+step: the words of an instruction stand in the journal, its picture does not. A new procedure picks one of these kinds
+and needs no page of its own.
 """
 
 import math

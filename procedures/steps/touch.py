@@ -247,10 +247,10 @@ async def _feel_contact(
         raise OvertravelError(
             make_message(
                 "{label}: the arm pushed the tip in by {overtravel_mm:.2f} mm, the probe allows "
-                "{overtravel_mm_2:.2f} mm",
+                "{overtravel_limit_mm:.2f} mm",
                 label=label,
                 overtravel_mm=found.overtravel_m * 1000.0,
-                overtravel_mm_2=probe.capabilities.overtravel_m * 1000.0,
+                overtravel_limit_mm=probe.capabilities.overtravel_m * 1000.0,
             ),
             remedy="Look whether the stylus is bent; measure its tip again before anything else.",
         )

@@ -74,9 +74,9 @@ async def write_mastering(cell: Cell, counts_at_zero: Counts) -> MasteringData:
     if found != goal:
         raise ReadBackError(
             make_message(
-                "mastering reads {counts_at_zero} after writing {counts_at_zero_2}",
-                counts_at_zero=found.counts_at_zero,
-                counts_at_zero_2=goal.counts_at_zero,
+                "mastering reads {counts_read} after writing {counts_written}",
+                counts_read=found.counts_at_zero,
+                counts_written=goal.counts_at_zero,
             ),
             remedy="Do not move the robot in AUTO. Restore the old mastering data by hand.",
         )

@@ -36,15 +36,12 @@ from cellcal.procedures.steps.touch import (
     probe_of,
     touch_surface,
 )
+from cellcal.procedures.teaching.corner_places import CornerRules, FaceSpot, face_places, first_spots
 from cellcal.procedures.teaching.corner_plan import (
-    CornerRules,
     FacePlan,
-    FaceSpot,
     FaceTouch,
     ProbeBench,
-    face_places,
     felt_faces,
-    first_spots,
     plan_check_touches,
     plan_spots,
     rest_of_way,

@@ -1,36 +1,28 @@
-"""The desk: one cell, its devices, and at most one run, for any number of screens.
+"""One cell and its devices, for any number of screens: the connection, the session document, the orders of screens.
 
-It owns the run; screens own nothing. What it says is whole each time (`session`), so that a screen that was away
-needs one message to be right again. ``rev`` grows with every change that a decision depends on: an order made for
-an older one is refused.
+The run is in `run_control`; screens own no state. The session document is complete each time, so that a screen that
+was away needs one message to be right again. ``rev`` grows with every change that a decision depends on: an order
+made for an older one is refused.
 """
 
 import asyncio
 import logging
 import time
-from collections import OrderedDict
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any, cast
-
-from pydantic_core import to_jsonable_python
 
 from cellcal.calibration.errors import CellError
 from cellcal.calibration.message import make_message
 from cellcal.drivers.interfaces import JogsAxes, Readiness, Robot
 from cellcal.drivers.supervision import (
     SUPERVISOR,
-    log_failures,
     message_and_remedy_of,
     raise_lost_cancellation,
     start_task,
     supervise,
 )
-from cellcal.procedures.catalogue import definition_named
 from cellcal.procedures.cell import Cell
-from cellcal.procedures.procedure_definition import Phase
-from cellcal.procedures.progress import PauseGate, StepProgress
-from cellcal.procedures.run_history import EventKind
 from cellcal.service.cell_process.hold_to_move import HoldButton, HoldToMoveRobot
 from cellcal.service.cell_process.live_values import LivePoller
 from cellcal.service.cell_process.loss_watch import LossWatch
@@ -41,7 +33,6 @@ from cellcal.service.cell_process.messages import (
     DeclinePrompt,
     DismissRun,
     HoldOrder,
-    Order,
     PauseRun,
     ResumeRun,
     SelectRobot,
@@ -50,47 +41,24 @@ from cellcal.service.cell_process.messages import (
     StartRun,
     StopRun,
 )
+from cellcal.service.cell_process.order_replies import OrderRefusedError, OrderReplies
 from cellcal.service.cell_process.recording_check import RecordingCheck
-from cellcal.service.cell_process.run_in_progress import RunInProgress
-from cellcal.service.cell_process.run_status import RunStatus
+from cellcal.service.cell_process.run_control import RunControl
 from cellcal.service.cell_process.screen_operator import ScreenOperator
-from cellcal.service.cell_process.signer_roles import SignerRoles
 from cellcal.service.cell_process.unselected_robots import UnselectedRobots
-from cellcal.service.certificates.certificate import issue_certificate
-from cellcal.service.certificates.printing import print_beside
 from cellcal.service.configuration.cell_file import CellConfig
-from cellcal.service.engineering.parameters.simulated_cells import refuse_paths
-from cellcal.service.record.journal import StoreError
-from cellcal.service.record.journal_end import NOT_ACCEPTED, describe_missing_end, refuse_missing_end
-from cellcal.service.record.journal_files import open_journal
-from cellcal.service.record.run_outcome import RunOutcome
-from cellcal.service.record.run_store import RunStore
-from cellcal.service.runs.launch import resume_run_on, start_run_on
 from cellcal.service.runs.open_cell import open_cell
-from cellcal.service.runs.run_procedure import RunConditions
-from cellcal.service.runs.settings import build_spec
 from cellcal.service.session_documents import (
-    CertificateDocument,
     LiveValues,
     OnCellEvent,
     OrderReply,
-    OutcomeDocument,
     SessionDocument,
 )
-from cellcal.service.watching.automatic_operator import AutomaticOperator
-from cellcal.service.watching.loss_response import WATCH, PreparedAnswer
 
 _log = logging.getLogger(__name__)
 PERIOD_S = 0.1
 _RETRY_S = 2.0
-_REPLIES_KEPT = 1000
 TASK = "devices of the cell"
-
-
-class OrderRefusedError(CellError):
-    """An order that the desk does not obey just now."""
-
-    code = "desk.refused"
 
 
 class CellController:
@@ -104,20 +72,16 @@ class CellController:
         self._hold = HoldButton(self._advance_revision)
         self._recording = RecordingCheck()
         self._poller: LivePoller | None = None
-        self._gate = PauseGate()
+        self._runs = RunControl(
+            config, self._operator, self._hold, self._advance_revision, self._publish_session
+        )
         self._watch = LossWatch(config, self._show_loss, self._describe_obstacle)
         self._others = UnselectedRobots(config, self._watch, clock=clock)
-        self._run_in_progress = RunInProgress(config.cell.data_dir)
-        self._signer_roles = SignerRoles(config)
         self._robot = config.robots[0].name
         self._cell: Cell | None = None
         self._trouble = "connecting"
         self._remedy = ""
-        self._journal_end = ""  # in words, that it is missing
-        self._run: RunStatus | None = None
-        self._task: asyncio.Task[None] | None = None
-        self._replies: OrderedDict[str, asyncio.Task[OrderReply]] = OrderedDict()
-        self._orders: dict[str, tuple[str, Order]] = {}
+        self._replies = OrderReplies()
         self._leave = asyncio.Event()
         self.rev = int(time.time() * 1000)  # a restart never repeats one
 
@@ -125,7 +89,7 @@ class CellController:
 
     def describe_session(self) -> SessionDocument:
         """Return everything that is not a live value."""
-        run, prompt = self._run, self._operator.prompt
+        run, prompt = self._runs.status, self._operator.prompt
         return {
             "rev": self.rev,
             "cell": self._config.cell.name,
@@ -144,7 +108,7 @@ class CellController:
             "prompt": None if prompt is None else prompt.as_json(),
             "waits_for_hold": self._hold.waiting,
             "losses": self._watch.as_json(),
-            "journal_end": self._journal_end,
+            "journal_end": self._runs.journal_end,
             "troubles": [trouble.to_json() for trouble in SUPERVISOR.list_troubles()],
         }
 
@@ -173,12 +137,12 @@ class CellController:
             telling.cancel()
             await asyncio.wait({telling})
             await self._others.stop_following()
-            await self._end_run()
+            await self._runs.cancel_run()
 
     async def _reconnect_forever(self) -> None:
         while True:
             self._leave.clear()
-            self._journal_end = await asyncio.to_thread(describe_missing_end, self._config)
+            await self._runs.check_journal_end()
             await self._others.follow_all_but(self._robot)
             await self._connect_once()
             raise_lost_cancellation()
@@ -205,7 +169,7 @@ class CellController:
                 )
                 self._cell, self._trouble, self._remedy = poller.cell, "", ""
                 self._advance_revision()
-                self._resume_unfinished_run()
+                self._runs.resume_unfinished(poller.cell, self._robot)
                 try:
                     await self._poll_devices(poller)
                 finally:
@@ -219,7 +183,7 @@ class CellController:
             raise
         finally:
             self._cell = None
-            await self._end_run()
+            await self._runs.cancel_run()
             self._advance_revision()
 
     def _require_hold(self, cell: Cell) -> Cell:
@@ -229,8 +193,9 @@ class CellController:
 
     def _note_instrument(self, role: str) -> None:
         """Note for the screens which instrument the run asks."""
-        if self._run is not None and self._run.instrument != role:
-            self._run.instrument = role
+        run = self._runs.status
+        if run is not None and run.instrument != role:
+            run.instrument = role
             self._publish_session()
 
     async def _poll_devices(self, poller: LivePoller) -> None:
@@ -238,7 +203,7 @@ class CellController:
         while not self._leave.is_set():
             raise_lost_cancellation()
             began_s = self._clock()
-            busy = self._is_busy
+            busy = self._runs.is_busy
             await poller.poll_once()
             await self._recording.check_prompt(
                 cell, self._operator.prompt, poller.observe_motion(), self._clock()
@@ -247,7 +212,7 @@ class CellController:
             self._publish_live({**live, "record": self._recording.as_json(), "guidance": guidance})
             allowed = await self._watch.check_robot(cell, now_s=self._clock(), busy=busy)
             if allowed is not None:
-                self._start_unattended(cell, allowed)
+                self._runs.start_unattended(cell, allowed)
             gone_since_s = self._unreachable_since(poller, gone_since_s, busy=busy)
             if gone_since_s is not None and self._clock() - gone_since_s > _RETRY_S:
                 raise OrderRefusedError(
@@ -271,31 +236,20 @@ class CellController:
         """
         if isinstance(command.order, HoldOrder | StopRun):
             return await self._execute_order(command)
-        if command.id in self._replies and self._orders.get(command.id) != (command.who, command.order):
+        is_new = command.id not in self._replies
+        if is_new and command.rev != self.rev and not isinstance(command.order, REVISION_FREE):
             return {
                 "ok": False,
-                "code": "desk.id_used",
-                "message": "This press was used for another order.",
-                "remedy": "Press again.",
+                "code": "desk.stale",
+                "message": "The page was out of date.",
+                "remedy": "Look at the present step.",
+                "session": self.describe_session(),
             }
-        if command.id not in self._replies:
-            if command.rev != self.rev and not isinstance(command.order, REVISION_FREE):
-                return {
-                    "ok": False,
-                    "code": "desk.stale",
-                    "message": "The page was out of date.",
-                    "remedy": "Look at the present step.",
-                    "session": self.describe_session(),
-                }
-            self._orders[command.id] = (command.who, command.order)
-            self._replies[command.id] = asyncio.create_task(self._execute_order(command))
-            while len(self._replies) > _REPLIES_KEPT:
-                self._orders.pop(self._replies.popitem(last=False)[0])
-        return await asyncio.shield(self._replies[command.id])
+        return await self._replies.reply_once(command, self._execute_order)
 
     async def _execute_order(self, command: SessionCommand) -> OrderReply:
         try:
-            await self._signer_roles.note_signers("" if self._run is None else self._run.run_id, command)
+            await self._runs.note_signers(command)
             await self._dispatch_order(command)
         except CellError as error:
             return {"ok": False, "code": error.code, "message": error.message, "remedy": error.remedy}
@@ -316,15 +270,23 @@ class CellController:
         elif isinstance(order, HoldOrder):
             self._update_hold(order)
         elif isinstance(order, StartRun | ResumeRun):
-            self._begin_run(order, command.who)
+            self._runs.begin_run(self._usable_cell(), order, command.who)
         elif isinstance(order, SelectRobot):
             self._select_robot(order.robot)
         elif isinstance(order, DismissRun):
-            self._dismiss_run()
+            self._runs.dismiss_run()
         elif isinstance(order, SignOff):
-            await self._sign_run(order, command.who)
+            await self._runs.sign_run(order, command.who)
         else:
             await self._control_run(order)
+
+    async def _control_run(self, order: StopRun | PauseRun | ContinueRun) -> None:
+        if isinstance(order, PauseRun):
+            self._runs.pause_run()
+        elif isinstance(order, ContinueRun):
+            self._runs.continue_run()
+        else:
+            await self._runs.stop_run()
 
     def _update_hold(self, order: HoldOrder) -> None:
         """Take note of the button; "held" counts for what is left of its time, and not from the future."""
@@ -348,216 +310,27 @@ class CellController:
         self._recording.refuse_early(order.prompt_id)
         self._operator.answer_prompt(order.prompt_id, who, order.value)
 
-    async def _control_run(self, order: StopRun | PauseRun | ContinueRun) -> None:
-        if isinstance(order, PauseRun):
-            self._gate.pause()
-        elif isinstance(order, ContinueRun):
-            self._gate.resume()
-        else:
-            await self._stop_run()
-
-    async def _stop_run(self) -> None:
-        """Stop first: a disk that refuses to forget the run must not keep the robot moving."""
-        task = self._task
-        if task is not None and not task.done():
-            task.cancel()
-        try:
-            self._run_in_progress.clear_run()  # a person has ended it
-        except OSError as error:
-            raise OrderRefusedError(
-                make_message(
-                    "the run was ended, but the disk refuses to note it: {strerror}.", strerror=error.strerror
-                ),
-                remedy="Free or repair the disk; the run goes on by itself at the next start until then.",
-            ) from error
-        finally:
-            if task is not None:
-                await asyncio.wait({task})
-
-    def _dismiss_run(self) -> None:
-        self._refuse_while_busy()
-        self._run = None
-        self._advance_revision()
-
-    async def _sign_run(self, order: SignOff, who: str) -> None:
-        """Journal who did what the run left to a person; every line that it named has to be there."""
-        run = self._run
-        if run is None or not run.has_ended or run.run_id != order.run_id or run.outcome is None:
-            raise OrderRefusedError(
-                "this run cannot be signed just now.", remedy="Sign on the page where it ended."
-            )
-        required_lines = (run.outcome.get("judgement") or {}).get("to_sign", [])
-        if not required_lines or set(required_lines) != set(order.lines):
-            raise OrderRefusedError(
-                "not every line is signed.", remedy="Do what each line says, and tick it."
-            )
-        with open_journal(self._config) as journal:
-            body = {"who": who, "lines": list(order.lines)}
-            journal.append(run.run_id, EventKind.SIGNED, body, key="signed", actor=who)
-        certificate = await self._write_certificate(run.run_id)
-        run.outcome = {**run.outcome, **certificate, "signed": {"who": who, "at_s": time.time()}}
-        self._advance_revision()
-
     def _select_robot(self, robot: str) -> None:
-        self._refuse_while_busy()
+        self._runs.refuse_while_busy()
         self._robot = self._config.robot_named(robot).name
         self._cell = None  # that of the robot before: nothing is begun on it any more
-        self._run = None
+        self._runs.status = None
         self._trouble = "connecting"
         self._leave.set()
         self._advance_revision()
 
-    # runs
-
-    @property
-    def _is_busy(self) -> bool:
-        return self._task is not None and not self._task.done()
-
-    def _refuse_while_busy(self) -> None:
-        if self._is_busy:
-            raise OrderRefusedError(
-                "a run is under way.", remedy="Wait until it has ended, or ask the robot to stop."
-            )
-
-    def _begin_run(self, order: StartRun | ResumeRun, who: str) -> None:
-        self._refuse_while_busy()
+    def _usable_cell(self) -> Cell:
+        self._runs.refuse_while_busy()
         if self._cell is None:
             raise OrderRefusedError(
                 make_message("the cell cannot be used: {trouble}", trouble=self._trouble), remedy=self._remedy
             )
-        self._launch_run(self._cell, order, who)
-
-    def _start_unattended(self, cell: Cell, answer: PreparedAnswer) -> None:
-        """Start what the cell file allows; it answers what it can, and a person at any screen the rest."""
-        if answer.procedure is None or self._is_busy:
-            return
-        order = StartRun(
-            op="start", procedure=answer.procedure, settings=dict(answer.settings), hold_to_move=False
-        )
-        operator = AutomaticOperator(self._config.watch, cell.operator)
-        with log_failures("recovery without a person"):  # the loss stays on the screen: a person decides
-            self._launch_run(replace(cell, operator=operator), order, WATCH)
+        return self._cell
 
     def _describe_obstacle(self, robot: str) -> str:
-        """Say what keeps the desk from starting anything by itself on a robot; runs are told of by the watch."""
+        """Return what keeps the watch from starting anything on a robot; a run in progress is known to the watch."""
         if robot != self._robot:
             return "another robot was selected at the desk"
-        outcome = None if self._run is None else self._run.outcome
-        if (
-            outcome is not None
-            and (outcome.get("judgement") or {}).get("to_sign")
-            and "signed" not in outcome
-        ):
+        if self._runs.waits_for_signatures:
             return "the run before it waited for its signatures"
         return ""
-
-    def _launch_run(self, cell: Cell, order: StartRun | ResumeRun, who: str) -> None:
-        self._refuse_missing_end(accepted=order.accept_missing_end)
-        self._hold.is_required = order.hold_to_move
-        self._gate.resume()
-        if isinstance(order, StartRun):
-            entry = definition_named(order.procedure)
-            refuse_paths(entry.spec_type, order.settings)
-        else:
-            with open_journal(self._config) as journal:
-                view = RunStore(journal).find_run(order.run_id)
-            entry = definition_named(view.procedure)
-        self._run = RunStatus(entry.name, entry.title, who, hold_to_move=order.hold_to_move)
-        if isinstance(order, ResumeRun) and order.redo_from is None:
-            self._run.found = [finding.step for finding in view.past.findings]
-        self._task = asyncio.create_task(self._run_procedure(cell, order, who, self._run), name="run")
-        self._advance_revision()
-
-    def _refuse_missing_end(self, *, accepted: bool) -> None:
-        try:
-            with open_journal(self._config) as journal:
-                refuse_missing_end(self._config, journal, accepted=accepted)
-        except StoreError as error:
-            if error.code == NOT_ACCEPTED:  # it may have been cut since the cell was connected
-                self._journal_end = f"{error.message} {error.remedy}"
-                self._publish_session()
-            raise
-
-    async def _run_procedure(self, cell: Cell, order: StartRun | ResumeRun, who: str, run: RunStatus) -> None:
-        def on_begin(run_id: str, phases: tuple[Phase, ...]) -> None:
-            run.run_id, run.phases = run_id, phases
-            self._operator.run_id = run_id
-            self._signer_roles.note_beginning(run_id, who)
-            self._run_in_progress.save_run(run_id, self._robot, hold_to_move=order.hold_to_move)
-
-        how = RunConditions(
-            lambda progress: self._on_event(run, progress), on_begin, self._gate, who,
-            accept_missing_end=order.accept_missing_end,
-        )  # fmt: skip
-        try:
-            run.outcome = await self._outcome_to_json(await self._run_to_outcome(cell, order, how))
-        except CellError as error:
-            run.outcome = _outcome_fields("refused", error.message, error.remedy)
-        except asyncio.CancelledError:
-            run.outcome = _outcome_fields("cancelled", "The run was ended; it can be resumed.")
-            raise
-        except Exception:  # noqa: BLE001  whatever it was, the screen says so and the desk goes on
-            _log.exception("run %s broke", run.run_id)
-            run.outcome = _outcome_fields(
-                "broken", "The program failed; its log has the cause.", "Resume the run."
-            )
-        finally:
-            run.state = "ended"
-            self._hold.is_required = False
-            self._advance_revision()
-
-    async def _run_to_outcome(
-        self, cell: Cell, order: StartRun | ResumeRun, how: RunConditions
-    ) -> RunOutcome:
-        if isinstance(order, StartRun):
-            spec = build_spec(self._config, cell.robot.name, order.procedure, order.settings)
-            outcome = await start_run_on(self._config, cell, order.procedure, spec, how)
-        else:
-            outcome = await resume_run_on(self._config, cell, order.run_id, how, redo_from=order.redo_from)
-        self._run_in_progress.clear_run()
-        return outcome
-
-    async def _outcome_to_json(self, outcome: RunOutcome) -> OutcomeDocument:
-        document: OutcomeDocument = to_jsonable_python(
-            {
-                "verdict": outcome.verdict,
-                "reason": outcome.reason,
-                "remedy": outcome.remedy,
-                "code": outcome.code,
-                "judgement": outcome.judgement,
-                "result": outcome.result,
-            }
-        )
-        return {**document, **await self._write_certificate(outcome.run_id)}
-
-    async def _write_certificate(self, run_id: str) -> CertificateDocument:
-        """Write the certificate of a run as its journal now stands; say where, or why there is none."""
-        try:
-            issued = await asyncio.to_thread(issue_certificate, self._config, run_id)
-            await asyncio.to_thread(print_beside, issued.json_path)
-        except CellError as error:
-            return {"certificate": None, "no_certificate": error.message}
-        return {"certificate": issued.json_path.name}
-
-    def _on_event(self, run: RunStatus, progress: StepProgress) -> None:
-        run.record_progress(progress)
-        self._operator.step = progress.step
-        self._publish_session()
-
-    def _resume_unfinished_run(self) -> None:
-        unfinished = self._run_in_progress.read_unfinished()
-        if unfinished is not None and unfinished.robot == self._robot and not self._is_busy:
-            order = ResumeRun(op="resume", run_id=unfinished.run_id, hold_to_move=unfinished.hold_to_move)
-            with log_failures("going on with the run that was under way"):  # a person decides instead
-                self._begin_run(order, "service")
-
-    async def _end_run(self) -> None:
-        task = self._task
-        if task is None or task.done():
-            return
-        task.cancel()
-        await asyncio.wait({task})
-
-
-def _outcome_fields(verdict: str, reason: str, remedy: str = "") -> OutcomeDocument:
-    return {"verdict": verdict, "reason": reason, "remedy": remedy}

@@ -6,7 +6,7 @@ Every figure in a block is text already, so that no two pages can round it diffe
 from dataclasses import dataclass
 from typing import Literal
 
-from cellcal.service.translation import Locale
+from cellcal.service.translation import Locale, Translations
 
 Tone = Literal["plain", "quiet", "strong"]
 
@@ -19,6 +19,13 @@ class TableCell:
     below: str = ""
     number: bool = False  # at the right, digits below digits
     word: str = ""  # pass | fail | undecided | refused: drawn as such
+
+
+def table_head(translations: Translations, *names: str) -> tuple[TableCell, ...]:
+    """Return a table's head; "#" behind a name means a column of numbers."""
+    return tuple(
+        TableCell(translations.translate(name.removesuffix("#")), number=name.endswith("#")) for name in names
+    )
 
 
 @dataclass(frozen=True, slots=True)

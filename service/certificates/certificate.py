@@ -21,7 +21,8 @@ from cellcal.procedures.run_history import EventKind
 from cellcal.service.certificates.points import list_air_states, list_answers, list_readings, raw_data_sha256
 from cellcal.service.certificates.sign_offs import list_sign_offs
 from cellcal.service.certificates.text import as_text
-from cellcal.service.configuration.cell_file import CellConfig, InstrumentCertificate
+from cellcal.service.configuration.cell_file import CellConfig
+from cellcal.service.configuration.instrument_tables import InstrumentCertificate
 from cellcal.service.files import make_private_folder, replace_file
 from cellcal.service.record.journal import Journal, JournalEvent
 from cellcal.service.record.journal_files import certificates_folder, open_journal

@@ -14,6 +14,7 @@ from cellcal.service.certificates.blocks import (
     SignatureFields,
     TableBlock,
     TableCell,
+    table_head,
 )
 from cellcal.service.certificates.certificate_texts import (
     ENGLISH,
@@ -26,10 +27,8 @@ from cellcal.service.certificates.certificate_texts import (
     change_rows,
     controller_rows,
     describe_figure,
-    describe_place,
     file_stem,
     head_rows,
-    is_pose,
     made_with_rows,
     picture_rows,
     short_facts,
@@ -37,11 +36,10 @@ from cellcal.service.certificates.certificate_texts import (
 )
 from cellcal.service.certificates.pictures import pictures_of
 from cellcal.service.certificates.qr import code_of
+from cellcal.service.certificates.reading_sections import reading_sections, rejected_sections
 from cellcal.service.certificates.sign_offs import list_unsigned
-from cellcal.service.quantities import format_quantity
 from cellcal.service.translation import Translations
 
-MOST_READINGS = 1000  # rows on paper; the JSON file has all
 _RULES = {
     "pass": "Every figure that was judged keeps its limit and every check held. Where a measured value was compared "
     "with a limit, its uncertainty counted against it.",
@@ -86,7 +84,7 @@ def page_of(
         *_result_sections(say("Evidence" if refused else "Result"), content["result"], translations),
         *_list_sections(say("Remarks"), verdict.get("remarks", []), translations),
         *_drawing_sections(content, translations),
-        *_rejected_sections(points, translations),
+        *rejected_sections(points, translations),
         *_environment_sections(content["environment"], translations),
         Section(say("Traceability"), (ParagraphBlock(say(content["traceability"])),)),
         *_sign_off(content.get("sign_off", []), translations),
@@ -94,7 +92,7 @@ def page_of(
         *_people_sections(content["people"], list_unsigned(content), translations),
         Section(say("Safety"), (ParagraphBlock(say(content["safety"]), "strong"),)),
         *_setting_sections(content["settings"], translations),
-        *_reading_sections(points, translations),
+        *reading_sections(points, translations),
         _made_with(content, sha256, public_key, translations),
     )
     heading = say("Refusal record" if refused else "Calibration report")
@@ -192,7 +190,7 @@ def _budget_sections(
     )
     if not rows:
         return ()
-    head = _table_head(translations, "Figure", "Contribution", "u#", "Known from")
+    head = table_head(translations, "Figure", "Contribution", "u#", "Known from")
     caption = "Standard uncertainties (k = 1) that make up U."
     return (
         Section(
@@ -209,7 +207,7 @@ def _change_sections(changes: Iterable[Mapping[str, Any]], translations: Transla
     )
     if not rows:
         return ()
-    head = _table_head(translations, "Figure", "Before#", "After#")
+    head = table_head(translations, "Figure", "Before#", "After#")
     return (
         Section(
             translations.translate("Before and after"),
@@ -231,39 +229,6 @@ def _drawing_sections(content: Mapping[str, Any], translations: Translations) ->
     return (Section(translations.translate("Drawings"), tuple(drawn)),) if drawn else ()
 
 
-def _rejected_sections(
-    points: Sequence[Mapping[str, Any]], translations: Translations
-) -> tuple[Section, ...]:
-    unused = [point for point in points if not point["used"]]
-    used = len(points) - len(unused)
-    title = translations.translate("Readings that were not used")
-    number = (
-        make_message(
-            "{point_count} readings, {used} used; each one is in the JSON file.",
-            point_count=len(points),
-            used=used,
-        )
-        if len(points) != 1
-        else make_message("1 reading, {used} used; it is in the JSON file.", used=used)
-    )
-    count_text = ParagraphBlock(translations.translate(number))
-    if not unused:
-        return (Section(title, (count_text, ParagraphBlock(translations.translate("None was set aside.")))),)
-    head = _table_head(translations, "Reading", "At (UTC)", "Why it was not used")
-    rows = tuple(
-        (
-            TableCell(translations.translate_step(p["step"])),
-            TableCell(at_time(p["at_utc"])),
-            TableCell(translations.translate(p["reason"])),
-        )
-        for p in unused
-    )
-    table = TableBlock(
-        head, rows, (26, 22, 52), translations.translate("Nothing is removed: these stay in the JSON file.")
-    )
-    return (Section(title, (count_text, table)),)
-
-
 def _environment_sections(
     airs: Sequence[Mapping[str, Any]], translations: Translations
 ) -> tuple[Section, ...]:
@@ -274,7 +239,7 @@ def _environment_sections(
                 (ParagraphBlock(translations.translate(NO_TEMPERATURE)),),
             ),
         )
-    head = _table_head(translations, "Temperature#", "Pressure#", "Relative humidity#")
+    head = table_head(translations, "Temperature#", "Pressure#", "Relative humidity#")
     rows = tuple(
         (
             TableCell(f"{air['temperature_c']:.1f} °C", number=True),
@@ -303,7 +268,7 @@ def _sign_off(sign_offs: Sequence[Mapping[str, Any]], translations: Translations
     )
     if not rows:
         return ()
-    head = _table_head(translations, "What", "By", "In the role of", "At (UTC)")
+    head = table_head(translations, "What", "By", "In the role of", "At (UTC)")
     caption = "As the journal has it: names as entered, roles as they were at that moment."
     return (
         Section(
@@ -320,7 +285,7 @@ def _photo_sections(pictures: Sequence[Mapping[str, Any]], translations: Transla
     )
     if not rows:
         return ()
-    head = _table_head(translations, "Photo", "By", "At (UTC)")
+    head = table_head(translations, "Photo", "By", "At (UTC)")
     caption = "Stored beside the journal of the cell; a photo is compared by its SHA-256."
     return (
         Section(
@@ -343,7 +308,7 @@ def _people_sections(
         )
         for who, own in answers_by_person(people)
     )
-    head = _table_head(translations, "Person", "Answers#", "From (UTC)", "To (UTC)", "Accepted")
+    head = table_head(translations, "Person", "Answers#", "From (UTC)", "To (UTC)", "Accepted")
     caption = "Who answered the questions of this run."
     tables: tuple[Block, ...] = (
         (TableBlock(head, rows, (22, 10, 20, 20, 28), translations.translate(caption)),) if rows else ()
@@ -361,68 +326,6 @@ def _people_sections(
 def _setting_sections(settings: Any, translations: Translations) -> tuple[Section, ...]:
     facts = tuple(short_facts(settings, translations))
     return (Section(translations.translate("Settings"), (FactBlock(facts),)),) if facts else ()
-
-
-def _reading_sections(points: Sequence[Mapping[str, Any]], translations: Translations) -> tuple[Section, ...]:
-    if not points:
-        return ()
-    rows = tuple(
-        (
-            TableCell(str(number), number=True),
-            TableCell(translations.translate_step(point["step"])),
-            TableCell(at_time(point["at_utc"])),
-            TableCell(_what_was_read(point, translations)),
-            TableCell(translations.translate("yes" if point["used"] else "no")),
-        )
-        for number, point in enumerate(points[:MOST_READINGS], 1)
-    )
-    head = _table_head(translations, "No.#", "Reading", "At (UTC)", "Read", "Used")
-    omitted = len(points) - len(rows)
-    caption = (
-        make_message(
-            "The first {row_count} readings; {omitted} more are in the JSON file.",
-            row_count=len(rows),
-            omitted=omitted,
-        )
-        if omitted
-        else "Every reading."
-    )
-    return (
-        Section(
-            translations.translate("Readings"),
-            (TableBlock(head, rows, (7, 26, 20, 38, 9), translations.translate(caption)),),
-        ),
-    )
-
-
-def _what_was_read(point: Mapping[str, Any], translations: Translations) -> str:
-    """Return a reading in a line: a length, a place, a pose; whatever else is named and stands in the file."""
-    value = point.get("value")
-    if "value_sha256" in point:
-        return translations.translate(
-            make_message("in the journal, SHA-256 {point}…", point=point["value_sha256"][:16])
-        )
-    if not isinstance(value, dict):
-        return translations.translate("in the JSON file" if point["used"] else "nothing")
-    lengths = value.get("readings_m")
-    if isinstance(lengths, list) and lengths:
-        mean = sum(lengths) / len(lengths)
-        shown = format_quantity(mean, "m")
-        return (
-            translations.translate(
-                make_message("{shown}, mean of {length_count}", shown=shown, length_count=len(lengths))
-            )
-            if len(lengths) > 1
-            else shown
-        )
-    if is_pose(value.get("base_flange")):
-        return translations.translate(
-            make_message("flange at {place}", place=describe_place(value["base_flange"]["position_m"]))
-        )
-    place = value.get("position_m")
-    if isinstance(place, list) and len(place) == 3:
-        return describe_place(place)
-    return translations.translate("in the JSON file")
 
 
 def _made_with(
@@ -451,13 +354,6 @@ def _made_with(
     return Section(
         translations.translate("Made with, and signature"),
         (FactBlock(named), ParagraphBlock(translations.translate(notice))),
-    )
-
-
-def _table_head(translations: Translations, *names: str) -> tuple[TableCell, ...]:
-    """Return a table's head; "#" behind a name means a column of numbers."""
-    return tuple(
-        TableCell(translations.translate(name.removesuffix("#")), number=name.endswith("#")) for name in names
     )
 
 

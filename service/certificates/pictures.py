@@ -148,9 +148,9 @@ def _draw_pairs(
         f"{row.name}: "
         + translations.translate(
             make_message(
-                "{quantity} before, {quantity_2} after",
-                quantity=format_quantity(row.before, unit),
-                quantity_2=format_quantity(row.after, unit),
+                "{value_before} before, {value_after} after",
+                value_before=format_quantity(row.before, unit),
+                value_after=format_quantity(row.after, unit),
             )
         )
         for row in rows

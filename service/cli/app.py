@@ -33,6 +33,7 @@ from cellcal.service.cli.runs import resume, run, runs, show
 from cellcal.service.cli.serve import serve
 from cellcal.service.cli.simulate_cell import simulate_cell
 from cellcal.service.cli.site import site
+from cellcal.service.cli.ur_model import ur_model
 from cellcal.service.cli.watch import watch
 from cellcal.service.cli.webhooks import webhooks
 from cellcal.service.exit_codes import ExitCode, exit_code_of
@@ -77,6 +78,7 @@ for command in (
     simulate_cell,
     identify,
     models,
+    ur_model,
     poses,
     parameters,
     program,

@@ -33,7 +33,7 @@ _MODBUS = "modbus_robot"
 KNOWN_TO_FAKES = {
     "modbus_robot": {"fanuc_m6ib"},
     "fanuc_rmi": {"fanuc_m6ib"},
-    "universal_robots": {"ur3e", "ur5e", "ur10", "ur10e"},
+    "universal_robots": {"ur3", "ur3e", "ur5", "ur5e", "ur10", "ur10e", "ur16e", "ur20", "ur30"},
 }
 # Around the demo's own FANUC M-6iB, seen from the height of its second axis, by its reach.
 _REACH_M = 1.573

@@ -9,7 +9,7 @@ from typing import Any
 from cellcal.calibration.arm.kinematics import load_model
 from cellcal.calibration.message import make_message
 from cellcal.drivers.errors import DeviceError
-from cellcal.drivers.interfaces import Device, Readiness, Robot
+from cellcal.drivers.interfaces import Device, DoubtsIdentity, Readiness, Robot
 from cellcal.drivers.registry import RobotConfig
 from cellcal.drivers.wire.evidence import AbilityEvidence, driver_evidence
 from cellcal.procedures.steps.mastering import MODEL_TOLERANCE_M, model_error_m
@@ -168,10 +168,11 @@ async def _report_device(device: Device | Robot, config: Any) -> DeviceReport:
     identity = await device.identify()
     condition = await device.read_condition()
     who = f"{identity.vendor} {identity.model}, serial {identity.serial}, {identity.firmware}"
+    doubts = await device.identity_doubts() if isinstance(device, DoubtsIdentity) else ""
     return DeviceReport(
         name=device.name,
         state=condition.readiness,
-        message=f"{who}. {condition.message}".strip(),
+        message=" ".join(part for part in (f"{who}.", doubts, condition.message) if part),
         remedy=condition.remedy,
         serial=identity.serial,
     )

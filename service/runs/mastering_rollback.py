@@ -14,7 +14,8 @@ from cellcal.calibration.errors import CellError
 from cellcal.calibration.message import make_message
 from cellcal.procedures.cell import Cell
 from cellcal.procedures.motors import motor_store
-from cellcal.procedures.run import RETRYABLE, ProcedureError, to_the_end
+from cellcal.procedures.robot_stop import finish_cleanup
+from cellcal.procedures.run import RETRYABLE, ProcedureError
 from cellcal.procedures.run_history import EventKind, RunHistory, StepEffect
 from cellcal.procedures.steps.write import ReadBackError, restore_mastering
 from cellcal.service.record.journal import Journal, StoreError
@@ -51,7 +52,7 @@ async def roll_back_unconfirmed(cell: Cell, journal: Journal, run_id: str, actor
         return ""
     if not pending:
         return ""
-    return await to_the_end(_MasteringRollback(cell, journal, run_id, actor).roll_back(pending[0], past))
+    return await finish_cleanup(_MasteringRollback(cell, journal, run_id, actor).roll_back(pending[0], past))
 
 
 class _MasteringRollback:

@@ -25,7 +25,8 @@ from cellcal.drivers.interfaces import (
 from cellcal.procedures.cell import Cell, DeviceCertificate, GaugeSetup, MotionCaps, ProbeSetup, TrackerSetup
 from cellcal.procedures.recovery.pendant_mastering import PendantMastering
 from cellcal.procedures.shown_motors import ShownMotors
-from cellcal.service.configuration.cell_file import CellConfig, GaugeEntry, ProbeEntry, TrackerEntry
+from cellcal.service.configuration.cell_file import CellConfig
+from cellcal.service.configuration.instrument_tables import GaugeEntry, ProbeEntry, TrackerEntry
 from cellcal.service.record.journal import Journal
 from cellcal.service.record.journal_files import lease_folder
 from cellcal.service.record.robot_lock import DEVICES, acquire_lease

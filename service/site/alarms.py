@@ -71,7 +71,9 @@ def wrong_in(session: SessionDocument | None, live: LiveDocument | None) -> list
         CellAlarm(
             f"position.{loss['what']}",
             loss["robot"],
-            make_message("{loss}; {loss_2}", loss=loss["detected_by"], loss_2=loss["words"]),
+            make_message(
+                "{detection}; {description}", detection=loss["detected_by"], description=loss["words"]
+            ),
         )
         for loss in session.get("losses", [])
     ]

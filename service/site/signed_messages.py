@@ -114,9 +114,9 @@ def open_message(raw: bytes, key: str, station: str, public: Ed25519PublicKey) -
         return MessageFlaw(
             key,
             make_message(
-                "a message that {fields} signed for {fields_2} was put here",
-                fields=fields["station"],
-                fields_2=fields["key"],
+                "a message that {station} signed for {signed_key} was put here",
+                station=fields["station"],
+                signed_key=fields["key"],
             ),
         )
     return SignedMessage(station, fields["epoch"], fields["seq"], fields["wall"], key, fields["body"])

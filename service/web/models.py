@@ -14,7 +14,8 @@ import numpy as np
 from fastapi import APIRouter, Path, Request, Response
 
 from cellcal.calibration.documents.xml_text import parse_xml
-from cellcal.service.configuration.cell_file import CellConfig, GaugeEntry
+from cellcal.service.configuration.cell_file import CellConfig
+from cellcal.service.configuration.instrument_tables import GaugeEntry
 from cellcal.service.web.dependencies import Who, app_context
 
 if TYPE_CHECKING:

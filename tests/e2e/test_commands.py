@@ -37,6 +37,7 @@ def test_help_names_every_command() -> None:
         "mastering",
         "identify",
         "models",
+        "ur-model",
     ):
         assert name in ended.stdout
 

@@ -7,6 +7,7 @@ import sys
 
 import pytest
 
+from tests.chance import FAR_OUTSIDE
 from tests.machine_speed import stretched_s
 
 KEYS = {
@@ -57,9 +58,7 @@ def test_an_exchanged_motor_is_distinguished_and_stays_inside_its_uncertainty() 
     code, demo_report = run_demo("motor:J3", 21)
     assert (code, demo_report["verdict"]) == (0, "PASS")
     exchanged = demo_report["joints"].pop(2)
-    assert (
-        abs(exchanged["offset_error_rad"]) <= 1.5 * exchanged["offset_u_rad"]
-    )  # k = 2 holds 95 % of the time
+    assert abs(exchanged["offset_error_rad"]) <= FAR_OUTSIDE * exchanged["offset_u_rad"]
     assert exchanged["offset_u_rad"] < 2e-3
     assert all(joint["turns_restored"] == joint["turns_lost"] for joint in demo_report["joints"])
     assert demo_report["tcp_error_after_m"]["max"] < 2e-3
@@ -70,7 +69,8 @@ def test_every_reference_lost_is_mastered_by_measurement() -> None:
     assert (code, demo_report["verdict"]) == (0, "PASS")
     assert all(0.0 < joint["offset_u_rad"] < 2e-2 for joint in demo_report["joints"])
     assert all(
-        abs(joint["offset_error_rad"]) <= 1.5 * joint["offset_u_rad"] for joint in demo_report["joints"]
+        abs(joint["offset_error_rad"]) <= FAR_OUTSIDE * joint["offset_u_rad"]
+        for joint in demo_report["joints"]
     )
 
 

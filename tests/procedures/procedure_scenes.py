@@ -33,7 +33,7 @@ from cellcal.procedures.run import Run
 from cellcal.procedures.simulation_cell import SimulationCell
 from cellcal.procedures.six_point_tcp import SixPointTcp
 from cellcal.procedures.survey.survey import SurveyRules
-from cellcal.procedures.teaching.corner_plan import CornerRules
+from cellcal.procedures.teaching.corner_places import CornerRules
 from cellcal.procedures.three_point_frame import ThreePointFrame
 from tests.procedures.ideal_devices import ZERO, IdealArm, IdealTracker, IdealWire, ScriptedTechnician
 from tests.procedures.memory_ledgers import MemoryLedger

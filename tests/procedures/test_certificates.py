@@ -26,7 +26,8 @@ from cellcal.service.certificates.certificate import (
     content_of,
     issue_certificate,
 )
-from cellcal.service.configuration.cell_file import CellConfig, InstrumentCertificate
+from cellcal.service.configuration.cell_file import CellConfig
+from cellcal.service.configuration.instrument_tables import InstrumentCertificate
 from cellcal.service.record.journal_end import missing_end
 from cellcal.service.record.journal_files import journal_path, open_journal
 from cellcal.service.record.run_outcome import RunOutcome, RunVerdict

@@ -7,7 +7,8 @@ from typing import Any
 import pytest
 
 from cellcal.calibration.geometry import Pose
-from cellcal.procedures.drift_check import DEFINITION, DriftCheck, DriftResult, drift_check
+from cellcal.procedures.arm.drift_findings import DriftResult
+from cellcal.procedures.drift_check import DEFINITION, DriftCheck, drift_check
 from cellcal.procedures.forecast import Knowledge
 from cellcal.procedures.run import Run
 from tests.procedures.memory_ledgers import MemoryLedger

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from cellcal.procedures import base_to_base, drift_check, frame_offset, mastering_recovery
+from cellcal.procedures.arm.drift_findings import DriftResult
 from cellcal.procedures.cell import Cell
 from cellcal.procedures.forecast import Forecast, Knowledge
 from cellcal.procedures.run import Run
@@ -95,7 +96,7 @@ async def test_bases_are_known_as_foretold_from_the_stored_alignments() -> None:
     assert "F-9" in base_to_base._forecast_run(named, _knowledge_of(made.cell)).lacks[0]
 
 
-async def _take_reference(made: ProcedureScene) -> drift_check.DriftResult:
+async def _take_reference(made: ProcedureScene) -> DriftResult:
     return await drift_check.drift_check(Run(made.cell, MemoryLedger()), made.spec)
 
 

@@ -28,7 +28,8 @@ from cellcal.procedures.steps.touch import (
     NoContactError,
     StuckContactError,
 )
-from cellcal.procedures.teaching.corner_plan import CornerRules, rest_of_way
+from cellcal.procedures.teaching.corner_places import CornerRules
+from cellcal.procedures.teaching.corner_plan import rest_of_way
 from cellcal.procedures.teaching.corner_touches import CornerGoal, corner_outlook, fewest_touches
 from cellcal.procedures.verdict import ProcedureVerdict
 from cellcal.service.runs.run_preview import knowledge_of

@@ -14,7 +14,7 @@ from cellcal.procedures.accuracy_limits import FrameLimits
 from cellcal.procedures.base_to_base import BasesResult, BaseToBaseSpec, base_to_base
 from cellcal.procedures.catalogue import CATALOGUE
 from cellcal.procedures.end_effector_points import MeasuredTool, end_effector_points
-from cellcal.procedures.fixture_alignment import AlignmentResult, fixture_alignment, plan_alignment
+from cellcal.procedures.fixture_alignment import fixture_alignment, plan_alignment
 from cellcal.procedures.forecast import Knowledge
 from cellcal.procedures.frame_offset import OffsetResult, frame_offset
 from cellcal.procedures.motion.active_frames import is_same_pose
@@ -22,6 +22,7 @@ from cellcal.procedures.procedure_definition import with_planned_counts
 from cellcal.procedures.refit import LEFT_OUT, MEASURED_AGAIN
 from cellcal.procedures.run import DeclinedError, RefusalError, Run
 from cellcal.procedures.steps.length import LengthCapture
+from cellcal.procedures.survey.alignment_result import AlignmentResult
 from cellcal.procedures.survey.survey import EACH_CAPTURE, Survey, SurveyRules
 from cellcal.procedures.survey.survey_choice import SurveyProgress, choose_pose
 from cellcal.procedures.survey.wire_survey import read_survey_state

@@ -9,12 +9,17 @@ from pathlib import Path
 
 import pytest
 
+from cellcal.calibration.message import fill_template
+from cellcal.calibration.message_table import read_message
+from cellcal.calibration.renamed_holes import renamed_holes
+from cellcal.service.translation import Locale
 from tests.service.source_sentences import ROOT, SENTENCE, constant_templates, message_templates, number_holes
 
 ROOMS = ("calibration", "drivers", "procedures", "service")
 CATALOGUES = ("web/src/locales/refusals", "web/src/locales/procedures", "service/certificates/translations")
 HOLE = re.compile(r"\{\w+\}")
 NAMED = re.compile(r"\{[a-z]\w*\}")
+NUMBERED = re.compile(r"\{[a-z]\w*_\d+\}")
 LEAD = re.compile(r"^(\{\w+\}\s*)+")
 JOINT = re.compile(r"[\s.,;:]*")
 
@@ -48,6 +53,39 @@ def test_every_template_stands_in_the_catalogues_with_the_names_of_its_holes() -
         if number_holes(sentence) in numbered and not {sentence, LEAD.sub("", sentence)} & catalogue()
     ]
     assert not wrong
+
+
+def test_no_hole_has_a_numbered_name() -> None:
+    """Two holes of one sentence are two things: their names say which."""
+    templates = [
+        f"{file.relative_to(ROOT)}:{line}: {template}"
+        for file in source_files()
+        for line, template in message_templates(file)
+        if NUMBERED.search(template)
+    ]
+    assert not templates
+    assert not [key for key in catalogue() if NUMBERED.search(key)]
+
+
+@pytest.mark.parametrize("locale", ["de", "es", "zh"])
+def test_records_with_numbered_names_of_holes_are_shown_with_those_of_today(locale: Locale) -> None:
+    keys = {
+        key for folder in CATALOGUES for key in json.loads((ROOT / folder / f"{locale}.json").read_text())
+    }
+    assert len(renamed_holes()) > 20
+    for sentence, names in renamed_holes().items():
+        holes = NAMED.findall(sentence)
+        written = {name.strip("{}"): f"value {number}" for number, name in enumerate(holes)}
+        text = fill_template(sentence, written)
+        arguments = {"name": "arm"} | written
+        entry = {"template": f"Before. {sentence} {{name}}", "arguments": arguments}
+        message = read_message(f"Before. {text} {arguments['name']}", entry)
+        assert message is not None, sentence
+        current = message.template.removeprefix("Before. ").removesuffix(" {name}")
+        assert current in keys
+        assert not NUMBERED.search(current)
+        assert set(message.arguments) == {hole.strip("{}") for hole in NAMED.findall(message.template)}
+        assert names.keys() <= written.keys()
 
 
 def test_every_entry_with_named_holes_has_a_template() -> None:

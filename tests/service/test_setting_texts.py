@@ -160,12 +160,12 @@ def test_pages_know_what_the_names_in_messages_are_called() -> None:
                 labels.setdefault(name, set()).add(field["title"])
     expected = {name: found.pop() if len(found) == 1 else "" for name, found in labels.items()}
     shown = json.loads((ROOT / "web/src/lib/setting_labels.json").read_text(encoding="utf-8"))
-    assert shown == expected
+    assert shown == expected, "run `make types`"
 
 
 def test_pages_call_procedures_as_the_catalogue_does() -> None:
     titles = json.loads((ROOT / "web/src/lib/procedure_titles.json").read_text(encoding="utf-8"))
-    assert titles == {entry.name: entry.title for entry in CATALOGUE_INDEX}
+    assert titles == {entry.name: entry.title for entry in CATALOGUE_INDEX}, "run `make types`"
 
 
 def test_files_are_asked_for_with_a_label_too() -> None:

@@ -207,7 +207,7 @@ async def test_signing_writes_the_certificate_anew(tmp_path: Path) -> None:
         "mastering_recovery", "Mastering recovery", "Anna", run_id=outcome.run_id, state="ended"
     )
     ended.outcome = {"judgement": outcome.judgement}
-    controller._run = ended
+    controller._runs.status = ended
     order = SignOff(op="sign", run_id=outcome.run_id, lines=tuple(outcome.judgement["to_sign"]))
     people = (Signer(name="Tina", role="technician"),)
     command = SessionCommand(id="1", rev=controller.rev, who="Tina", people=people, order=order)

@@ -54,8 +54,8 @@ from tests.service.webhook_receiver import WebhookReceiver
 # one who began it looks at its end. Anything else belongs into drivers/supervision.py.
 SHORT_LIVED = {
     ("service/cell_process/__main__.py", "_run_controller"): "one order each: it answers whatever it raises",
-    ("service/cell_process/cell_controller.py", "execute_command"): "one order, awaited by its caller",
-    ("service/cell_process/cell_controller.py", "_launch_run"): "the run: what it raises is its outcome",
+    ("service/cell_process/order_replies.py", "reply_once"): "one order, awaited by its caller",
+    ("service/cell_process/run_control.py", "_launch_run"): "the run: what it raises is its outcome",
     ("service/cell_process/hold_to_move.py", "_move_while_held"): "one move, awaited",
     ("service/cell_process/live_values.py", "poll_once"): "one look at an instrument; its end is looked at",
     ("service/watching/follow.py", "follow_robots"): "supervised inside",
@@ -88,7 +88,7 @@ SHORT_LIVED = {
     ("drivers/wire/modbus.py", "_first_result"): "one request, awaited",
     ("drivers/wire/cancellation.py", "run_to_end"): "one stop, awaited",
     ("service/engineering/controller_files/nightly_watch.py", "watch_controllers"): "threads of one command",
-    ("procedures/run.py", "to_the_end"): "one clean-up, awaited",
+    ("procedures/robot_stop.py", "finish_cleanup"): "one clean-up, awaited",
     ("service/export/webhook_target.py", "deliver_event"): "cuts one delivery off, and is cancelled with it",
     ("fake_devices/universal_robots/ports.py", "open"): "a port of a fake",
     ("procedures/motion/guarded_move.py", "*"): "one move, awaited",

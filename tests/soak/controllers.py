@@ -1,6 +1,7 @@
 """Controllers over their wires: links cut at any moment, and answers that are damaged."""
 
 import asyncio
+import struct
 import tempfile
 import time
 from collections.abc import Callable
@@ -11,6 +12,9 @@ from cellcal.drivers.errors import DeviceError
 from cellcal.drivers.fanuc.rmi.rmi_link import RmiLink
 from cellcal.drivers.kuka.variables.values import read_axes, read_pose
 from cellcal.drivers.kuka.variables.variable_link import VariableLink
+from cellcal.drivers.universal_robots.factory_calibration import decode_arm, decode_kinematics
+from cellcal.drivers.universal_robots.primary_interface import _collect
+from cellcal.drivers.universal_robots.robot_api import RobotApiClient
 from cellcal.drivers.yaskawa.hses_frames import read_answer
 from cellcal.drivers.yaskawa.tool_file import read_tools
 from cellcal.service.configuration.cell_file import read_cell_file
@@ -72,6 +76,34 @@ def _read_packet(data: bytes) -> object:
     return RmiLink("rmi", "127.0.0.1", 16001, deadline_s=1.0).decode_packet(data)
 
 
+def _primary_bytes() -> bytes:
+    arm = struct.pack(">53d", *([-6.28, 6.28] * 6 + [3.14, 40.0] * 6 + [1.0] * 5 + [0.1] * 24))
+    parts = (5, struct.pack(">6I24dI", *[7] * 6, *[0.1] * 24, 2)), (6, arm + struct.pack(">4i", 0, 0, 2, 2))
+    body = b"".join(struct.pack(">IB", 5 + len(data), kind) + data for kind, data in parts)
+    return struct.pack(">iB", 5 + len(body), 16) + body
+
+
+def _read_primary(data: bytes) -> object:
+    """Let the reader of a UR's primary interface read what a controller sends, to its end."""
+
+    async def read() -> object:
+        reader = asyncio.StreamReader()
+        reader.feed_data(data)
+        reader.feed_eof()
+        found = await _collect("ur", reader, (5, 6))
+        arm = decode_arm("ur", found[6], decode_kinematics("ur", found[5]))
+        return arm.factory.name
+
+    return asyncio.run(read())
+
+
+def _read_robot_api(data: bytes) -> object:
+    return _ROBOT_API.decode_answer(data)
+
+
+_ROBOT_API = RobotApiClient("ur", "127.0.0.1", 80, deadline_s=1.0)
+MODE = b'{"mode": "REMOTE", "details": [1, 2.5, null, true, "x"]}'
+
 READERS: dict[str, tuple[Callable[[bytes], object], bytes]] = {
     "kuka axes": (_read_text(read_axes), AXES),
     "kuka pose": (_read_text(read_pose), POSE),
@@ -81,6 +113,8 @@ READERS: dict[str, tuple[Callable[[bytes], object], bytes]] = {
     "yaskawa answer": (lambda data: read_answer(data, 1), HSES),
     "yaskawa tools": (_read_text(read_tools), TOOLS),
     "fanuc packet": (_read_packet, PACKET),
+    "ur primary interface": (_read_primary, _primary_bytes()),
+    "ur robot api": (_read_robot_api, MODE),
 }
 
 

@@ -16,7 +16,8 @@ from tests.wire.tp_cell import TP_CELL
 
 VERIFIED = {"modbus_robot": modbus_robot.VERIFIED_ON, "universal_robots": robot_connection.VERIFIED_ON}
 KINDS = [("modbus_robot", name) for name in profile_names()] + [
-    ("universal_robots", ""),
+    ("universal_robots", "polyscope"),
+    ("universal_robots", "cb3"),
     ("fanuc", ""),
     ("fanuc", "fanuc_rmi"),
     ("abb", ""),

@@ -57,6 +57,12 @@ def test_the_child_starts_asynchronous_moves_only() -> None:
     assert calls[0][1].replace(" ", "") == "target_rad,speed_rad_s,acceleration_rad_s2,True"
 
 
+def test_the_robot_api_is_given_one_order() -> None:
+    code = _code_of(_UR_PACKAGE / "robot_api.py")
+    assert re.findall(r'"(PUT|POST|DELETE|PATCH)"', code) == ["PUT"]
+    assert re.findall(r'\{"action": "(\w+)"\}', code) == ["stop"]
+
+
 def test_the_source_check_detects_forbidden_names() -> None:
     child = _code_of(_UR_PACKAGE / "child.py")
     assert "FLAG_UPLOAD_SCRIPT" in child

@@ -29,6 +29,7 @@ ABILITIES = {
 MODES = {  # a switch, and what the controller calls its places
     "fanuc": ("t1_mode", "AUTO", "T1"),
     "ur": ("local_mode", "remote control", "local control"),
+    "ur_x": ("local_mode", "remote control, automatic", "local control, automatic"),
     "rmi": ("pendant_on", "TP off", "TP on"),
     "kuka": ("t1_mode", "AUT", "T1"),
     "abb": ("manual_mode", "AUTO", "MANR"),

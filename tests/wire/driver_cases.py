@@ -145,11 +145,12 @@ async def _heal_modbus_robot(fake_client: FakeCellClient, robot: Any) -> None:
 
 async def _heal_universal_robot(fake_client: FakeCellClient, robot: Any) -> None:
     await fake_client.send_command("clear")
-    await fake_client.inject_fault("unlock_protective_stop", device="ur")
-    await fake_client.inject_fault("release_emergency_stop", device="ur")
-    await fake_client.inject_fault("program_stop", device="ur")
-    await fake_client.inject_fault("speed_slider", device="ur", fraction=1.0)
-    await fake_client.inject_fault("tool_switched", device="ur", tcp=[0.0] * 6, payload_kg=0.0)
+    name = robot.name
+    await fake_client.inject_fault("unlock_protective_stop", device=name)
+    await fake_client.inject_fault("release_emergency_stop", device=name)
+    await fake_client.inject_fault("program_stop", device=name)
+    await fake_client.inject_fault("speed_slider", device=name, fraction=1.0)
+    await fake_client.inject_fault("tool_switched", device=name, tcp=[0.0] * 6, payload_kg=0.0)
     await until_ready(robot, Readiness.READY)
 
 
@@ -243,6 +244,18 @@ ROBOTS: dict[str, RobotCase] = {
         stop_fault=("emergency_stop", {}),
         slow_fault=("speed_slider", {"fraction": 0.15}),
         impatient={},
+    ),
+    "universal_robots_x": RobotCase(
+        name="ur_x",
+        home_rad=(-1.57, -1.57, -1.57, -1.57, 1.57, 0.0),
+        away_rad=(-0.77, -1.2, -1.9, -1.3, 1.3, 0.4),
+        slow_rad_s=0.006,
+        heal=_heal_universal_robot,
+        link_faults=(("link_loss_rtde", {}), ("link_loss_all", {}), ("link_stall", {})),
+        stop_fault=("emergency_stop", {}),
+        slow_fault=("speed_slider", {"fraction": 0.15}),
+        impatient={},
+        stranger={"calibration": "X-000000"},
     ),
     "fanuc_rmi": RobotCase(
         name="rmi",

@@ -58,6 +58,19 @@ watchdog_hz = 1.0  # a test machine may be too busy for 5
 
 {floor}
 [[robot]]
+name = "ur_x"
+driver = "universal_robots"
+address = "{second_address}"              # the maker's ports are fixed
+robot_api_port = 8089
+model = "ur10e"
+motion = "commanded"
+serial = "20235500043"
+deadline_s = 2.0
+speed_limit_rad_s = 0.5
+watchdog_hz = 1.0  # as above
+
+{floor}
+[[robot]]
 name = "rmi"
 driver = "fanuc_rmi"
 address = "{address}"
@@ -184,6 +197,9 @@ deadline_s = 2.0
 seed = 1
 time_factor = {time_factor}
 control_port = 0
+
+[fake.robots.ur_x]
+software = "10.12.1.0"
 """
 
 
@@ -201,11 +217,21 @@ def own_address() -> str:
     return f"127.{100 + next(_numbers) % 100}.{pid >> 8 & 0xFF}.{pid & 0xFF}"
 
 
+def _fill_in(text: str, folder: Path) -> str:
+    return text.format(
+        address=own_address(),
+        second_address=own_address(),
+        folder=folder,
+        time_factor=TIME_FACTOR,
+        floor=FLOOR,
+    )
+
+
 @contextmanager
 def run_fakes(folder: Path, text: str = CELL) -> Iterator[tuple[Path, FakeCellClient]]:
     """Play the devices of a cell file until the block ends."""
     path = folder / "cell.toml"
-    text = text.format(address=own_address(), folder=folder, time_factor=TIME_FACTOR, floor=FLOOR)
+    text = _fill_in(text, folder)
     text = text.replace("[fake]\n", "[fake]\nwatchdog_factor = 3.0\n")
     path.write_text(_LIMIT.sub(_stretch_limit, text), encoding="utf-8")
     arms = write_described(folder, describe_arms(path))

@@ -4,7 +4,7 @@ import asyncio
 import json
 import random
 import sys
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Mapping
 from contextlib import asynccontextmanager, suppress
 from typing import Any
 
@@ -12,28 +12,39 @@ from cellcal.fake_devices.universal_robots.device import FakeUniversalRobot, cre
 from cellcal.fake_devices.world import World
 from tests.machine_speed import stretched_s
 
+ROBOT_API_PORT = 8089  # 80 needs more rights than a test has
 CHILD_DEADLINE_S = stretched_s(60.0)
 
 
 @asynccontextmanager
 async def fake_ur(
-    time_factor: float = 1.0, model: str = "ur10e", seed: int = 3
+    time_factor: float = 1.0, model: str = "ur10e", seed: int = 3, settings: Mapping[str, Any] | None = None
 ) -> AsyncIterator[FakeUniversalRobot]:
-    """Start one; its address is ``robot.server.address``."""
-    robot = await _start_robot(time_factor, model, seed)
+    """Start one; its address is ``robot.server.address``. ``settings`` are those of [fake.robots.NAME]."""
+    robot = await _start_robot(time_factor, model, seed, settings or {})
     try:
         yield robot
     finally:
         await robot.stop()
 
 
-async def _start_robot(time_factor: float, model: str, seed: int) -> FakeUniversalRobot:
+async def _start_robot(
+    time_factor: float, model: str, seed: int, settings: Mapping[str, Any]
+) -> FakeUniversalRobot:
     rng = random.SystemRandom()
     for _ in range(20):
         address = f"127.{rng.randint(1, 250)}.{rng.randint(0, 250)}.{rng.randint(1, 250)}"
         world = World(seed, time_factor)
         robot = create_universal_robot(
-            world, {"name": "ur", "model": model, "address": address, "serial": "20225500042"}
+            world,
+            {
+                "name": "ur",
+                "model": model,
+                "address": address,
+                "serial": "20225500042",
+                "robot_api_port": ROBOT_API_PORT,
+                "settings": settings,
+            },
         )
         with suppress(OSError):
             await robot.start()

@@ -12,8 +12,10 @@ from tests.wire.rtde_client import start_client
 pytestmark = pytest.mark.timeout(stretched_s(110.0))
 
 
-async def test_every_kind_of_move_arrives() -> None:
-    async with fake_ur(time_factor=20.0) as robot, run_wheel(robot, "moves") as child:
+@pytest.mark.parametrize("software", ["5.11.1", "10.11.0", "10.12.1"])
+async def test_every_kind_of_move_arrives(software: str) -> None:
+    settings = {"software": software}
+    async with fake_ur(time_factor=20.0, settings=settings) as robot, run_wheel(robot, "moves") as child:
         found = await child.read_line()
         assert [name for name, good in found.items() if good is not True] == []
 
@@ -89,8 +91,9 @@ async def test_registers_in_use_are_refused() -> None:
             assert "in use" in (await child.read_line())["refused"].lower()
 
 
-async def test_a_receiver_sees_a_cut_link_and_comes_back() -> None:
-    async with fake_ur() as robot, run_wheel(robot, "receive_only") as child:
+@pytest.mark.parametrize("software", ["3.15.8", "5.11.1", "10.12.1"])
+async def test_a_receiver_sees_a_cut_link_and_comes_back(software: str) -> None:
+    async with fake_ur(settings={"software": software}) as robot, run_wheel(robot, "receive_only") as child:
         assert await child.read_line() == {"connected": True}
         await robot.inject_fault("link_loss_all", {})
         await child.go_on()

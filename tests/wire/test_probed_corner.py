@@ -15,7 +15,7 @@ from cellcal.procedures.cell import Cell
 from cellcal.procedures.probed_frame import DEFINITION, ProbedFrame, probed_frame
 from cellcal.procedures.run import Run
 from cellcal.procedures.steps.touch import NoContactError
-from cellcal.procedures.teaching.corner_plan import CornerRules
+from cellcal.procedures.teaching.corner_places import CornerRules
 from cellcal.service.configuration.cell_file import read_cell_file
 from cellcal.service.demo.fake_cell_client import FakeCellClient
 from cellcal.service.runs.open_cell import open_cell

@@ -114,12 +114,22 @@ def _axis_edit(blocks: "RecordTexts", row: int, axis: tuple[bytes, int], value: 
             continue
         if b"*" in found[3]:
             raise blocks.row_error(
-                row, make_message("holds no value of {axis}{axis_2}.", axis=axis[0].decode(), axis_2=axis[1])
+                row,
+                make_message(
+                    "holds no value of {axis_letter}{axis_number}.",
+                    axis_letter=axis[0].decode(),
+                    axis_number=axis[1],
+                ),
             )
         new = value * _PER_UNIT[found[4]]
         if abs(new - float(found[3])) > 0.5 * 10.0 ** -count_decimals(found[3]) * (1 - 1e-9):
             yield *found.span(3), blocks.write_number(row, found[3], new)
         return
     raise blocks.row_error(
-        row, make_message("holds no {axis}{axis_2} to take a value.", axis=axis[0].decode(), axis_2=axis[1])
+        row,
+        make_message(
+            "holds no {axis_letter}{axis_number} to take a value.",
+            axis_letter=axis[0].decode(),
+            axis_number=axis[1],
+        ),
     )

@@ -71,10 +71,10 @@ def frame_edits(
                 raise ProgramFileError(
                     FRAMES,
                     make_message(
-                        "{name}[{key},{key_2}] is not in the backup, or was never set.",
-                        name=name,
-                        key=key[0],
-                        key_2=key[1],
+                        "{variable}[{group},{index}] is not in the backup, or was never set.",
+                        variable=name,
+                        group=key[0],
+                        index=key[1],
                     ),
                     remedy="Set it on the pendant once (Direct Entry), and save the backup again.",
                 )

@@ -74,9 +74,9 @@ def _refuse_shapes(program: ChangeableProgram, change: PositionChange, rows: NDA
             raise ProgramFileError(
                 program.file,
                 make_message(
-                    "the change brings {shape} coordinates in place of {shape_2}.",
-                    shape=np.shape(values),
-                    shape_2=shape,
+                    "the change brings {found_shape} coordinates in place of {expected_shape}.",
+                    found_shape=np.shape(values),
+                    expected_shape=shape,
                 ),
             )
 

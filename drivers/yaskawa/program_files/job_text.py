@@ -281,7 +281,11 @@ class _JobReader:
             raise self.error_at(
                 line,
                 1,
-                make_message("{found}{found_2} stands outside of //POS.", found=found[1], found_2=found[2]),
+                make_message(
+                    "{row_letters}{row_number} stands outside of //POS.",
+                    row_letters=found[1],
+                    row_number=found[2],
+                ),
             )
         pulses = (
             row_state.mode == "PULSE"
@@ -300,7 +304,11 @@ class _JobReader:
             raise self.error_at(
                 line,
                 1,
-                make_message("{found}{found_2} is there a second time.", found=found[1], found_2=found[2]),
+                make_message(
+                    "{row_letters}{row_number} is there a second time.",
+                    row_letters=found[1],
+                    row_number=found[2],
+                ),
             )
         job.row_keys.add(key)
         job.rows.append(JobRow(found[1], found[2], found.start(3), found[3], line, row_state))

@@ -1,13 +1,12 @@
 """A project: one cell as its programs see it, and as it really is. A clone's project names its master's.
 
-The file's keys, with an example, stand in this room's README. Everything that it names is read once, checked, and
-kept as plain values in SI.
+The file's keys are those of `project_tables`, with an example in the README beside this file. Everything that it
+names is read once, checked, and converted to plain values in SI.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -16,7 +15,6 @@ from cellcal.calibration.arm.model_references import fixed_reference
 from cellcal.calibration.compensation.pose_gap import TipArm
 from cellcal.calibration.documents import DocumentError
 from cellcal.calibration.documents.plain_files import read_plain_text
-from cellcal.calibration.documents.toml_text import parse_toml
 from cellcal.calibration.errors import CalibrationError, CellError
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.identification.parameters import ArmState
@@ -25,9 +23,9 @@ from cellcal.calibration.motion.collision import CellShape
 from cellcal.calibration.points.alignment import Alignment, read_alignments
 from cellcal.service.configuration.cell_shapes import read_cell_shape
 from cellcal.service.engineering.programs.external.axis_tables import (
+    fixture_values,
     frames_at_zero,
     read_axes,
-    read_fixture_values,
 )
 from cellcal.service.engineering.programs.external.moving_axes import NO_AXES, CellAxes
 from cellcal.service.engineering.programs.external.standing_tools import NO_STANDING_TOOLS, StandingTools
@@ -39,17 +37,20 @@ from cellcal.service.engineering.programs.project_arms import (
 )
 from cellcal.service.engineering.programs.project_backup import frames_of_backup, pose_or_backup
 from cellcal.service.engineering.programs.project_poses import (
+    PoseTable,
     ProjectError,
     ProjectTool,
-    pose_keys,
+    axis_numbers,
     pose_of,
-    read_number,
-    read_numbers,
-    read_text,
-    refuse_keys,
-    sub_table,
 )
 from cellcal.service.engineering.programs.project_pulses import pulses_per_rad
+from cellcal.service.engineering.programs.project_tables import (
+    FixtureTable,
+    RobotTable,
+    ShapesTable,
+    ToolTable,
+    read_project_tables,
+)
 from cellcal.service.engineering.programs.robot_makes import RobotMake, make_of
 from cellcal.service.engineering.programs.starting_postures import (
     NO_STARTING_POSTURES,
@@ -57,17 +58,7 @@ from cellcal.service.engineering.programs.starting_postures import (
     read_starting_postures,
 )
 
-FORMAT = 1
 SMALLEST_SIGMA = 0.01  # m/rad: nearer to a singularity no point is computed unless a project says so
-
-_ROBOT = {
-    "serial", "model", "factory", "parameters", "parameter_store", "parameter_version", "held_out_rms_mm",
-    "lower_deg", "upper_deg", "smallest_sigma", "backup", "arm", "pulses_per_rad", "starting_posture_deg",
-}  # fmt: skip
-_TOP = {
-    "format", "name", "master", "robot", "tools", "frames", "unsaid", "fixture", "shapes", "programs",
-    "track", "positioner", "standing_tools", "held_work", "starting_postures",
-}  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,7 +115,9 @@ class Project:
         if make is None or name != make.base:
             names = ", ".join(self.frames) or "none"
             raise ProjectError(
-                make_message("{name} has no user frame {name_2}.", name=self.name, name_2=name),
+                make_message(
+                    "{project_name} has no user frame {frame_name}.", project_name=self.name, frame_name=name
+                ),
                 remedy=make_message("It has {names}; a project's are [frames.NAME].", names=names),
             )
         return np.eye(4)
@@ -145,55 +138,45 @@ def read_project(path: Path) -> Project:
     CellError
         A file that the project names cannot be used: parameters of another arm, an alignment of another robot.
     """
-    data = _load_toml(path)
-    where = str(path)
-    refuse_keys(data, _TOP, where)
-    if data.get("format") != FORMAT:
-        raise ProjectError(
-            f"{where}: this is not a project of format {FORMAT}.", remedy="Begin it with format = 1."
-        )
-    robot = sub_table(data, "robot", where)
-    refuse_keys(robot, _ROBOT, f"{where}: [robot]")
-    folder = path.parent
-    nominal, serial = _read_robot(robot, folder, f"{where}: [robot]")
-    factory = read_text(robot, "factory", where)
-    controller = nominal if factory is None else factory_arm(_relative_path(folder, factory), nominal)
+    tables = read_project_tables(path)
+    where, folder, robot = str(path), path.parent, tables.robot
+    nominal = _read_nominal(robot, folder, f"{where}: [robot]")
+    controller = (
+        nominal if robot.factory is None else factory_arm(_relative_path(folder, robot.factory), nominal)
+    )
     controller = _with_limits(controller, robot, f"{where}: [robot]")
-    unsaid = sub_table(data, "unsaid", where)
-    refuse_keys(unsaid, {"tool", "frame"}, f"{where}: [unsaid]")
-    smallest = read_number(robot, "smallest_sigma", where)
     backup, make = frames_of_backup(robot, folder, nominal, where), make_of(nominal)
-    frames = _read_frames(sub_table(data, "frames", where), backup.frames, make, where)
-    fixture = sub_table(data, "fixture", where)
-    axes = read_axes(data, folder, make, tuple(frames), where)
-    axes = replace(axes, fixture_at=read_fixture_values(fixture, axes, f"{where}: [fixture]"))
+    frames = _read_frames(tables.frames, backup.frames, make, where)
+    axes = read_axes(tables, folder, make, tuple(frames), where)
+    axes = replace(axes, fixture_at=fixture_values(tables.fixture, axes, f"{where}: [fixture.at]"))
     frames, table_frames = frames_at_zero(frames, axes)
+    master = tables.master.project
     return Project(
         path=path,
-        name=read_text(data, "name", where) or path.stem,
-        serial=serial,
+        name=tables.name or path.stem,
+        serial=robot.serial,
         nominal=nominal,
         controller=controller,
-        factory_known=factory is not None,
-        identified=identified_arm(robot, folder, replace_limits(nominal, controller), serial, where),
-        tools=_read_tools(sub_table(data, "tools", where), backup.tools, make, where),
+        factory_known=robot.factory is not None,
+        identified=identified_arm(robot, folder, replace_limits(nominal, controller), where),
+        tools=_read_tools(tables.tools, backup.tools, make, where),
         frames=frames,
-        unsaid_tool=read_text(unsaid, "tool", where),
-        unsaid_frame=read_text(unsaid, "frame", where),
-        alignment=_read_alignment(fixture, folder, serial, where),
-        shapes=_read_shapes(sub_table(data, "shapes", where), folder, controller, where),
-        smallest_sigma=SMALLEST_SIGMA if smallest is None else smallest,
-        master=_read_master(data, folder, where),
-        programs=_program_patterns(data, where),
+        unsaid_tool=tables.unsaid.tool,
+        unsaid_frame=tables.unsaid.frame,
+        alignment=_read_alignment(tables.fixture, folder, robot.serial),
+        shapes=_read_shapes(tables.shapes, folder, controller),
+        smallest_sigma=SMALLEST_SIGMA if robot.smallest_sigma is None else robot.smallest_sigma,
+        master=None if master is None else _relative_path(folder, master),
+        programs=_program_patterns(tables.programs, where),
         pulses_per_rad=pulses_per_rad(robot, nominal.axis_count, f"{where}: [robot]"),
         backup=backup.folder,
         axes=axes,
         table_frames=table_frames,
         standing_tools=StandingTools(
-            tools=_read_tools(sub_table(data, "standing_tools", where), {}, None, where, "standing_tools"),
-            works=_read_tools(sub_table(data, "held_work", where), {}, None, where, "held_work"),
+            tools=_read_tools(tables.standing_tools, {}, None, where, "standing_tools"),
+            works=_read_tools(tables.held_work, {}, None, where, "held_work"),
         ),
-        starting=read_starting_postures(robot, sub_table(data, "starting_postures", where), nominal, where),
+        starting=read_starting_postures(robot, tables.starting_postures, nominal, where),
     )
 
 
@@ -202,75 +185,56 @@ def replace_limits(model: RobotModel, limits: RobotModel) -> RobotModel:
     return replace(model, lower_rad=limits.lower_rad, upper_rad=limits.upper_rad)
 
 
-def _load_toml(path: Path) -> dict[str, Any]:
+def _read_nominal(robot: RobotTable, folder: Path, where: str) -> RobotModel:
+    if robot.arm is not None:
+        return nominal_arm(_relative_path(folder, robot.arm), robot.model)
     try:
-        return parse_toml(read_plain_text(path))
-    except (OSError, DocumentError) as broken:
-        raise ProjectError(
-            f"{path} cannot be read as a project: {broken}", remedy="The README beside the code shows one."
-        ) from broken
-
-
-def _read_robot(robot: Mapping[str, Any], folder: Path, where: str) -> tuple[RobotModel, str]:
-    model, serial = read_text(robot, "model", where), read_text(robot, "serial", where)
-    if model is None or serial is None:
-        raise ProjectError(f"{where}: serial and model are needed")
-    arm = read_text(robot, "arm", where)
-    if arm is not None:
-        return nominal_arm(_relative_path(folder, arm), model), serial
-    try:
-        return load_model(fixed_reference(model, folder)), serial
+        return load_model(fixed_reference(robot.model, folder))
     except CalibrationError as refused:
         raise ProjectError(
-            f"{where}: no model is called {model!r}: {refused.message}",
+            f"{where}: no model is called {robot.model!r}: {refused.message}",
             remedy=f"{refused.remedy} Or name a file of another one as arm.",
         ) from refused
 
 
-def _with_limits(model: RobotModel, robot: Mapping[str, Any], where: str) -> RobotModel:
-    def joint_limits(name: str, default: Array) -> Array:
-        key = f"{name}_deg"
-        return np.deg2rad(read_numbers(robot, key, model.axis_count, where)) if key in robot else default
+def _with_limits(model: RobotModel, robot: RobotTable, where: str) -> RobotModel:
+    def joint_limits(values: Sequence[float] | None, key: str, default: Array) -> Array:
+        if values is None:
+            return default
+        return np.deg2rad(axis_numbers(values, key, model.axis_count, where))
 
     return replace(
         model,
-        lower_rad=joint_limits("lower", model.lower_rad),
-        upper_rad=joint_limits("upper", model.upper_rad),
+        lower_rad=joint_limits(robot.lower_deg, "lower_deg", model.lower_rad),
+        upper_rad=joint_limits(robot.upper_deg, "upper_deg", model.upper_rad),
     )
 
 
 def _read_tools(
-    tables: Mapping[str, Any],
+    tables: Mapping[str, ToolTable],
     from_backup: Mapping[str, Array],
     make: RobotMake | None,
     where: str,
     heading: str = "tools",
 ) -> dict[str, ProjectTool]:
     tools = {name: ProjectTool(pose, pose) for name, pose in from_backup.items()}
-    for name in tables:
-        place = f"{where}: [{heading}.{name}]"
-        table = sub_table(tables, name, place)
-        refuse_keys(table, {"entered", "real"}, place)
-        entered, real = sub_table(table, "entered", place), sub_table(table, "real", place)
-        refuse_keys(entered, pose_keys(), f"{place[:-1]}.entered]")
-        refuse_keys(real, {*pose_keys(), "sigma_mm"}, f"{place[:-1]}.real]")
-        pose = pose_or_backup(entered, from_backup.get(name), f"{place[:-1]}.entered]")
+    for name, table in tables.items():
+        place = f"{where}: [{heading}.{name}"
+        pose = pose_or_backup(table.entered, from_backup.get(name), f"{place}.entered]")
         if make is not None and name == make.flange:
-            _refuse_moved(pose, place, "flange")
-        sigma = read_number(real, "sigma_mm", place)
-        measured = pose_of(real, f"{place[:-1]}.real]") if real else pose
-        tools[name] = ProjectTool(pose, measured, (sigma or 0.0) / 1e3, bool(real))
+            _refuse_moved(pose, f"{place}]", "flange")
+        measured = pose if table.real.is_empty else pose_of(table.real, f"{place}.real]")
+        sigma_m = (table.real.sigma_mm or 0.0) / 1e3
+        tools[name] = ProjectTool(pose, measured, sigma_m, not table.real.is_empty)
     return tools
 
 
 def _read_frames(
-    tables: Mapping[str, Any], from_backup: Mapping[str, Array], make: RobotMake | None, where: str
+    tables: Mapping[str, PoseTable], from_backup: Mapping[str, Array], make: RobotMake | None, where: str
 ) -> dict[str, Array]:
     frames = dict(from_backup)
-    for name in tables:
+    for name, table in tables.items():
         place = f"{where}: [frames.{name}]"
-        table = sub_table(tables, name, place)
-        refuse_keys(table, pose_keys(), place)
         frames[name] = pose_or_backup(table, from_backup.get(name), place)
         if make is not None and name == make.base:
             _refuse_moved(frames[name], place, "base")
@@ -286,9 +250,8 @@ def _refuse_moved(pose: Array, place: str, what: str) -> None:
         )
 
 
-def _read_alignment(table: Mapping[str, Any], folder: Path, serial: str, where: str) -> Alignment | None:
-    refuse_keys(table, {"alignment", "name", "at"}, f"{where}: [fixture]")
-    file, name = read_text(table, "alignment", where), read_text(table, "name", where)
+def _read_alignment(table: FixtureTable, folder: Path, serial: str) -> Alignment | None:
+    file, name = table.alignment, table.name
     if file is None:
         return None
     path = _relative_path(folder, file)
@@ -311,27 +274,15 @@ def _read_alignment(table: Mapping[str, Any], folder: Path, serial: str, where: 
     return mine[0]
 
 
-def _read_shapes(table: Mapping[str, Any], folder: Path, model: RobotModel, where: str) -> CellShape | None:
-    refuse_keys(table, {"file"}, f"{where}: [shapes]")
-    file = read_text(table, "file", where)
-    return None if file is None else read_cell_shape(_relative_path(folder, file), model)
+def _read_shapes(table: ShapesTable, folder: Path, model: RobotModel) -> CellShape | None:
+    return None if table.file is None else read_cell_shape(_relative_path(folder, table.file), model)
 
 
-def _read_master(data: Mapping[str, Any], folder: Path, where: str) -> Path | None:
-    table = sub_table(data, "master", where)
-    refuse_keys(table, {"project"}, f"{where}: [master]")
-    file = read_text(table, "project", where)
-    return None if file is None else _relative_path(folder, file)
-
-
-def _program_patterns(data: Mapping[str, Any], where: str) -> tuple[str, ...]:
-    found = data.get("programs", [])
-    if not isinstance(found, list) or not all(isinstance(item, str) and item for item in found):
-        raise ProjectError(f"{where}: programs is a list of file names or patterns")
-    absolute = [item for item in found if Path(item).is_absolute()]
+def _program_patterns(patterns: Sequence[str], where: str) -> tuple[str, ...]:
+    absolute = [item for item in patterns if Path(item).is_absolute()]
     if absolute:
-        raise ProjectError(f"{where}: {absolute[0]} must be relative to the project's folder")
-    return tuple(found)
+        raise ProjectError(f"{where}: {absolute[0]} must be relative to the project's folder.")
+    return tuple(patterns)
 
 
 def _relative_path(folder: Path, name: str) -> Path:

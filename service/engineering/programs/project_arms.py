@@ -1,9 +1,7 @@
 """The two arms of a project: the one that its controller computes with, and the one that stands in the cell."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -25,7 +23,8 @@ from cellcal.service.engineering.parameters.ur_files import (
     read_calibration_conf,
     read_ros_kinematics,
 )
-from cellcal.service.engineering.programs.project_poses import ProjectError, read_number, read_text
+from cellcal.service.engineering.programs.project_poses import ProjectError
+from cellcal.service.engineering.programs.project_tables import RobotTable
 
 _OF_PLACES = ("base", "anchor", "tool", "wire")  # of the measuring, and no part of the arm
 
@@ -90,9 +89,7 @@ def factory_arm(path: Path, nominal: RobotModel) -> RobotModel:
     )
 
 
-def identified_arm(
-    robot: Mapping[str, Any], folder: Path, nominal: RobotModel, serial: str, where: str
-) -> IdentifiedArm | None:
+def identified_arm(robot: RobotTable, folder: Path, nominal: RobotModel, where: str) -> IdentifiedArm | None:
     """Return the arm of the set that a project names, or None where it names none.
 
     Raises
@@ -100,7 +97,8 @@ def identified_arm(
     ProjectError
         A set of another robot, or a value that its arm has no place for.
     """
-    found = _parameter_set(robot, folder, serial, where)
+    serial, rms_mm = robot.serial, robot.held_out_rms_mm
+    found = _parameter_set(robot, folder, where)
     if found is None:
         return None
     if found.robot_serial != serial:
@@ -108,7 +106,6 @@ def identified_arm(
             f"{where}: the parameters are of robot {found.robot_serial}, the project is of {serial}.",
             remedy="Export the set of this robot, or mend the serial.",
         )
-    rms = read_number(robot, "held_out_rms_mm", where)
     try:
         calibrated_model(nominal, found)
         values = {v.name: v.value for v in found.values if not v.name.startswith(_OF_PLACES)}
@@ -119,21 +116,22 @@ def identified_arm(
             make_message("{where}: {refused_message}", where=where, refused_message=refused.message),
             remedy=refused.remedy,
         ) from refused
-    held_out = None if rms is None else rms / 1e3
+    held_out = None if rms_mm is None else rms_mm / 1e3
     return IdentifiedArm(state, found.sha256, found.version, layout, covariance, held_out)
 
 
-def _parameter_set(robot: Mapping[str, Any], folder: Path, serial: str, where: str) -> ParameterSet | None:
-    file, store = read_text(robot, "parameters", where), read_text(robot, "parameter_store", where)
-    version = robot.get("parameter_version")
+def _parameter_set(robot: RobotTable, folder: Path, where: str) -> ParameterSet | None:
+    file, store, version = robot.parameters, robot.parameter_store, robot.parameter_version
     if file is not None and store is not None:
         raise ProjectError(f"{where}: parameters and parameter_store exclude each other")
-    if version is not None and (type(version) is not int or store is None):
+    if version is not None and store is None:
         raise ProjectError(f"{where}: parameter_version is a whole number, beside parameter_store")
     if file is not None:
         path = (folder / file).resolve()
         return parse_set(_read_text(path), str(path))
-    return None if store is None else ParameterSets((folder / store).resolve()).load_set(serial, version)
+    return (
+        None if store is None else ParameterSets((folder / store).resolve()).load_set(robot.serial, version)
+    )
 
 
 def _parameter_spread(found: ParameterSet, state: ArmState) -> tuple[ParameterLayout | None, Array | None]:

@@ -3,7 +3,6 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -12,7 +11,8 @@ from cellcal.calibration.geometry import Array
 from cellcal.calibration.message import make_message
 from cellcal.calibration.programs.transfer import same_place
 from cellcal.drivers.programs.errors import ProgramFileError
-from cellcal.service.engineering.programs.project_poses import ProjectError, pose_of, read_text
+from cellcal.service.engineering.programs.project_poses import PoseTable, ProjectError, pose_of
+from cellcal.service.engineering.programs.project_tables import RobotTable
 
 _MAKE = "fanuc_"
 _GROUP = 1  # programs of other motion groups are not carried
@@ -28,7 +28,7 @@ class BackupFrames:
     folder: Path | None = None  # of the backup
 
 
-def frames_of_backup(robot: Mapping[str, Any], folder: Path, nominal: RobotModel, where: str) -> BackupFrames:
+def frames_of_backup(robot: RobotTable, folder: Path, nominal: RobotModel, where: str) -> BackupFrames:
     """Return the user frames and tools of the backup that ``[robot] backup`` names.
 
     Raises
@@ -36,8 +36,7 @@ def frames_of_backup(robot: Mapping[str, Any], folder: Path, nominal: RobotModel
     ProjectError
         Another make's robot, or a folder without a readable SYSFRAME.VA.
     """
-    name = read_text(robot, "backup", where)
-    if name is None:
+    if robot.backup is None:
         return BackupFrames()
     if not nominal.name.startswith(_MAKE):
         raise ProjectError(
@@ -47,7 +46,7 @@ def frames_of_backup(robot: Mapping[str, Any], folder: Path, nominal: RobotModel
     # a project without a backup does not wait for the patterns of these files
     from cellcal.drivers.fanuc.program_files.va_backup import FRAMES, read_backup  # noqa: PLC0415
 
-    place = (folder / name).resolve()
+    place = (folder / robot.backup).resolve()
     try:
         backup = read_backup(place)
     except ProgramFileError as refused:
@@ -73,7 +72,7 @@ def frames_of_backup(robot: Mapping[str, Any], folder: Path, nominal: RobotModel
     )
 
 
-def pose_or_backup(table: Mapping[str, Any], from_backup: Array | None, where: str) -> Array:
+def pose_or_backup(table: PoseTable, from_backup: Array | None, where: str) -> Array:
     """Return a pose as the project or the controller's backup has it; where both have it, they must agree.
 
     Raises
@@ -83,7 +82,7 @@ def pose_or_backup(table: Mapping[str, Any], from_backup: Array | None, where: s
     """
     if from_backup is None:
         return pose_of(table, where)
-    if not table:
+    if table.is_empty:
         return from_backup
     entered = pose_of(table, where)
     apart, turned = same_place(from_backup[None], entered[None])

@@ -1,17 +1,22 @@
-"""What a project file writes in millimetres and degrees: poses, limits, and the words around them."""
+"""What a project file writes in millimetres and degrees: poses, and numbers for each axis."""
 
-from collections.abc import Mapping
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Self
 
 import numpy as np
+from pydantic import model_validator
 
 from cellcal.calibration.errors import CalibrationError, CellError
 from cellcal.calibration.geometry import Array, homogeneous_matrix
-from cellcal.calibration.message import make_message
 from cellcal.calibration.orientation import CONVENTIONS, rotation_from
-
-Table = Mapping[str, Any]
+from cellcal.service.engineering.programs.checked_table import (
+    CheckedTable,
+    NonNegative,
+    Quadruple,
+    Triple,
+    refuse_value,
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,96 +35,109 @@ class ProjectError(CellError):
     code = "usage"
 
 
-def refuse_keys(table: Table, valid_keys: set[str], where: str) -> None:
-    """Refuse a key that is not read: a misspelled limit is no limit.
+def axis_numbers(values: Sequence[float], key: str, count: int, where: str) -> Array:
+    """Return the numbers (count,) that a project writes for the axes of its robot.
 
     Raises
     ------
     ProjectError
-        With all keys that are known here.
+        Not as many as there are axes.
     """
-    unknown = sorted(set(table) - valid_keys)
-    if unknown:
+    if len(values) != count:
         raise ProjectError(
-            f"{where}: unknown {', '.join(unknown)}.", remedy=f"Known here: {', '.join(sorted(valid_keys))}."
+            f"{where}: {key} is a list of {count} finite numbers, not of {len(values)}.",
+            remedy="Write one number for each axis of the robot.",
         )
+    return np.asarray(values, dtype=float)
 
 
-def sub_table(data: Table, key: str, where: str) -> dict[str, Any]:
-    """Return a table inside another, empty where it is not there."""
-    found = data.get(key, {})
-    if not isinstance(found, dict):
-        raise ProjectError(f"{where}: {key} is a table, written [{key}]")
-    return found
+class OrientationTable(CheckedTable):
+    """At most one orientation, by the name of its convention in `calibration.orientation` and its unit."""
+
+    fanuc_wpr_deg: Triple | None = None
+    ur_rotation_vector_rad: Triple | None = None
+    ur_rpy_deg: Triple | None = None
+    abb_quaternion: Quadruple | None = None
+    abb_euler_zyx_deg: Triple | None = None
+    kuka_abc_deg: Triple | None = None
+    yaskawa_rpy_deg: Triple | None = None
+    staubli_rxryrz_deg: Triple | None = None
+    kawasaki_oat_deg: Triple | None = None
+    comau_zyz_deg: Triple | None = None
+    mitsubishi_abc_deg: Triple | None = None
+    denso_rpy_deg: Triple | None = None
+    epson_uvw_deg: Triple | None = None
+    doosan_zyz_deg: Triple | None = None
+    ros_rpy_deg: Triple | None = None
+    ros_quaternion: Quadruple | None = None
+    instrument_xyz_deg: Triple | None = None
+    instrument_zyx_deg: Triple | None = None
+
+    @model_validator(mode="after")
+    def _has_one_orientation(self) -> Self:
+        keys = self.orientation_keys
+        if len(keys) > 1:
+            refuse_value(f"one orientation is enough: {', '.join(keys)}.")
+        try:
+            self.rotation()
+        except CalibrationError as refused:
+            refuse_value(f"{keys[0]}: {refused.message}", refused.remedy)
+        return self
+
+    @property
+    def orientation_keys(self) -> tuple[str, ...]:
+        """Return the keys of the orientations that are written."""
+        return tuple(key for key in CONVENTION_KEYS if key in self.model_fields_set)
+
+    def rotation(self) -> Array:
+        """Return the rotation matrix (3, 3); without an orientation the axes are parallel.
+
+        Raises
+        ------
+        CalibrationError
+            A quaternion that is not of unit length.
+        """
+        for key in self.orientation_keys:
+            values = np.asarray(getattr(self, key), dtype=float)
+            return rotation_from(CONVENTION_KEYS[key], np.deg2rad(values) if key.endswith("_deg") else values)
+        return np.eye(3)
 
 
-def read_text(table: Table, key: str, where: str) -> str | None:
-    """Return a text, or None where it is not there."""
-    found = table.get(key)
-    if found is not None and not (isinstance(found, str) and found):
-        raise ProjectError(f"{where}: {key} is a text in quotes")
-    return found
+class PoseTable(OrientationTable):
+    """A pose: a place and an orientation. An empty table leaves it to the controller's backup."""
+
+    position_mm: Triple | None = None
+
+    @model_validator(mode="after")
+    def _has_a_position(self) -> Self:
+        if not self.is_empty and self.position_mm is None:
+            refuse_value("position_mm is missing.")
+        return self
 
 
-def read_number(table: Table, key: str, where: str) -> float | None:
-    """Return a finite number not below zero, or None where it is not there."""
-    found = table.get(key)
-    if found is None:
-        return None
-    if type(found) not in (int, float) or not 0 <= found < np.inf:
-        raise ProjectError(f"{where}: {key} is a finite number, not below zero")
-    return float(found)
+class MeasuredPoseTable(PoseTable):
+    """A pose as it was measured."""
+
+    sigma_mm: NonNegative | None = None  # of one coordinate
 
 
-def read_numbers(table: Table, key: str, count: int, where: str) -> Array:
-    """Return a list of so many finite numbers."""
-    found = table[key]
-    right = isinstance(found, list) and len(found) == count and all(type(v) in (int, float) for v in found)
-    if not right or not np.isfinite(np.asarray(found, dtype=float)).all():
-        raise ProjectError(f"{where}: {key} is a list of {count} finite numbers")
-    return np.asarray(found, dtype=float)
-
-
-def pose_keys() -> set[str]:
-    """Return the keys of a pose: the place, and an orientation by the name of its convention and its unit."""
-    return {"position_mm", *(_convention_key(name) for name in CONVENTIONS)}
-
-
-def pose_of(table: Table, where: str) -> Array:
-    """Return (4, 4) from ``position_mm`` and at most one orientation; without one the axes are parallel.
-
-    ``fanuc_wpr_deg``, ``kuka_abc_deg``, ``abb_quaternion``, ``ur_rotation_vector_rad`` … are the conventions of
-    `calibration.orientation` with the unit behind them.
+def pose_of(table: PoseTable, where: str) -> Array:
+    """Return (4, 4) of a pose.
 
     Raises
     ------
     ProjectError
-        A number that is missing or not finite, two orientations, or a quaternion that is not of unit length.
+        An empty table.
     """
-    if "position_mm" not in table:
-        raise ProjectError(f"{where}: position_mm is missing")
-    named = [name for name in CONVENTIONS if _convention_key(name) in table]
-    if len(named) > 1:
-        raise ProjectError(f"{where}: one orientation is enough: {', '.join(map(_convention_key, named))}")
-    rotation = np.eye(3)
-    if named:
-        key = _convention_key(named[0])
-        values = read_numbers(table, key, len(CONVENTIONS[named[0]].fields), where)
-        try:
-            rotation = rotation_from(named[0], np.deg2rad(values) if key.endswith("_deg") else values)
-        except CalibrationError as refused:
-            raise ProjectError(
-                make_message(
-                    "{where}: {key}: {refused_message}",
-                    where=where,
-                    key=key,
-                    refused_message=refused.message,
-                )
-            ) from refused
-    return homogeneous_matrix(rotation, read_numbers(table, "position_mm", 3, where) / 1e3)
+    if table.position_mm is None:
+        raise ProjectError(f"{where}: position_mm is missing.")
+    return homogeneous_matrix(table.rotation(), np.asarray(table.position_mm) / 1e3)
 
 
 def _convention_key(convention: str) -> str:
     if convention.endswith("quaternion"):
         return convention
     return f"{convention}_rad" if convention.endswith("vector") else f"{convention}_deg"
+
+
+CONVENTION_KEYS = {_convention_key(name): name for name in CONVENTIONS}

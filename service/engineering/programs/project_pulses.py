@@ -1,11 +1,11 @@
 """Positions in encoder pulses as joints: what a controller keeps in its parameters, and a job does not say."""
 
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Sequence
 
 from cellcal.calibration.geometry import Array
 from cellcal.drivers.programs.positions import ProgramFile
-from cellcal.service.engineering.programs.project_poses import ProjectError, read_numbers
+from cellcal.service.engineering.programs.project_poses import ProjectError, axis_numbers
+from cellcal.service.engineering.programs.project_tables import RobotTable
 
 KEY = "pulses_per_rad"
 PULSES = "pulses"  # the kind of such a position
@@ -15,7 +15,7 @@ MISSING = (
 )
 
 
-def pulses_per_rad(robot: Mapping[str, Any], axes: int, where: str) -> Array | None:
+def pulses_per_rad(robot: RobotTable, axes: int, where: str) -> Array | None:
     """Return the pulses per radian (n,) of every axis, with sign; None where the project gives none.
 
     Raises
@@ -23,9 +23,9 @@ def pulses_per_rad(robot: Mapping[str, Any], axes: int, where: str) -> Array | N
     ProjectError
         Not one finite number an axis, or a zero.
     """
-    if KEY not in robot:
+    if robot.pulses_per_rad is None:
         return None
-    ratios = read_numbers(robot, KEY, axes, where)
+    ratios = axis_numbers(robot.pulses_per_rad, KEY, axes, where)
     if (ratios == 0).any():
         raise ProjectError(
             f"{where}: {KEY} holds a zero.",

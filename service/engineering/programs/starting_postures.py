@@ -1,14 +1,14 @@
 """Where a program's robot begins: what tells the branch of its first points when the file says no configuration."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 
 from cellcal.calibration.arm.kinematics import RobotModel
 from cellcal.calibration.geometry import Array
-from cellcal.service.engineering.programs.project_poses import ProjectError, read_numbers
+from cellcal.service.engineering.programs.project_poses import ProjectError, axis_numbers
+from cellcal.service.engineering.programs.project_tables import RobotTable
 
 KEY = "starting_posture_deg"
 
@@ -32,7 +32,7 @@ NO_STARTING_POSTURES = StartingPostures()
 
 
 def read_starting_postures(
-    robot: Mapping[str, Any], by_program: Mapping[str, Any], model: RobotModel, where: str
+    robot: RobotTable, by_program: Mapping[str, Sequence[float]], model: RobotModel, where: str
 ) -> StartingPostures:
     """Return the postures of ``[robot] starting_posture_deg`` and of ``[starting_postures]``, by program.
 
@@ -41,18 +41,18 @@ def read_starting_postures(
     ProjectError
         Not one finite number for each joint, or a joint beyond its limit.
     """
-    usual = _read_posture(robot, KEY, model, f"{where}: [robot]") if KEY in robot else None
+    usual = robot.starting_posture_deg
     return StartingPostures(
-        usual,
+        None if usual is None else _read_posture(usual, KEY, model, f"{where}: [robot]"),
         {
-            name: _read_posture(by_program, name, model, f"{where}: [starting_postures]")
-            for name in by_program
+            name: _read_posture(values, name, model, f"{where}: [starting_postures]")
+            for name, values in by_program.items()
         },
     )
 
 
-def _read_posture(table: Mapping[str, Any], key: str, model: RobotModel, where: str) -> Array:
-    values = read_numbers(table, key, model.axis_count, where)
+def _read_posture(written: Sequence[float], key: str, model: RobotModel, where: str) -> Array:
+    values = axis_numbers(written, key, model.axis_count, where)
     slides = np.zeros(model.axis_count, dtype=bool) if model.sliding is None else model.sliding
     joints = np.where(slides, values * 1e-3, np.deg2rad(values))
     beyond = np.flatnonzero((joints < model.lower_rad) | (joints > model.upper_rad))

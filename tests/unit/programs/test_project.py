@@ -6,13 +6,17 @@ import numpy as np
 import pytest
 
 from cellcal.calibration.geometry import homogeneous_matrix
-from cellcal.calibration.orientation import rotation_from
+from cellcal.calibration.orientation import CONVENTIONS, rotation_from
 from cellcal.drivers.program_registry import brand_named
 from cellcal.drivers.programs.errors import ProgramFileError
 from cellcal.service.engineering.programs.cell_of_program import refuse_foreign
 from cellcal.service.engineering.programs.move import redefined_frame
 from cellcal.service.engineering.programs.project import read_project
-from cellcal.service.engineering.programs.project_poses import ProjectError
+from cellcal.service.engineering.programs.project_poses import (
+    CONVENTION_KEYS,
+    OrientationTable,
+    ProjectError,
+)
 from tests.unit.helpers.fanuc_va import VariablesController
 
 PLAIN = """\
@@ -88,6 +92,85 @@ def test_faults_of_a_project_are_named(tmp_path: Path, old: str, new: str, words
 
     with pytest.raises(ProjectError, match=words):
         read_project(_write_project_file(tmp_path, PLAIN.replace(old, new)))
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "sentence", "remedy"),
+    [
+        (
+            "lower_deg",
+            "lowest_deg",
+            "[robot]: unknown lowest_deg; did you mean 'lower_deg'?",
+            "Known here: arm",
+        ),
+        (
+            "[unsaid]",
+            "[unsayd]",
+            "project.toml: unknown unsayd; did you mean 'unsaid'?",
+            "Known here: fixture",
+        ),
+        ('serial = "E-1"', "serial = 1", "[robot]: serial is a text in quotes, not 1.", ""),
+        ('serial = "E-1"', 'serial = ""', "[robot]: serial is a text in quotes, not ''.", ""),
+        ("[-100, -80,", "[true, -80,", "[robot]: lower_deg is a list of finite numbers, not [True, -80", ""),
+        (
+            "[1, 2, 150]",
+            "[1, 2]",
+            "[tools.1.entered]: position_mm is a list of 3 finite numbers, not [1, 2]",
+            "",
+        ),
+        (
+            "fanuc_wpr_deg",
+            "fanuc_wrp_deg",
+            "[tools.1.entered]: unknown fanuc_wrp_deg; did you mean",
+            "fanuc_wpr",
+        ),
+        (
+            "[unsaid]",
+            "[tools.real.real]\nsigma_mm = -1\n[unsaid]",
+            "sigma_mm is a finite number, not below",
+            "",
+        ),
+        ("[frames.2]", "[frames]\n2 = 5\n[frames.3]", "[frames]: 2 is a table, written [frames.2].", ""),
+        ("[frames.2]", "[[track]]\n[frames.2]", "[[track]] 1: name is missing.", 'such as name = "rail"'),
+        (
+            "[frames.2]",
+            "[[track]]\naxis = 3\n[frames.2]",
+            "[[track]] 1: axis is a text in quotes, not 3.",
+            "",
+        ),
+        ('["*.ls"]', '"*.ls"', "programs is a list of file names or patterns, not '*.ls'.", ""),
+        ("[robot]", "[robots]", "unknown robots; did you mean 'robot'?", "serial and model"),
+    ],
+)
+def test_a_fault_names_table_key_and_what_is_allowed(
+    tmp_path: Path, old: str, new: str, sentence: str, remedy: str
+) -> None:
+    assert old in PLAIN
+
+    with pytest.raises(ProjectError) as caught:
+        read_project(_write_project_file(tmp_path, PLAIN.replace(old, new)))
+
+    assert sentence in caught.value.message
+    assert remedy in f"{caught.value.message} {caught.value.remedy}"
+
+
+def test_all_faults_of_a_project_are_named_at_once(tmp_path: Path) -> None:
+    text = (
+        PLAIN.replace("lower_deg", "lowest_deg")
+        .replace("[1, 2, 150]", "[1, 2]")
+        .replace('tool = "1"', "tool = 1")
+    )
+
+    with pytest.raises(ProjectError) as caught:
+        read_project(_write_project_file(tmp_path, text))
+
+    lines = caught.value.message.splitlines()
+    assert [line.split(":")[0].strip() for line in lines[1:]] == ["[robot]", "[tools.1.entered]", "[unsaid]"]
+
+
+def test_a_pose_has_a_key_for_each_convention() -> None:
+    assert {*OrientationTable.model_fields} == {*CONVENTION_KEYS}
+    assert {*CONVENTION_KEYS.values()} == {*CONVENTIONS}
 
 
 @pytest.mark.parametrize(

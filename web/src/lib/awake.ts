@@ -4,7 +4,7 @@
 // is no such thing (no TLS, an old browser) or it is refused (an empty battery), the page works as before.
 
 class Awake {
-  #wanted = false;
+  #mustStayOn = false;
   #asking = false;
   #lock: WakeLockSentinel | null = null;
 
@@ -13,23 +13,23 @@ class Awake {
   }
 
   /** Keep the screen on, or let it sleep. */
-  keep(wanted: boolean) {
-    this.#wanted = wanted;
+  keep(mustStayOn: boolean) {
+    this.#mustStayOn = mustStayOn;
     void this.#look();
   }
 
   async #look() {
     if (!navigator.wakeLock || this.#asking) return;
     this.#asking = true;
-    const wanted = this.#wanted;
+    const mustStayOn = this.#mustStayOn;
     try {
-      if (!wanted) await this.#lock?.release();
+      if (!mustStayOn) await this.#lock?.release();
       else if (!document.hidden && (this.#lock?.released ?? true)) this.#lock = await navigator.wakeLock.request("screen");
     } catch {
       // asked again when the page is seen again
     }
     this.#asking = false;
-    if (this.#wanted !== wanted) void this.#look(); // it began or ended meanwhile
+    if (this.#mustStayOn !== mustStayOn) void this.#look(); // it began or ended meanwhile
   }
 }
 

@@ -1,6 +1,6 @@
 // What procedures are called and what their settings are called, on every page. The titles are those of the catalogue.
 
-import { asked } from "./review";
+import { fetchJson } from "./review";
 import { sayings } from "./say.svelte";
 import titles from "./procedure_titles.json";
 import type { Procedure } from "./types";
@@ -12,6 +12,6 @@ export const called = (procedure: string): string => sayings.say(TITLES[procedur
 
 /** The settings of a procedure as a JSON schema, which says what each is called; undefined of one that is no more. */
 export async function schemaOf(procedure: string): Promise<Record<string, unknown> | undefined> {
-  const all = await asked<Procedure[]>("./api/procedures");
+  const all = await fetchJson<Procedure[]>("./api/procedures");
   return all.find((each) => each.name === procedure)?.settings;
 }

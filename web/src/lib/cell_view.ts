@@ -31,8 +31,8 @@ const MOST_POSES = 400;
 
 /** The poses of the plan that a question shows; else those of the series that a run is in; none where there is neither. */
 export function plannedPoses(prompt: Prompt | null, series: Series | null): PlannedPose[] {
-  const shown = prompt?.data?.plan?.poses;
-  if (Array.isArray(shown) && !(series && prompt?.data.target)) return drawable(shown); // a pose asked for by hand is in its series
+  const planned = prompt?.data?.plan?.poses;
+  if (Array.isArray(planned) && !(series && prompt?.data.target)) return drawable(planned); // a pose asked for by hand is in its series
   if (!series) return [];
   const poses = drawable(series.poses);
   for (const place of series.measured) if (poses[place]) poses[place].state = "measured";
@@ -50,9 +50,9 @@ function drawable(poses: { name?: unknown; joints_rad?: unknown }[]): PlannedPos
 /** How many times larger than life an ellipsoid is drawn: 1, 2 or 5 times a power of ten. */
 export function magnification(semi_axes_m: number[]): number {
   const longest = Math.max(...semi_axes_m, 1e-9);
-  const wanted = DRAWN_M / longest;
-  const power = 10 ** Math.floor(Math.log10(wanted));
-  return [5, 2, 1].map((step) => step * power).find((step) => step <= wanted) ?? power;
+  const target_m = DRAWN_M / longest;
+  const power = 10 ** Math.floor(Math.log10(target_m));
+  return [5, 2, 1].map((step) => step * power).find((step) => step <= target_m) ?? power;
 }
 
 /** Joints as one text that changes only when the arm does: a hundredth of a degree is no move. */

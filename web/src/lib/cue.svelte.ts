@@ -38,7 +38,7 @@ class Cue {
 export const cue = new Cue();
 
 /** Tell what became of a run between two looks at it; nothing where it is another run, or nothing weighs. */
-export function heard(before: Session["run"], now: Session["run"]): Heard | null {
+export function cueFor(before: Session["run"], now: Session["run"]): Heard | null {
   if (before === null || now === null || (before.id && before.id !== now.id)) return null;
   const last = before.events[before.events.length - 1]?.n ?? 0;
   const failed = now.events.some((event) => event.n > last && event.kind === "failed");

@@ -1,6 +1,6 @@
 // This browser's own key: made when it is enrolled, never readable, kept in IndexedDB; its signature opens a session.
 
-import type { Standing } from "./people.svelte";
+import type { SignInState } from "./sign_in_types";
 
 const STORE = "device";
 const WAIT_MS = 10_000;
@@ -16,7 +16,7 @@ export interface Answer {
   message: string;
   remedy: string;
   waitS: number;
-  told: Record<string, unknown>;
+  content: Record<string, unknown>;
 }
 
 let passOnAnswer: (content: Record<string, unknown>) => void = () => {};
@@ -35,12 +35,12 @@ export async function post(path: string, content: unknown, waitMs = WAIT_MS): Pr
       body: JSON.stringify(content),
       signal: AbortSignal.timeout(waitMs),
     });
-    const told = (await answer.json()) as Record<string, string>;
-    passOnAnswer(told);
-    const { code = "", message = answer.statusText, remedy = "" } = told;
-    return { ok: answer.ok, code, message, remedy, waitS: Number(answer.headers.get("retry-after") ?? 0), told };
+    const reply = (await answer.json()) as Record<string, string>;
+    passOnAnswer(reply);
+    const { code = "", message = answer.statusText, remedy = "" } = reply;
+    return { ok: answer.ok, code, message, remedy, waitS: Number(answer.headers.get("retry-after") ?? 0), content: reply };
   } catch {
-    return { ok: false, code: "offline", message: "", remedy: "", waitS: 0, told: {} };
+    return { ok: false, code: "offline", message: "", remedy: "", waitS: 0, content: {} };
   }
 }
 
@@ -52,21 +52,21 @@ export async function enrol(token: string): Promise<Answer> {
   const pair = await crypto.subtle.generateKey({ name: "ECDSA", namedCurve: "P-256" }, false, ["sign", "verify"]);
   const spki = await crypto.subtle.exportKey("spki", pair.publicKey);
   const answer = await post("sign-in/devices", { token, public_key: url64(spki) });
-  if (answer.ok) await keep({ id: String(answer.told.device), key: pair.privateKey });
+  if (answer.ok) await keep({ id: String(answer.content.device), key: pair.privateKey });
   return answer;
 }
 
 /** Prove that this browser is the enrolled device; null when it has no key or the service does not know it. */
-export async function prove(): Promise<Standing | null> {
-  const kept = canEnrol() ? await read() : undefined;
-  if (!kept) return null;
-  const asked = await post("sign-in/challenges", {});
-  if (!asked.ok) return null;
-  const challenge = String(asked.told.challenge);
+export async function prove(): Promise<SignInState | null> {
+  const deviceKey = canEnrol() ? await read() : undefined;
+  if (!deviceKey) return null;
+  const challengeReply = await post("sign-in/challenges", {});
+  if (!challengeReply.ok) return null;
+  const challenge = String(challengeReply.content.challenge);
   const text = new TextEncoder().encode(`cellcal device sign-in\n${location.origin}\n${challenge}`);
-  const signature = await crypto.subtle.sign({ name: "ECDSA", hash: "SHA-256" }, kept.key, text);
-  const answer = await post("sign-in/device", { device: kept.id, challenge, signature: url64(signature) });
-  return answer.ok ? (answer.told as unknown as Standing) : null;
+  const signature = await crypto.subtle.sign({ name: "ECDSA", hash: "SHA-256" }, deviceKey.key, text);
+  const answer = await post("sign-in/device", { device: deviceKey.id, challenge, signature: url64(signature) });
+  return answer.ok ? (answer.content as unknown as SignInState) : null;
 }
 
 function url64(bytes: ArrayBuffer): string {
@@ -80,13 +80,13 @@ function store<T>(mode: IDBTransactionMode, ask: (store: IDBObjectStore) => IDBR
     opening.onupgradeneeded = () => opening.result.createObjectStore(STORE);
     opening.onerror = () => failed(opening.error);
     opening.onsuccess = () => {
-      const asked = ask(opening.result.transaction(STORE, mode).objectStore(STORE));
-      asked.onsuccess = () => done(asked.result);
-      asked.onerror = () => failed(asked.error);
+      const request = ask(opening.result.transaction(STORE, mode).objectStore(STORE));
+      request.onsuccess = () => done(request.result);
+      request.onerror = () => failed(request.error);
     };
   });
 }
 
 // One browser may be enrolled at several cells: each address has its own key.
-const keep = (kept: Kept) => store("readwrite", (at) => at.put(kept, location.origin));
+const keep = (deviceKey: Kept) => store("readwrite", (at) => at.put(deviceKey, location.origin));
 const read = () => store<Kept | undefined>("readonly", (at) => at.get(location.origin)).catch(() => undefined);

@@ -28,7 +28,7 @@ export function ago(age_s: number): string {
 }
 
 /** Its value in words; null where it has none. */
-export function told({ value }: Device): string | null {
+export function describeReading({ value }: Device): string | null {
   const { t, number } = language;
   if (!value) return null;
   if (value.length_m !== undefined) return `${number(value.length_m * 1000, 2)} mm`;

@@ -32,7 +32,7 @@ export interface FleetRow {
   clock_off_s: number;
 }
 
-interface Told {
+interface FleetUpdate {
   site: string;
   router: boolean;
   cells: number;
@@ -48,7 +48,7 @@ class FleetLine {
   heard = $state(false);
   signedIn = $state(true);
   ages = $state.raw<Record<string, number>>({});
-  notBelieved = $state.raw<Told["not_believed"]>([]);
+  notBelieved = $state.raw<FleetUpdate["not_believed"]>([]);
 
   #socket: WebSocket | null = null;
   #heardMs = 0;
@@ -64,22 +64,22 @@ class FleetLine {
     const socket = new WebSocket(`${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/api/fleet/live`);
     this.#socket = socket;
     socket.onmessage = (event) => {
-      if (this.#socket === socket) this.#take(JSON.parse(event.data as string) as Told);
+      if (this.#socket === socket) this.#take(JSON.parse(event.data as string) as FleetUpdate);
     };
     socket.onclose = () => {
       if (this.#socket === socket) void this.#closed();
     };
   }
 
-  #take(told: Told) {
+  #take(update: FleetUpdate) {
     this.#heardMs = Date.now();
     this.heard = this.signedIn = true;
-    learn(told);
-    this.site = told.site;
-    this.router = told.router;
-    for (const row of learn(told.rows)) this.rows.set(row.cell, row);
-    if (!same(this.ages, told.ages)) this.ages = told.ages;
-    if (!same(this.notBelieved, told.not_believed)) this.notBelieved = told.not_believed;
+    learn(update);
+    this.site = update.site;
+    this.router = update.router;
+    for (const row of learn(update.rows)) this.rows.set(row.cell, row);
+    if (!same(this.ages, update.ages)) this.ages = update.ages;
+    if (!same(this.notBelieved, update.not_believed)) this.notBelieved = update.not_believed;
   }
 
   async #closed() {

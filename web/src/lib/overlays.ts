@@ -39,9 +39,9 @@ const GHOSTS = { to_do: 0x2f6fb5, next: 0x00897b, measured: 0xa9b5c0 }; // by wh
 const DOUBT = 0x8e24aa;
 
 /** Set an arm's description to the controller's joints [rad]. */
-export function bend(arm: URDFRobot, seen: CellSeen, joints_rad: number[]) {
-  seen.joints.forEach((name, row) => {
-    const factors = seen.description_from_controller[row] ?? [];
+export function bend(arm: URDFRobot, cellView: CellSeen, joints_rad: number[]) {
+  cellView.joints.forEach((name, row) => {
+    const factors = cellView.description_from_controller[row] ?? [];
     arm.setJointValue(name, factors.reduce((sum, factor, i) => sum + factor * (joints_rad[i] ?? 0), 0));
   });
   arm.updateMatrixWorld(true);
@@ -69,9 +69,9 @@ export function axes(name: string): Group {
 }
 
 /** A frame where it was found; one that is fixed in the flange is for the caller to hang there. */
-export function frame(seen: FrameSeen, name: string): Group {
+export function frame(frameView: FrameSeen, name: string): Group {
   const group = axes(name);
-  group.applyMatrix4(new Matrix4().fromArray(seen.matrix).transpose());
+  group.applyMatrix4(new Matrix4().fromArray(frameView.matrix).transpose());
   return group;
 }
 
@@ -121,11 +121,11 @@ export class Ghosts {
   shown: GhostShown[] = [];
   #arm: URDFRobot;
   #cloth = new MeshLambertMaterial({ transparent: true, opacity: 0.32, depthWrite: false });
-  #seen: CellSeen;
+  #cellView: CellSeen;
 
-  constructor(arm: URDFRobot, seen: CellSeen) {
+  constructor(arm: URDFRobot, cellView: CellSeen) {
     this.#arm = arm;
-    this.#seen = seen;
+    this.#cellView = cellView;
     arm.traverse((part) => {
       part.matrixAutoUpdate = true;
       if ((part as Mesh).isMesh) (part as Mesh).material = this.#cloth;
@@ -141,8 +141,8 @@ export class Ghosts {
     this.group.visible = poses.length > 0;
     const bones = { to_do: [] as Vector3[], next: [] as Vector3[], measured: [] as Vector3[] };
     for (const pose of poses) {
-      bend(this.#arm, this.#seen, pose.joints_rad);
-      const joints = this.#seen.joints.map((name) => this.#arm.joints[name]!.getWorldPosition(new Vector3()));
+      bend(this.#arm, this.#cellView, pose.joints_rad);
+      const joints = this.#cellView.joints.map((name) => this.#arm.joints[name]!.getWorldPosition(new Vector3()));
       const flange = this.#arm.links["flange"]!.getWorldPosition(new Vector3());
       const chain = [...joints, flange];
       for (let i = 1; i < chain.length; i++) bones[pose.state].push(chain[i - 1]!, chain[i]!);
@@ -152,7 +152,7 @@ export class Ghosts {
       if (bones[state].length) this.group.add(lines(bones[state], GHOSTS[state]));
     const whole = poses[chosen];
     if (!whole) return;
-    bend(this.#arm, this.#seen, whole.joints_rad);
+    bend(this.#arm, this.#cellView, whole.joints_rad);
     this.#cloth.color.set(GHOSTS[whole.state]);
     this.#cloth.opacity = whole.state === "next" ? 0.5 : 0.32;
     this.group.add(this.#arm);
@@ -175,10 +175,10 @@ export class Doubt {
   }
 
   show(doubt: ToolDoubt | null, flange: Object3D) {
-    const known = doubt !== null && doubt.semi_axes_m.length === 3;
-    this.group.visible = known;
-    this.times = known ? magnification(doubt.semi_axes_m) : 0;
-    if (!known) return;
+    const hasSize = doubt !== null && doubt.semi_axes_m.length === 3;
+    this.group.visible = hasSize;
+    this.times = hasSize ? magnification(doubt.semi_axes_m) : 0;
+    if (!hasSize) return;
     const [a, b, c] = doubt.semi_axes_m.map((size) => Math.max(size, 1e-9) * this.times) as [number, number, number];
     const e = doubt.base_ellipsoid as [number, number, number, number, number, number, number, number, number];
     const tip = flange.localToWorld(new Vector3(...doubt.tip_in_flange_m));

@@ -5,24 +5,9 @@ import { come, early } from "./early";
 import { language, type Key } from "./i18n.svelte";
 import { learn } from "./messages";
 import { sayings } from "./say.svelte";
+import type { Person, Right, Role, SignInState } from "./sign_in_types";
 
 hearAnswers(learn);
-
-export type Role = "viewer" | "technician" | "engineer" | "admin";
-export type Right = "see" | "stop" | "run" | "change_limits" | "write_alone" | "make_programs";
-
-export interface Person {
-  name: string;
-  role: Role;
-  locked: boolean;
-  alone: boolean;
-  rights: Right[];
-}
-
-export interface Standing {
-  wanted: "device" | "person" | "pin" | "nothing";
-  person: Person | null;
-}
 
 const CODES: Record<string, Key> = {
   offline: "people_offline",
@@ -52,7 +37,7 @@ export const isKnown = (answer: { code: string }): boolean => answer.code === "p
 export const inEnglish = (answer: { message: string; remedy: string }): string => `${answer.message} ${answer.remedy}`.trim();
 
 class People {
-  wanted = $state<Standing["wanted"] | null>(null); // null until the service has said
+  wanted = $state<SignInState["wanted"] | null>(null); // null until the service has said
   person = $state<Person | null>(null);
   #first: typeof early | null = early; // asked while the page was still loading; later it would be old
   #turns: Promise<unknown> = Promise.resolve(); // what asks for or changes the session, one after the other
@@ -63,7 +48,7 @@ class People {
     return this.person?.rights.includes(right) ?? false;
   }
 
-  take(standing: Standing) {
+  take(standing: SignInState) {
     this.wanted = standing.wanted;
     this.person = standing.person;
   }
@@ -85,7 +70,7 @@ class People {
   }
 
   /** Who may sign in here. */
-  async known(): Promise<{ name: string; role: Role }[]> {
+  async listPeople(): Promise<{ name: string; role: Role }[]> {
     const answer = await fetch("./api/sign-in/people", { signal: AbortSignal.timeout(10_000) });
     if (!answer.ok) throw new Error(answer.statusText);
     return answer.json();
@@ -109,8 +94,8 @@ class People {
 
   /** Whether whoever sits here has a passphrase: the role that counts just now may be less, behind a lock. */
   async hasPassphrase(): Promise<boolean> {
-    const known = await this.known().catch(() => []);
-    const role = known.find((each) => each.name === this.person?.name)?.role;
+    const listPeople = await this.listPeople().catch(() => []);
+    const role = listPeople.find((each) => each.name === this.person?.name)?.role;
     return role === "engineer" || role === "admin";
   }
 

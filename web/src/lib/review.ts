@@ -138,7 +138,7 @@ export interface TrendPoint {
   limit: number | null;
 }
 
-export class Told extends Error {
+export class ServiceError extends Error {
   code: string;
   remedy: string;
   constructor(code: string, message: string, remedy: string) {
@@ -149,7 +149,7 @@ export class Told extends Error {
 }
 
 /** Ask the service; what it says is wrong is thrown with its remedy. */
-export async function asked<T>(address: string, body?: unknown): Promise<T> {
+export async function fetchJson<T>(address: string, body?: unknown): Promise<T> {
   const how: RequestInit | undefined =
     body === undefined
       ? undefined
@@ -157,7 +157,7 @@ export async function asked<T>(address: string, body?: unknown): Promise<T> {
   const answer = await fetch(address, how);
   if (answer.ok) return learn(await answer.json());
   const content = learn(await answer.json().catch(() => ({})));
-  throw new Told(content.code ?? "error", content.message ?? answer.statusText, content.remedy ?? "");
+  throw new ServiceError(content.code ?? "error", content.message ?? answer.statusText, content.remedy ?? "");
 }
 
 const UNITS: Record<string, [string, number, number]> = {
@@ -170,10 +170,10 @@ const UNITS: Record<string, [string, number, number]> = {
 /** A figure in the unit that people read: the service keeps metres and radians. */
 export function figure(value: number | null | undefined, unit: string, sign = false): string {
   if (value === null || value === undefined) return "–";
-  const [shown, factor, digits] = UNITS[unit] ?? plainly(unit, Number.isInteger(value));
+  const [unitName, factor, digits] = UNITS[unit] ?? plainly(unit, Number.isInteger(value));
   const written = language.number(value * factor, digits).replace(/^-(?=[0.,]*$)/, "");
   const plus = sign && value > 0 ? "+" : "";
-  return `${plus}${written}${shown === "°" || shown === "°/m" ? "" : " "}${shown}`.trim();
+  return `${plus}${written}${unitName === "°" || unitName === "°/m" ? "" : " "}${unitName}`.trim();
 }
 
 function plainly(unit: string, whole: boolean): [string, number, number] {

@@ -15,7 +15,7 @@ class Route {
 
   #read() {
     const [page = "", detail = ""] = location.hash.replace(/^#\//, "").split("/").map(decoded);
-    this.page = PAGES.find((known) => known === page) ?? "home";
+    this.page = PAGES.find((each) => each === page) ?? "home";
     this.detail = detail;
   }
 }

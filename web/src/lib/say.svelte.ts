@@ -38,10 +38,10 @@ interface Part {
 
 class Sayings {
   #table = $state.raw<Record<string, string>>({});
-  #heard = new Map<string, Part[]>();
+  #partsByText = new Map<string, Part[]>();
 
-  #known = { locale: "", kinds: 0 }; // what the table is of
-  #wanted = 1; // of KINDS: every page names procedures; refusals come when one is told, or later
+  #loaded = { locale: "", kinds: 0 }; // what the table is of
+  #requestedKinds = 1; // of KINDS: every page names procedures; refusals come when one is told, or later
 
   constructor() {
     $effect.root(() => {
@@ -68,8 +68,8 @@ class Sayings {
   sentences = (text: string): Spoken[] => this.parts(text).map((part) => ({ ...part, text: wholeSentence(part) }));
 
   /** The name of a step, `phase: name`, with a number behind either. */
-  step = (given: string): string => {
-    const name = given.replace(/,$/, ""); // of a phase whose steps are numbered after a comma
+  step = (fullName: string): string => {
+    const name = fullName.replace(/,$/, ""); // of a phase whose steps are numbered after a comma
     const whole = this.#text(name);
     if (whole !== null) return whole;
     const under = name.indexOf(": ");
@@ -94,11 +94,11 @@ class Sayings {
   #parts(text: string): Part[] {
     if (text === "") return [];
     const table = this.#table; // read first: who asks is told when another language has come
-    let parts = this.#heard.get(text);
+    let parts = this.#partsByText.get(text);
     if (parts) return parts;
     parts = this.#partsIn(table, text);
-    if (parts.every((part) => part.said)) this.#heard.set(text, parts);
-    else if (this.#wanted === 1 && SENTENCED.test(text)) this.#wantAll(0);
+    if (parts.every((part) => part.said)) this.#partsByText.set(text, parts);
+    else if (this.#requestedKinds === 1 && SENTENCED.test(text)) this.#wantAll(0);
     return parts;
   }
 
@@ -160,18 +160,18 @@ class Sayings {
 
   #wantAll(wait_ms?: number) {
     later(() => {
-      this.#wanted = KINDS.length;
+      this.#requestedKinds = KINDS.length;
       return this.#load(language.locale);
     }, wait_ms);
   }
 
   async #load(locale: Locale) {
-    const kinds = KINDS.slice(0, this.#wanted);
+    const kinds = KINDS.slice(0, this.#requestedKinds);
     const files = kinds.map((kind) => FILES[`../locales/${kind}/${locale}.json`]);
     const tables = await Promise.all(files.map((file) => file?.() ?? {}));
-    if (locale !== language.locale || (locale === this.#known.locale && kinds.length <= this.#known.kinds)) return;
-    this.#known = { locale, kinds: kinds.length };
-    this.#heard.clear();
+    if (locale !== language.locale || (locale === this.#loaded.locale && kinds.length <= this.#loaded.kinds)) return;
+    this.#loaded = { locale, kinds: kinds.length };
+    this.#partsByText.clear();
     this.#table = Object.assign({}, ...tables) as Record<string, string>;
   }
 }
@@ -182,8 +182,8 @@ function wholeSentence({ text, english }: Spoken): string {
 }
 
 /** A translation with the space before the English text, which may be the end of another. */
-const withSpaceOf = (text: string, said: string | null): string | null =>
-  said !== null && text.startsWith(" ") ? ` ${said.trimStart()}` : said;
+const withSpaceOf = (text: string, translated: string | null): string | null =>
+  translated !== null && text.startsWith(" ") ? ` ${translated.trimStart()}` : translated;
 
 const isCount = (text: string): boolean => text !== "" && [...text].every((letter) => letter >= "0" && letter <= "9");
 

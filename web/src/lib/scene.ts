@@ -66,7 +66,7 @@ export class RobotScene {
   #doubt = new Doubt();
   #frames: Object3D[] = [];
   #wire: Mesh | null = null;
-  #seen: CellSeen;
+  #cellView: CellSeen;
   #bounds = new Box3();
   #turn = -0.9; // of the camera about the base's z, and its height above the horizon [rad]
   #rise = 0.35;
@@ -74,21 +74,21 @@ export class RobotScene {
   #timer: ReturnType<typeof setTimeout> | undefined;
   #lastMs = 0;
 
-  constructor(canvas: HTMLCanvasElement, seen: CellSeen, description: string) {
+  constructor(canvas: HTMLCanvasElement, cellView: CellSeen, description: string) {
     this.#renderer = new WebGLRenderer({ canvas, antialias: true, alpha: true });
     this.#renderer.setPixelRatio(Math.min(devicePixelRatio, 2));
-    this.#seen = seen;
+    this.#cellView = cellView;
     this.#arm = new URDFLoader().parse(description);
     this.#arm.traverse((part) => (part.matrixAutoUpdate = true));
     for (const joint of Object.values(this.#arm.joints)) joint.ignoreLimits = true; // the controller's are others
     const sun = new DirectionalLight(0xffffff, 2.2);
     sun.position.set(2, -3, 5);
     this.#scene.add(new HemisphereLight(0xffffff, 0x8a97a3, 1.9), sun, this.#arm);
-    this.#ghosts = new Ghosts(new URDFLoader().parse(description), seen);
+    this.#ghosts = new Ghosts(new URDFLoader().parse(description), cellView);
     this.#scene.add(this.#surroundings(), this.#ghosts.group, this.#doubt.group);
     this.#camera.up.copy(UP);
     this.shown = {
-      robot: seen.robot, joints_rad: [], flange_m: [], frames: 0, ghosts: [], axes: [], wire_m: [], ellipsoid: null,
+      robot: cellView.robot, joints_rad: [], flange_m: [], frames: 0, ghosts: [], axes: [], wire_m: [], ellipsoid: null,
     };
     this.frames([], "base");
     window.__robot = this.shown;
@@ -99,7 +99,7 @@ export class RobotScene {
     const before = this.shown.joints_rad;
     if (before.length > 0 && joints_rad.every((angle, i) => Math.abs(angle - (before[i] ?? Infinity)) < STILL_RAD)) return;
     this.shown.joints_rad = [...joints_rad];
-    bend(this.#arm, this.#seen, joints_rad);
+    bend(this.#arm, this.#cellView, joints_rad);
     const flange = this.#arm.links["flange"]!;
     this.shown.flange_m = flange.getWorldPosition(new Vector3()).toArray();
     if (before.length === 0) this.#bounds.setFromObject(this.#arm);
@@ -119,15 +119,15 @@ export class RobotScene {
   }
 
   /** Show the base's axes and those of the frames that were found; ``base`` is what people call the base. */
-  frames(found: FrameSeen[], base: string, name: (seen: FrameSeen) => string = (seen) => seen.name) {
+  frames(found: FrameSeen[], base: string, name: (frameView: FrameSeen) => string = (frameView) => frameView.name) {
     for (const drawn of this.#frames) {
       release(drawn);
       drawn.removeFromParent();
     }
     const flange = this.#arm.links["flange"]!;
-    this.#frames = found.map((seen) => {
-      const drawn = frame(seen, name(seen));
-      (seen.fixed_in === "flange" ? flange : this.#scene).add(drawn);
+    this.#frames = found.map((frameView) => {
+      const drawn = frame(frameView, name(frameView));
+      (frameView.fixed_in === "flange" ? flange : this.#scene).add(drawn);
       return drawn;
     });
     const own = axes(base);
@@ -139,11 +139,11 @@ export class RobotScene {
   }
 
   /** Show how surely the tip is known; null while nobody has said it for this posture. */
-  doubt(told: ToolDoubt | null) {
-    this.#doubt.show(told, this.#arm.links["flange"]!);
+  doubt(toolDoubt: ToolDoubt | null) {
+    this.#doubt.show(toolDoubt, this.#arm.links["flange"]!);
     const times = this.#doubt.times;
     const before = this.shown.ellipsoid;
-    this.shown.ellipsoid = times > 0 && told ? { semi_axes_m: told.semi_axes_m, times } : null;
+    this.shown.ellipsoid = times > 0 && toolDoubt ? { semi_axes_m: toolDoubt.semi_axes_m, times } : null;
     if (before !== this.shown.ellipsoid) this.draw();
   }
 
@@ -195,10 +195,10 @@ export class RobotScene {
   // The wire
 
   #stretchWire(flange: Object3D) {
-    const seen = this.#seen.wire;
-    if (!seen) return;
-    const from = new Vector3(...seen.anchor_in_base_m);
-    const to = flange.localToWorld(new Vector3(...seen.hook_in_flange_m));
+    const wireView = this.#cellView.wire;
+    if (!wireView) return;
+    const from = new Vector3(...wireView.anchor_in_base_m);
+    const to = flange.localToWorld(new Vector3(...wireView.hook_in_flange_m));
     if (!this.#wire) {
       this.#wire = mesh(new CylinderGeometry(1, 1, 1, 8), 0xb3261e);
       const house = mesh(new BoxGeometry(0.11, 0.11, 0.11), 0x0b3c5d);
@@ -217,17 +217,17 @@ export class RobotScene {
 
   #surroundings(): Group {
     const group = new Group();
-    for (const box of this.#seen.boxes) {
+    for (const box of this.#cellView.boxes) {
       const part = mesh(new BoxGeometry(...box.size_m), 0x7f93a5, 0.75);
       part.applyMatrix4(new Matrix4().fromArray(box.base_box).transpose());
       group.add(part, named(box.name, part.position.clone().add(new Vector3(0, 0, box.size_m[2] / 2 + 0.06))));
     }
-    for (const ball of this.#seen.balls) {
+    for (const ball of this.#cellView.balls) {
       const part = mesh(new SphereGeometry(ball.radius_m, 24, 16), 0x7f93a5, 0.75);
       part.position.set(...ball.centre_in_base_m);
       group.add(part, named(ball.name, part.position.clone().add(new Vector3(0, 0, ball.radius_m + 0.06))));
     }
-    for (const plane of this.#seen.planes) {
+    for (const plane of this.#cellView.planes) {
       const normal = new Vector3(...plane.normal_in_base).normalize();
       const point = new Vector3(...plane.point_in_base_m);
       const nearest = normal.clone().multiplyScalar(point.dot(normal));

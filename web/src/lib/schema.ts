@@ -43,7 +43,7 @@ export interface Setting {
   kind: Kind;
   field: Field;
   required: boolean;
-  known: Known;
+  definitions: Known;
 }
 
 /** The settings of a procedure, in the order of its specification. */
@@ -52,16 +52,16 @@ export function settingsOf(schema: Record<string, unknown>): Setting[] {
 }
 
 /** The parts of a setting that is a group. */
-export const partsOf = (setting: Setting): Setting[] => partsIn(resolved(setting.field, setting.known), setting.known, `${setting.path}.`);
+export const partsOf = (setting: Setting): Setting[] => partsIn(resolved(setting.field, setting.definitions), setting.definitions, `${setting.path}.`);
 
 /** What each member of a list is; its place in the list is its name where there is no other. */
 export function memberOf(setting: Setting, at: number): Setting {
-  const field = resolved(setting.field, setting.known).items ?? {};
-  return { name: setting.name, path: `${setting.path}.${at}`, kind: kindOf(field, setting.known), field, required: false, known: setting.known };
+  const field = resolved(setting.field, setting.definitions).items ?? {};
+  return { name: setting.name, path: `${setting.path}.${at}`, kind: kindOf(field, setting.definitions), field, required: false, definitions: setting.definitions };
 }
 
 /** How many numbers a row has. */
-export const lengthOf = (setting: Setting): number => resolved(setting.field, setting.known).minItems ?? 0;
+export const lengthOf = (setting: Setting): number => resolved(setting.field, setting.definitions).minItems ?? 0;
 
 /** What a setting is called: as it is where it is defined; of one that is no more, its name without underscores. */
 export const labelOf = (name: string, field: Field | undefined): string =>
@@ -75,11 +75,11 @@ export const unitOfSetting = (setting: Setting): Unit => {
 
 /** The field at a path of settings, a place in a list left out: room.surroundings.planes.name. */
 export function fieldAt(schema: Record<string, unknown> | undefined, names: string[]): Field | undefined {
-  const known = (schema?.$defs ?? {}) as Known;
+  const definitions = (schema?.$defs ?? {}) as Known;
   let field = schema as Field | undefined;
   for (const name of names) {
-    let there = field ? resolved(field, known) : undefined;
-    while (there?.type === "array" && there.items) there = resolved(there.items, known);
+    let there = field ? resolved(field, definitions) : undefined;
+    while (there?.type === "array" && there.items) there = resolved(there.items, definitions);
     field = there?.properties?.[name];
   }
   return field;
@@ -97,30 +97,30 @@ export function grouped(settings: Setting[]): { basic: Setting[]; groups: [strin
 
 /** The least and the most that a number may be, SI; whether the bound itself is allowed does not matter to a reader. */
 export function boundsOf(setting: Setting): [number | undefined, number | undefined] {
-  const field = resolved(setting.field, setting.known);
+  const field = resolved(setting.field, setting.definitions);
   return [field.minimum ?? field.exclusiveMinimum, field.maximum ?? field.exclusiveMaximum];
 }
 
-function partsIn(field: Field, known: Known, prefix: string): Setting[] {
+function partsIn(field: Field, definitions: Known, prefix: string): Setting[] {
   const required = field.required ?? [];
   return Object.entries(field.properties ?? {}).map(([name, each]) => ({
-    name, path: prefix + name, kind: kindOf(each, known), field: each, required: required.includes(name), known,
+    name, path: prefix + name, kind: kindOf(each, definitions), field: each, required: required.includes(name), definitions,
   }));
 }
 
 /** A field as it is when it is there, a name of another schema looked up. */
-function resolved(field: Field, known: Known): Field {
+function resolved(field: Field, definitions: Known): Field {
   const real = (field.anyOf ?? [field]).find((each) => each.type !== "null") ?? field;
-  return known[real.$ref?.split("/").pop() ?? ""] ?? real;
+  return definitions[real.$ref?.split("/").pop() ?? ""] ?? real;
 }
 
 /** What a technician knows: at most four of a procedure. The rest stands at its usual value. */
 export const isBasic = (setting: Setting): boolean => setting.required || setting.field["x-basic"] === true;
 
-function kindOf(field: Field, known: Known): Kind {
+function kindOf(field: Field, definitions: Known): Kind {
   if (field["x-file"]) return "file";
   if ((field.anyOf ?? [field]).some((each) => each.$ref?.endsWith("/Pose"))) return "pose";
-  const real = resolved(field, known);
+  const real = resolved(field, definitions);
   if (real.enum) return "choice";
   if (real.type === "boolean") return "yesno";
   if (real.type === "number" || real.type === "integer") return real.type;
@@ -132,7 +132,7 @@ function kindOf(field: Field, known: Known): Kind {
   if (!real.items) return "json";
   if (isTriple(real.items)) return "triples";
   if (real.items.type === "integer") return "numbers";
-  return kindOf(real.items, known) === "json" ? "json" : "list";
+  return kindOf(real.items, definitions) === "json" ? "json" : "list";
 }
 
 function isTriple(field: Field): boolean {

@@ -12,7 +12,7 @@ export function lasting(seconds: number): string {
 }
 
 /** What is left of a run. */
-export function left(seconds: number): string {
+export function describeRemaining(seconds: number): string {
   const { t, number } = language;
   if (seconds >= HOURS_FROM_S) return t("step_left_h", { hours: number(seconds / 3600, 1) });
   return seconds < 90

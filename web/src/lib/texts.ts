@@ -17,8 +17,8 @@ export type Locale = (typeof LOCALES)[number]["id"];
 
 /** The language that was chosen on this device, else the browser's, else English. */
 export function wantedLocale(): Locale {
-  const asked = localStorage.getItem("locale") ?? navigator.language.slice(0, 2);
-  return LOCALES.find(({ id }) => id === asked)?.id ?? "en";
+  const requested = localStorage.getItem("locale") ?? navigator.language.slice(0, 2);
+  return LOCALES.find(({ id }) => id === requested)?.id ?? "en";
 }
 
 export const textsOf = (locale: Locale): Promise<Texts> => FILES[`../locales/${locale}.json`]!();

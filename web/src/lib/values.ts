@@ -7,7 +7,7 @@ import { unitOf, type Unit } from "./units";
 
 export interface Row {
   path: string; // as the service names it, with a place in a list counted from 1
-  said: string;
+  title: string;
   before: string;
   after: string;
   change: string; // empty where nothing can be subtracted
@@ -28,7 +28,7 @@ export function rowsOf(path: string, before: unknown, after: unknown, schema?: R
   const unit = unitOf(names.filter((name) => !/^\d+$/.test(name)).pop() ?? "");
   return [{
     path,
-    said: nameOf(path, schema),
+    title: nameOf(path, schema),
     before: written(before, unit),
     after: written(after, unit),
     change: difference(before, after, unit),
@@ -66,8 +66,8 @@ export function written(value: unknown, unit: Unit): string {
   if (Array.isArray(value)) return value.join(", ");
   if (typeof value === "boolean") return language.t(value ? "yes" : "no");
   const words = String(value);
-  const said = sayings.say(words.replaceAll("_", " "));
-  return said === words.replaceAll("_", " ") ? words : said;
+  const translated = sayings.say(words.replaceAll("_", " "));
+  return translated === words.replaceAll("_", " ") ? words : translated;
 }
 
 function difference(before: unknown, after: unknown, unit: Unit): string {

@@ -6,7 +6,8 @@
 
 import { post } from "./device";
 import { learn } from "./messages";
-import { people, type Standing } from "./people.svelte";
+import { people } from "./people.svelte";
+import type { SignInState } from "./sign_in_types";
 import type { Live, Order, Session, Trouble } from "./types";
 
 const SILENT_MS = 2200; // a link that worked
@@ -113,8 +114,8 @@ class Wire {
   }
 
   /** The same for a yes to something that has a name: a question of the desk, or a change that a page shows. */
-  mayAgreeTo(asked: string | undefined): boolean {
-    return this.mayOrder || (this.online && this.#settled && people.may("run") && this.#awaitsMe(asked));
+  mayAgreeTo(question: string | undefined): boolean {
+    return this.mayOrder || (this.online && this.#settled && people.may("run") && this.#awaitsMe(question));
   }
 
   /** Whether the question shown waits for this person's approval as the second. */
@@ -122,9 +123,9 @@ class Wire {
     return this.#awaitsMe(this.session?.prompt?.id);
   }
 
-  #awaitsMe(asked: string | undefined): boolean {
+  #awaitsMe(question: string | undefined): boolean {
     const { approved, approved_by } = this.control;
-    return approved !== "" && approved === asked && approved_by !== people.person?.name;
+    return approved !== "" && approved === question && approved_by !== people.person?.name;
   }
 
   get #settled(): boolean {
@@ -175,7 +176,7 @@ class Wire {
   /** Let a second person approve at this screen. */
   async second(pressed: Pressed, name: string, secret: string) {
     const answer = await post("commands/second", { pressed: { ...pressed, id: randomId() }, name, secret });
-    if (answer.ok) this.#dueRev = Number(answer.told.rev);
+    if (answer.ok) this.#dueRev = Number(answer.content.rev);
     return answer;
   }
 
@@ -192,11 +193,11 @@ class Wire {
 
   #answered(pressed: Pressed, answer: Awaited<ReturnType<typeof post>>): boolean {
     if (answer.ok) {
-      this.#dueRev = Number(answer.told.rev ?? 0);
+      this.#dueRev = Number(answer.content.rev ?? 0);
       return true;
     }
-    const { code, message, remedy, told } = answer;
-    if (told.session) this.#show(told.session as Session);
+    const { code, message, remedy, content } = answer;
+    if (content.session) this.#show(content.session as Session);
     if (code === "people.pin") this.wantsPin = pressed;
     else if (code === "people.second_person") this.wantsSecond = pressed;
     else if (code === "store.end_missing") this.wantsWord = pressed;
@@ -312,7 +313,7 @@ class Wire {
     } else if (kind === "live") {
       this.live = content;
       this.liveAtMs = Date.now();
-    } else if (kind === "person") people.take(content as Standing);
+    } else if (kind === "person") people.take(content as SignInState);
     else if (kind === "control") this.#takeControl(content);
     else if (kind === "troubles") this.troubles = content;
     else if (kind === "beat") this.#hearBeat(content);

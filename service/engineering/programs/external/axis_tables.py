@@ -3,15 +3,11 @@
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from cellcal.calibration.documents import DocumentError
-from cellcal.calibration.documents.plain_files import read_plain_text
-from cellcal.calibration.documents.toml_text import parse_toml
-from cellcal.calibration.geometry import Array
-from cellcal.calibration.message import make_message
+from cellcal.calibration.geometry import Array, homogeneous_matrix
+from cellcal.service.configuration.device_keys import suggest_key
 from cellcal.service.engineering.programs.external.moving_axes import (
     ANY_FRAME,
     AxisKind,
@@ -20,26 +16,18 @@ from cellcal.service.engineering.programs.external.moving_axes import (
     ExternalAxis,
     axis_key,
 )
-from cellcal.service.engineering.programs.project_poses import (
-    ProjectError,
-    pose_keys,
-    pose_of,
-    read_numbers,
-    read_text,
-    refuse_keys,
-    sub_table,
+from cellcal.service.engineering.programs.project_poses import ProjectError
+from cellcal.service.engineering.programs.project_tables import (
+    AxisMotionTable,
+    AxisTable,
+    FixtureTable,
+    ProjectTables,
+    read_identified_axis,
 )
 from cellcal.service.engineering.programs.robot_makes import RobotMake
 
-TABLES = ("track", "positioner")
 _UNIT_WITHIN = 1e-4
 _MOST_SCALE = 0.1  # a factor farther from 1 is a mistake, not an error of the axis
-_MOTION_KEYS = {*pose_keys(), "direction", "zero_mm", "zero_deg"}
-_KEYS = {
-    *_MOTION_KEYS, "name", "axis", "kind", "coordinated", "sign", "lower_mm", "upper_mm", "lower_deg", "upper_deg",
-    "pulses_per_mm", "pulses_per_deg", "frames", "real", "identified",
-}  # fmt: skip
-_REAL_KEYS = {*_MOTION_KEYS, "scale"}
 # By brand: what its programs call external axes, and an example of each.
 _NAMES = {
     "fanuc": (re.compile(r"E[1-9]|GP[2-9]J[1-9]"), "E1 of the robot's group, or GP2 J1 of another"),
@@ -50,74 +38,60 @@ _NAMES = {
 
 
 def read_axes(
-    data: Mapping[str, Any], folder: Path, make: RobotMake | None, known_frames: Sequence[str], where: str
+    tables: ProjectTables, folder: Path, make: RobotMake | None, known_frames: Sequence[str], where: str
 ) -> CellAxes:
     """Return the external axes of a project.
 
     Raises
     ------
     ProjectError
-        A key that is missing, unknown or of the wrong kind, an axis that stands twice, limits that are reversed.
+        An axis that the robot's programs do not have or that stands twice, limits that are reversed, a direction that
+        is no unit vector, a value in the unit of the other kind.
     """
-    axes: list[ExternalAxis] = []
-    for table_name in TABLES:
-        tables = data.get(table_name, [])
-        if not isinstance(tables, list) or not all(isinstance(each, dict) for each in tables):
-            raise ProjectError(
-                f"{where}: {table_name} is a list of tables.", remedy=f"Begin each with [[{table_name}]]."
-            )
-        for number, table in enumerate(tables, start=1):
-            place = f"{where}: [[{table_name}]] {_describe_entry(table, number)}"
-            axes.append(_read_axis(table, folder, make, place, is_track=table_name == "track"))
+    axes = [
+        _read_axis(table, folder, make, f"{where}: [[{heading}]] {number} ({table.name})", is_track=is_track)
+        for heading, written, is_track in (
+            ("track", tables.track, True),
+            ("positioner", tables.positioner, False),
+        )
+        for number, table in enumerate(written, start=1)
+    ]
     _refuse_double(axes, where)
     for axis in axes:
         _refuse_frames(axis, known_frames, where)
     return CellAxes(tuple(axes))
 
 
-def read_fixture_values(table: Mapping[str, Any], axes: CellAxes, where: str) -> dict[str, float]:
+def fixture_values(table: FixtureTable, axes: CellAxes, where: str) -> dict[str, float]:
     """Return where external axes stood while the fixture was measured, by name [m or rad].
 
     Raises
     ------
     ProjectError
-        An axis that the project does not state, or no number.
+        An axis that the project does not state.
     """
-    values = sub_table(table, "at", where)
     by_name = {axis.name: axis for axis in axes.axes}
-    refuse_keys(values, set(by_name), f"{where} at")
-    return {name: _finite(values, name, f"{where} at") * by_name[name].kind.per_unit for name in values}
-
-
-def _describe_entry(table: Mapping[str, Any], number: int) -> str:
-    name = table.get("name")
-    return f"{number} ({name})" if isinstance(name, str) and name else str(number)
+    for name in table.at:
+        if name not in by_name:
+            raise ProjectError(
+                f"{where}: unknown {name}; {suggest_key(name, tuple(by_name))}",
+                remedy="Name an axis as its [[track]] or [[positioner]] does.",
+            )
+    return {name: value * by_name[name].kind.per_unit for name, value in table.at.items()}
 
 
 def _read_axis(
-    table: Mapping[str, Any], folder: Path, make: RobotMake | None, where: str, *, is_track: bool
+    table: AxisTable, folder: Path, make: RobotMake | None, where: str, *, is_track: bool
 ) -> ExternalAxis:
-    refuse_keys(table, _KEYS, where)
-    name, axis = _required_text(table, "name", where), _required_text(table, "axis", where)
-    kind = _read_kind(table, where)
-    _refuse_axis_name(axis, make, where)
-    coordinated = table.get("coordinated")
-    if not isinstance(coordinated, bool):
-        raise ProjectError(
-            f"{where}: coordinated is missing, or neither true nor false.",
-            remedy="Write true where the controller computes with this axis, false where it only moves it.",
-        )
-    sign = table.get("sign", 1)
-    if type(sign) is not int or sign not in (1, -1):
-        raise ProjectError(f"{where}: sign is 1 or -1, not {sign!r}.")
-    frame = pose_of({"position_mm": [0, 0, 0], **_pose_part(table)}, where)
-    entered = _read_motion(table, kind, frame, float(sign), where)
+    _refuse_axis_name(table.axis, make, where)
+    kind, frame = AxisKind(table.kind), _frame_of(table)
+    entered = _read_motion(table, kind, frame, float(table.sign), where)
     lower, upper = _read_range(table, kind, where)
     return ExternalAxis(
-        name=name,
-        axis=axis,
+        name=table.name,
+        axis=table.axis,
         carries_robot=is_track,
-        coordinated=coordinated,
+        coordinated=table.coordinated,
         entered=entered,
         real=_read_real(table, entered, frame, folder, where),
         frame=frame,
@@ -126,30 +100,6 @@ def _read_axis(
         pulses_per_unit=_read_pulses(table, kind, where),
         frames=_read_frames(table, where, is_track=is_track),
     )
-
-
-def _required_text(table: Mapping[str, Any], key: str, where: str) -> str:
-    found = read_text(table, key, where)
-    if found is None:
-        raise ProjectError(f"{where}: {key} is missing.", remedy=_MISSING[key])
-    return found
-
-
-_MISSING = {
-    "name": 'Give the axis a name of your own, such as name = "rail".',
-    "axis": 'Name it as programs do: axis = "E1", "eax_a", "GP2 J1" or "B1".',
-}
-
-
-def _read_kind(table: Mapping[str, Any], where: str) -> AxisKind:
-    kind = read_text(table, "kind", where)
-    if kind not in tuple(AxisKind):
-        stated = "kind is missing" if kind is None else f"kind = {kind!r} is not known"
-        raise ProjectError(
-            make_message("{where}: {stated}.", where=where, stated=stated),
-            remedy="Write prismatic for an axis that slides, revolute for one that turns.",
-        )
-    return AxisKind(kind)
 
 
 def _refuse_axis_name(axis: str, make: RobotMake | None, where: str) -> None:
@@ -166,15 +116,16 @@ def _refuse_axis_name(axis: str, make: RobotMake | None, where: str) -> None:
         )
 
 
-def _pose_part(table: Mapping[str, Any]) -> dict[str, Any]:
-    return {key: value for key, value in table.items() if key in pose_keys()}
+def _frame_of(table: AxisMotionTable) -> Array:
+    """Return the frame of an axis (4, 4) [m]; without a position at the origin."""
+    return homogeneous_matrix(table.rotation(), np.asarray(table.position_mm or (0.0, 0.0, 0.0)) / 1e3)
 
 
 def _read_motion(
-    table: Mapping[str, Any], kind: AxisKind, frame: Array, sign: float, where: str, scale: float = 1.0
+    table: AxisMotionTable, kind: AxisKind, frame: Array, sign: float, where: str, scale: float = 1.0
 ) -> AxisMotion:
-    if "direction" in table:
-        direction = read_numbers(table, "direction", 3, where)
+    if table.direction is not None:
+        direction = np.asarray(table.direction)
         length = float(np.linalg.norm(direction))
         if abs(length - 1.0) > _UNIT_WITHIN:
             raise ProjectError(
@@ -189,115 +140,99 @@ def _read_motion(
             f"{where}: direction is missing.",
             remedy="Write the unit vector of its slide, such as [1, 0, 0].",
         )
-    zero = _value_of(table, "zero", kind, where)
+    zero = _value_of("zero", table.zero_mm, table.zero_deg, kind, where)
     return AxisMotion(
-        kind, frame[:3, 3].copy(), frame[:3, :3] @ direction, 0.0 if zero is None else zero, sign, scale
+        kind,
+        frame[:3, 3].copy(),
+        frame[:3, :3] @ direction,
+        0.0 if zero is None else zero * kind.per_unit,
+        sign,
+        scale,
     )
 
 
-def _value_of(table: Mapping[str, Any], key: str, kind: AxisKind, where: str) -> float | None:
-    """Return a value of an axis [m or rad]; the unit of the other kind is refused."""
-    wrong = f"{key}_{'deg' if kind is AxisKind.PRISMATIC else 'mm'}"
-    if wrong in table:
+def _value_of(
+    key: str, in_mm: float | None, in_deg: float | None, kind: AxisKind, where: str
+) -> float | None:
+    """Return a value in the unit of the axis; one in the unit of the other kind is refused."""
+    right, wrong, unit = (in_mm, in_deg, "deg") if kind is AxisKind.PRISMATIC else (in_deg, in_mm, "mm")
+    if wrong is not None:
         raise ProjectError(
-            f"{where}: {wrong} does not fit an axis of kind {kind}.",
+            f"{where}: {key}_{unit} does not fit an axis of kind {kind}.",
             remedy=f"Write {key}_{kind.unit}, or correct its kind.",
         )
-    full = f"{key}_{kind.unit}"
-    return None if full not in table else _finite(table, full, where) * kind.per_unit
+    return right
 
 
-def _finite(table: Mapping[str, Any], key: str, where: str) -> float:
-    found = table[key]
-    if type(found) not in (int, float) or not np.isfinite(float(found)):
-        raise ProjectError(f"{where}: {key} is a finite number, not {found!r}.")
-    return float(found)
-
-
-def _read_range(table: Mapping[str, Any], kind: AxisKind, where: str) -> tuple[float, float]:
-    lower, upper = (_value_of(table, key, kind, where) for key in ("lower", "upper"))
+def _read_range(table: AxisTable, kind: AxisKind, where: str) -> tuple[float, float]:
+    lower = _value_of("lower", table.lower_mm, table.lower_deg, kind, where)
+    upper = _value_of("upper", table.upper_mm, table.upper_deg, kind, where)
     low, high = -np.inf if lower is None else lower, np.inf if upper is None else upper
     if low >= high:
         raise ProjectError(
-            f"{where}: lower_{kind.unit} ({low / kind.per_unit:g}) is not below upper_{kind.unit} "
-            f"({high / kind.per_unit:g}).",
+            f"{where}: lower_{kind.unit} ({low:g}) is not below upper_{kind.unit} ({high:g}).",
             remedy="Exchange the two.",
         )
-    return float(low), float(high)
+    return low * kind.per_unit, high * kind.per_unit
 
 
-def _read_pulses(table: Mapping[str, Any], kind: AxisKind, where: str) -> float | None:
-    wrong = f"pulses_per_{'deg' if kind is AxisKind.PRISMATIC else 'mm'}"
-    key = f"pulses_per_{kind.unit}"
-    if wrong in table:
-        raise ProjectError(
-            f"{where}: {wrong} does not fit an axis of kind {kind}.",
-            remedy=f"Write {key}, or correct its kind.",
-        )
-    if key not in table:
+def _read_pulses(table: AxisTable, kind: AxisKind, where: str) -> float | None:
+    pulses = _value_of("pulses_per", table.pulses_per_mm, table.pulses_per_deg, kind, where)
+    if pulses is None:
         return None
-    found = _finite(table, key, where)
-    if found == 0:
-        raise ProjectError(f"{where}: {key} is zero.", remedy="Divide its pulses by its travel.")
-    return found / kind.per_unit
+    if pulses == 0:
+        raise ProjectError(
+            f"{where}: pulses_per_{kind.unit} is zero.", remedy="Divide its pulses by its travel."
+        )
+    return pulses / kind.per_unit
 
 
-def _read_frames(table: Mapping[str, Any], where: str, *, is_track: bool) -> tuple[str, ...]:
-    found = table.get("frames", [] if is_track else None)
-    if found is None:
+def _read_frames(table: AxisTable, where: str, *, is_track: bool) -> tuple[str, ...]:
+    if is_track:
+        if table.frames:
+            raise ProjectError(
+                f"{where}: a track carries the robot, and no frames.",
+                remedy="Leave frames out, or write [[positioner]].",
+            )
+        return ()
+    if table.frames is None:
         raise ProjectError(
             f"{where}: frames is missing: nothing tells which points are at the work that it carries.",
             remedy='Name their user frames, frames = ["*"] for all points, or frames = [] for none.',
         )
-    if not isinstance(found, list) or not all(isinstance(item, str) and item for item in found):
-        raise ProjectError(f'{where}: frames is a list of user frames, such as frames = ["3"].')
-    if is_track and found:
-        raise ProjectError(
-            f"{where}: a track carries the robot, and no frames.",
-            remedy="Leave frames out, or write [[positioner]].",
-        )
-    return tuple(found)
+    return tuple(table.frames)
 
 
-def _read_real(
-    table: Mapping[str, Any], entered: AxisMotion, frame: Array, folder: Path, where: str
-) -> AxisMotion:
+def _read_real(table: AxisTable, entered: AxisMotion, frame: Array, folder: Path, where: str) -> AxisMotion:
     """Return the axis as it was identified: a table of its own, or a file with the same keys."""
-    real, file = sub_table(table, "real", where), read_text(table, "identified", where)
-    if real and file is not None:
+    real = table.real
+    if not real.is_empty and table.identified is not None:
         raise ProjectError(f"{where}: real and identified exclude each other.")
-    if file is not None:
-        where = str((folder / file).resolve())
-        real = _load_identified((folder / file).resolve())
-    if not real:
+    if table.identified is not None:
+        path = (folder / table.identified).resolve()
+        where, real = str(path), read_identified_axis(path)
+    if real.is_empty:
         return entered
-    refuse_keys(real, _REAL_KEYS, f"{where} real" if file is None else where)
-    scale = _finite(real, "scale", where) if "scale" in real else 1.0
+    scale = 1.0 if real.scale is None else real.scale
     if abs(scale - 1.0) > _MOST_SCALE:
         raise ProjectError(
             f"{where}: scale {scale:g} is no error of an axis.",
             remedy="It is the travel for each unit of the value: near 1.",
         )
-    pose = _pose_part(real)
-    real_frame = pose_of({"position_mm": [0, 0, 0], **pose}, where) if pose else frame
-    zero = {} if any(f"zero_{unit}" in real for unit in ("mm", "deg")) else _zero_of(entered)
-    stated = {**zero, **real}
-    if ("direction" not in stated and entered.kind is AxisKind.PRISMATIC) or (
-        "direction" not in stated and not pose
-    ):
+    has_pose = real.position_mm is not None or bool(real.orientation_keys)
+    stated: dict[str, object] = {}
+    if real.zero_mm is None and real.zero_deg is None:
+        stated[f"zero_{entered.kind.unit}"] = entered.zero / entered.kind.per_unit
+    if real.direction is None and (entered.kind is AxisKind.PRISMATIC or not has_pose):
         stated["direction"] = (frame[:3, :3].T @ entered.direction).tolist()
-    return _read_motion(stated, entered.kind, real_frame, entered.sign, where, scale)
-
-
-def _zero_of(entered: AxisMotion) -> dict[str, float]:
-    return {f"zero_{entered.kind.unit}": entered.zero / entered.kind.per_unit}
-
-
-def _load_identified(path: Path) -> dict[str, Any]:
-    try:
-        return parse_toml(read_plain_text(path))
-    except (OSError, DocumentError) as broken:
-        raise ProjectError(f"{path} cannot be read as an identified axis: {broken}") from broken
+    return _read_motion(
+        real.model_copy(update=stated),
+        entered.kind,
+        _frame_of(real) if has_pose else frame,
+        entered.sign,
+        where,
+        scale,
+    )
 
 
 def _refuse_double(axes: Sequence[ExternalAxis], where: str) -> None:

@@ -15,6 +15,7 @@ from cellcal.service.engineering.parameters.parameter_sets import ParameterSets
 from cellcal.service.engineering.programs.project import SMALLEST_SIGMA, Project
 from cellcal.service.engineering.programs.project_arms import IdentifiedArm, identified_arm
 from cellcal.service.engineering.programs.project_poses import ProjectTool
+from cellcal.service.engineering.programs.project_tables import RobotTable
 
 _IN_SPACE = 2.8  # the radius that holds 95 % of a tip, in standard deviations of one coordinate
 
@@ -62,7 +63,9 @@ def _identified_arm(config: CellConfig, sets: str, serial: str, model: RobotMode
     folder = Path(config.path).parent
     if serial not in ParameterSets(folder / sets).robot_serials():
         return None
-    return identified_arm({"parameter_store": sets}, folder, model, serial, "this cell")
+    return identified_arm(
+        RobotTable(serial=serial, model=model.name, parameter_store=sets), folder, model, "this cell"
+    )
 
 
 def _measured_frames(found: Sequence[Mapping[str, Any]]) -> tuple[dict[str, ProjectTool], dict[str, Array]]:

@@ -1,0 +1,43 @@
+"""One TCP port of a fake: it opens, serves its clients, and cuts their connections where it closes."""
+
+import asyncio
+from collections.abc import Awaitable, Callable
+from contextlib import suppress
+from typing import TypeAlias
+
+ServeClient: TypeAlias = Callable[[asyncio.StreamReader, asyncio.StreamWriter], Awaitable[None]]
+
+
+class ListeningPort:
+    """Calls ``serve`` for each client; a connection that ends is closed, whatever the reason."""
+
+    def __init__(self, host: str, port: int, serve: ServeClient) -> None:
+        self._host, self._port, self._serve = host, port, serve
+        self._server: asyncio.Server | None = None
+        self._writers: set[asyncio.StreamWriter] = set()
+
+    async def open(self) -> None:
+        """Listen, where nothing listens yet."""
+        if self._server is None:
+            self._server = await asyncio.start_server(self._serve_client, self._host, self._port)
+
+    def close(self) -> None:
+        """Stop listening and cut every connection."""
+        if self._server is not None:
+            self._server.close()
+            self._server = None
+        self.cut_connections()
+
+    def cut_connections(self) -> None:
+        """Cut every connection; new clients are accepted."""
+        for writer in tuple(self._writers):
+            writer.transport.abort()
+
+    async def _serve_client(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        self._writers.add(writer)
+        try:
+            with suppress(OSError, asyncio.IncompleteReadError):
+                await self._serve(reader, writer)
+        finally:
+            self._writers.discard(writer)
+            writer.close()

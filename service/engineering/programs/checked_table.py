@@ -1,0 +1,144 @@
+"""Tables of a TOML file as strict pydantic models, and every fault of one as a sentence with its cure.
+
+A type such as `Text` states what it allows in words; a fault names the table by its heading, the key, what is allowed
+and what stands there. Numbers are finite, and ``true`` is none.
+"""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Annotated, Any, ClassVar, NoReturn, get_args, get_origin
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, WrapValidator
+from pydantic_core import ErrorDetails, PydanticCustomError
+
+from cellcal.service.configuration.device_keys import suggest_key
+
+_LONGEST_VALUE = 80  # characters of a wrong value in a sentence
+_SENTENCE, _REMEDY = "sentence", "remedy"  # of the context of a fault
+
+
+class CheckedTable(BaseModel):
+    """A table of the file: unknown keys are refused, for a misspelled limit is no limit."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
+    missing_remedies: ClassVar[Mapping[str, str]] = {}  # by key: what to write where it is missing
+
+    @property
+    def is_empty(self) -> bool:
+        """Whether no key is written in the table."""
+        return not self.model_fields_set
+
+
+@dataclass(frozen=True, slots=True)
+class TableFault:
+    """One fault of a file."""
+
+    heading: str  # of the table, as the file writes it; empty at the top
+    sentence: str
+    remedy: str = ""
+
+    @property
+    def text(self) -> str:
+        """Return the table's heading and the sentence."""
+        return f"{self.heading}: {self.sentence}" if self.heading else self.sentence
+
+
+def refuse_value(sentence: str, remedy: str = "") -> NoReturn:
+    """Refuse a value or a table from inside a pydantic validator.
+
+    Raises
+    ------
+    PydanticCustomError
+        Always; `table_faults` takes sentence and remedy from it.
+    """
+    raise PydanticCustomError("refused", "{sentence}", {_SENTENCE: sentence, _REMEDY: remedy})
+
+
+def allow_only(sentence: str, remedy: str = "") -> WrapValidator:
+    """Return the validator of a type whose wrong values are refused with "KEY sentence, not VALUE."."""
+
+    def check(value: Any, validate: Callable[[Any], Any]) -> Any:
+        try:
+            return validate(value)
+        except ValidationError:
+            raise PydanticCustomError(
+                "kind",
+                "{sentence}",
+                {_SENTENCE: f"{sentence}, not {_shorten_value(value)}.", _REMEDY: remedy},
+            ) from None
+
+    return WrapValidator(check)
+
+
+Text = Annotated[str, Field(min_length=1), allow_only("is a text in quotes")]
+Number = Annotated[float, allow_only("is a finite number")]
+NonNegative = Annotated[float, Field(ge=0), allow_only("is a finite number, not below zero")]
+Numbers = Annotated[list[float], allow_only("is a list of finite numbers")]
+Triple = Annotated[
+    list[float], Field(min_length=3, max_length=3), allow_only("is a list of 3 finite numbers")
+]
+Quadruple = Annotated[
+    list[float], Field(min_length=4, max_length=4), allow_only("is a list of 4 finite numbers")
+]
+
+
+def table_faults(
+    error: ValidationError, model: type[CheckedTable], data: Mapping[str, Any]
+) -> list[TableFault]:
+    """Return every fault of a document that a model refuses."""
+    return [_fault_of(each, model, data) for each in error.errors(include_url=False)]
+
+
+def _fault_of(error: ErrorDetails, model: type[CheckedTable], data: Mapping[str, Any]) -> TableFault:
+    context, place = error.get("ctx", {}), error["loc"]
+    if error["type"] == "refused":  # by a table: it names its keys itself
+        return TableFault(_heading_of(place, data), context[_SENTENCE], context[_REMEDY])
+    key, table = str(place[-1]) if place else "", _table_at(model, place[:-1])
+    heading = _heading_of(place[:-1], data)
+    if error["type"] == "kind":
+        return TableFault(heading, f"{key} {context[_SENTENCE]}", context[_REMEDY])
+    if error["type"] == "missing":
+        return TableFault(heading, f"{key} is missing.", table.missing_remedies.get(key, ""))
+    if error["type"] == "extra_forbidden":
+        known = tuple(table.model_fields)
+        return TableFault(
+            heading,
+            f"unknown {key}; {suggest_key(key, known)}",
+            f"Known here: {', '.join(sorted(known))}.",
+        )
+    if error["type"] == "list_type":
+        return TableFault(heading, f"{key} is a list of tables.", f"Begin each with [[{key}]].")
+    return TableFault(heading, f"{key} is a table, written {_heading_of(place, data)}.")
+
+
+def _heading_of(place: Sequence[int | str], data: Mapping[str, Any]) -> str:
+    """Return the heading of a table: ``[tools.1.real]``, or ``[[track]] 2 (rail)`` of one in a list."""
+    if len(place) > 1 and isinstance(place[1], int):
+        number = place[1]
+        name = data[str(place[0])][number].get("name")
+        named = f" ({name})" if isinstance(name, str) and name else ""
+        return " ".join((f"[[{place[0]}]] {number + 1}{named}", *map(str, place[2:])))
+    return f"[{'.'.join(map(str, place))}]" if place else ""
+
+
+def _table_at(model: type[CheckedTable], place: Sequence[int | str]) -> type[CheckedTable]:
+    """Return the model of the table at a place of a document."""
+    parts = iter(place)
+    for part in parts:
+        annotation = model.model_fields[str(part)].annotation
+        model = next(_models_in(annotation), model)
+        if any(get_origin(each) in (dict, list) for each in (annotation, *get_args(annotation))):
+            next(parts, None)  # the name or the number of one of several tables
+    return model
+
+
+def _models_in(annotation: Any) -> Iterator[type[CheckedTable]]:
+    if isinstance(annotation, type) and issubclass(annotation, CheckedTable):
+        yield annotation
+    for part in get_args(annotation):
+        yield from _models_in(part)
+
+
+def _shorten_value(value: Any) -> str:
+    text = repr(value)
+    return text if len(text) <= _LONGEST_VALUE else f"{text[:_LONGEST_VALUE]}…"
