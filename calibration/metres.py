@@ -10,6 +10,7 @@ from cellcal.calibration.message import make_message
 
 MOST_OF_TOOL_M = 5.0  # from the flange; the longest lances are three
 MOST_OF_CELL_M = 30.0  # from the base, a rail included
+MOST_OF_HALL_M = 100.0  # from a tracker, beyond which none measures
 
 
 def refuse_not_metres(

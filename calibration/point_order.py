@@ -12,7 +12,9 @@ from cellcal.calibration.message import make_message
 _SUSPECT_M = 1e-3  # RMS that no touch leaves
 _SUSPECT_SHARE = 3e-3  # of the spread
 _BETTER = 20.0
-_ALL_ORDERS = 7  # points; of more, two that changed places, and runs from another end or beginning
+_ALL_ORDERS = 7  # points; of more, two that changed places, runs from another end, and what distances tell
+_MOST_MATCHED = 60  # points whose order is looked for by their distances
+_ALIKE_SHARE = 0.25  # of the present misfit: how far the distances of a better order may differ
 
 
 def refuse_other_order(source: Array, target: Array, residuals: Array) -> None:
@@ -27,7 +29,10 @@ def refuse_other_order(source: Array, target: Array, residuals: Array) -> None:
     spread = float(np.sqrt((target**2).sum(axis=1).mean()))
     if rms_m < max(_SUSPECT_M, _SUSPECT_SHARE * spread):
         return
-    orders = np.array(list(_list_orders(len(source))))
+    found = list(_list_orders(len(source)))
+    if _ALL_ORDERS < len(source) <= _MOST_MATCHED:
+        found += _orders_by_distances(source, target, _ALIKE_SHARE * rms_m)
+    orders = np.array(found)
     if not len(orders):
         return
     scores = _order_scores(source, target[orders])
@@ -56,6 +61,41 @@ def _list_orders(count: int) -> Iterator[tuple[int, ...]]:
         yield tuple(order)
     for turned in (plain, plain[::-1]):
         yield from (turned[at:] + turned[:at] for at in range(count) if turned[at:] + turned[:at] != plain)
+
+
+def _orders_by_distances(source: Array, target: Array, alike_m: float) -> Iterator[tuple[int, ...]]:
+    """Yield the orders in which the target's points lie nearest to the source's, laid on three of them.
+
+    A triangle of source points is looked for among the target's by its sides; each that is found places all points.
+    """
+    corners = _widest_triangle(source)
+    sides = np.linalg.norm(source[corners] - source[np.roll(corners, -1)], axis=1)
+    apart = np.linalg.norm(target[:, None] - target[None], axis=2)
+    fits = [np.abs(apart - side) < alike_m for side in sides]
+    for first, second in np.argwhere(fits[0]).tolist():
+        for third in np.flatnonzero(fits[1][second] & fits[2][:, first]).tolist():
+            placed = _placed_on(source, source[corners], target[[first, second, third]])
+            nearest = np.linalg.norm(placed[:, None] - target[None], axis=2).argmin(axis=1)
+            if len(set(nearest.tolist())) == len(source):
+                yield tuple(nearest.tolist())
+
+
+def _widest_triangle(points: Array) -> Array:
+    """Return three points that lie far apart and on no line."""
+    first = int(np.argmax((points**2).sum(axis=1)))
+    from_first = points - points[first]
+    second = int(np.argmax((from_first**2).sum(axis=1)))
+    third = int(np.argmax(np.linalg.norm(np.cross(from_first, from_first[second]), axis=1)))
+    return np.array([first, second, third])
+
+
+def _placed_on(points: Array, three: Array, onto: Array) -> Array:
+    """Return points (n, 3) moved with the rigid motion that brings three of them onto three others."""
+    centre, goal = three.mean(axis=0), onto.mean(axis=0)
+    left, _, right = np.linalg.svd((onto - goal).T @ (three - centre))
+    left[:, 2] *= np.linalg.det(left) * np.linalg.det(right)
+    moved: Array = (points - centre) @ (left @ right).T + goal
+    return moved
 
 
 def _order_scores(source: Array, targets: Array) -> Array:

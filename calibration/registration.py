@@ -8,6 +8,7 @@ import numpy as np
 
 from cellcal.calibration.errors import CalibrationError, DegenerateDataError
 from cellcal.calibration.geometry import Array, Pose, homogeneous_matrix, nearest_rotation, skew_matrix
+from cellcal.calibration.metres import MOST_OF_HALL_M, refuse_not_metres
 from cellcal.calibration.point_order import refuse_other_order
 
 Triple = tuple[float, float, float]
@@ -65,8 +66,8 @@ def best_fit_transform(
     DegenerateDataError
         Fewer than three pairs, or points (nearly) on one line.
     CalibrationError
-        Different numbers of points, numbers that are not finite, points in another order, or one set is a mirror
-        image of the other.
+        Different numbers of points, numbers that are not finite or cannot be metres, points in another order, or
+        one set is a mirror image of the other.
 
     References
     ----------
@@ -74,12 +75,21 @@ def best_fit_transform(
     S. Umeyama, IEEE Trans. PAMI 13 (1991) 376, for the sign of the determinant.
     """
     source, target = _check_points(source_m), _check_points(target_m)
+    refuse_not_metres(source, "points", MOST_OF_HALL_M)
+    refuse_not_metres(target, "points", MOST_OF_HALL_M)
     if len(source) != len(target):
         raise CalibrationError(f"{len(source)} points cannot be paired with {len(target)}")
     _refuse_line(source)
     a, b = source - source.mean(axis=0), target - target.mean(axis=0)
     covariance = b.T @ a
-    rotation = nearest_rotation(covariance)
+    try:
+        rotation = nearest_rotation(covariance)
+    except CalibrationError:  # two corners of a rectangle that changed places leave none
+        refuse_other_order(a, b, b)
+        raise DegenerateDataError(
+            "these points fit no rotation of the others.",
+            remedy="See which point is which, and measure again.",
+        ) from None
     refuse_other_order(a, b, a @ rotation.T - b)
     _refuse_mirror(covariance, a, b, rotation)
     residuals = a @ rotation.T - b
@@ -138,6 +148,8 @@ def trilaterate_point(
     unknowns = 4 if fit_zero else 3
     if lengths.shape != (len(stations),) or not (np.isfinite(lengths).all() and (lengths > 0).all()):
         raise CalibrationError("every station needs one positive, finite length")
+    refuse_not_metres(stations, "stations", MOST_OF_HALL_M)
+    refuse_not_metres(lengths, "lengths", MOST_OF_HALL_M)
     if len(stations) < unknowns:
         raise DegenerateDataError(
             f"{len(stations)} lengths cannot fix {unknowns} unknowns.", remedy="Measure more."

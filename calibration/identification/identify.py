@@ -13,6 +13,7 @@ from cellcal.calibration.identification.cross_validation import (
     compare_models,
     group_rows,
 )
+from cellcal.calibration.identification.distinct_postures import FEWEST_POSTURES, count_postures
 from cellcal.calibration.identification.earlier_posterior import (
     EarlierPosterior,
     OffsetContradiction,
@@ -54,7 +55,6 @@ from cellcal.calibration.identification.series_breaks import SeriesBreak
 from cellcal.calibration.identification.work_parts import SERIAL, PartRunner
 
 _FEWEST_ROWS = {"length": 12, "point": 8, "pose": 6}
-_FEWEST_POSTURES = 5  # that differ: some are held out, and the others must place base and target
 _ENDLESS = 1e9  # degrees of freedom
 _FEWEST_TO_PLACE = {"length": 9, "point": 5, "pose": 4}
 
@@ -227,8 +227,9 @@ def _check_options(
             f"{len(observations)} usable rows are too few to identify anything and to check it.",
             remedy=f"Measure at least {fewest} postures, better 60.",
         )
-    postures = len(np.unique(observations.joints_rad, axis=0))
-    if postures < min(fewest, _FEWEST_POSTURES):
+    needed = min(fewest, FEWEST_POSTURES)
+    postures = count_postures(observations.joints_rad, needed)
+    if postures < needed:
         raise DegenerateDataError(
             f"{postures} postures in {len(observations)} usable rows are too few to identify anything and to check "
             "it.",

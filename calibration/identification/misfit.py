@@ -12,6 +12,7 @@ import numpy as np
 from cellcal.calibration.arm.kinematics import RobotModel, load_model, model_names
 from cellcal.calibration.errors import CalibrationError
 from cellcal.calibration.geometry import Array
+from cellcal.calibration.identification.distinct_postures import count_postures
 from cellcal.calibration.identification.estimator import FitProblem, errors_m, estimate_arm
 from cellcal.calibration.identification.first_guess import first_guess
 from cellcal.calibration.identification.misfit_hypotheses import (
@@ -118,8 +119,8 @@ def refuse_misfit(
     """
     names = names or FileNames(model.joint_names)
     # Rows of the same joints say nothing more about the arm.
-    postures = len(np.unique(observations.joints_rad, axis=0))
-    if postures < _FEWEST.get(observations.kind, postures + 1):
+    fewest = _FEWEST.get(observations.kind)
+    if fewest is None or count_postures(observations.joints_rad, fewest) < fewest:
         return
     rows = spread_rows(len(observations), _MOST_ROWS)
     some = observations.select_rows(rows)

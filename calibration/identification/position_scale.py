@@ -13,6 +13,7 @@ import numpy as np
 from cellcal.calibration.arm.kinematics import RobotModel
 from cellcal.calibration.errors import CalibrationError
 from cellcal.calibration.geometry import Array
+from cellcal.calibration.identification.distinct_postures import FEWEST_POSTURES, count_postures
 from cellcal.calibration.identification.estimator import FitProblem, place_columns
 from cellcal.calibration.identification.first_guess import first_guess
 from cellcal.calibration.identification.lints import Lint
@@ -71,7 +72,7 @@ class PositionScale:
 
 
 def position_scale(model: RobotModel, observations: Observations) -> PositionScale | None:
-    """Return the common factor of measured positions, or None where rows are too few or of another kind."""
+    """Return the common factor of measured positions, or None where rows are too few, alike or of another kind."""
     some = observations.select_rows(spread_rows(len(observations), _MOST_ROWS))
     if isinstance(some, LengthObservations):
         return None
@@ -79,6 +80,8 @@ def position_scale(model: RobotModel, observations: Observations) -> PositionSca
     places = PointObservations(some.joints_rad, some.positions_m, some.sigma_m, once)
     layout = make_layout(model, places.kind, 1, level=GEOMETRY, priors=_WIDE)
     if 3 * len(places) < len(layout) + _SPARE_CHANNELS:
+        return None
+    if count_postures(places.joints_rad, FEWEST_POSTURES) < FEWEST_POSTURES:
         return None
     try:
         start = first_guess(model, places)[0]

@@ -2,9 +2,12 @@
 
 SEVERAL = "the program sets another tool or base for it at different places"
 COMPUTED = "its tool or base is set while the program runs"
+CALLED = "a routine that its program calls sets another tool or base"
+CALLER = "a routine that calls its program sets the tool or base"
 OVERWRITTEN = "the program gives it another value while it runs"
 LATER = "its program sets the tool or base below it, or in a branch"
 MOVED_BY_UNIT = "its work object is moved by a mechanical unit, which no program file holds"
 SEEN_FROM_FLANGE = "it is used with a tool in the cell or a held work object"
 TURNED_BASE = "an external axis turns its base, and no program file holds how"
+UNKNOWN_FRAMES = frozenset((SEVERAL, COMPUTED, LATER, CALLED, CALLER))  # of which joint angles do not depend
 MOVED_FRAMES = frozenset((MOVED_BY_UNIT, TURNED_BASE))  # a project may state what these lack

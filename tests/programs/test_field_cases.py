@@ -35,7 +35,7 @@ class MovedProgram:
 def move_program(
     folder: Path, brand: str, file: str, *, offset: str, text: str = "", joints: str = "keep"
 ) -> MovedProgram:
-    """Move a field case, or a text in its place."""
+    """Move a field case, or a text in its place; without ``joints`` the option is not given."""
     place = Path(shutil.copytree(CASES / brand, folder / brand))
     if text:
         (place / file).write_text(text)
@@ -47,8 +47,7 @@ def move_program(
         place / "project.toml",
         "--offset",
         offset,
-        "--joints",
-        joints,
+        *(["--joints", joints] if joints else []),
     ]
     code = run_command_line(["program", *map(str, words), "--out", str(out), "--json", str(report)])
     found = json.loads(report.read_text())

@@ -387,6 +387,19 @@ def test_rows_of_one_posture_are_refused(tmp_path, capsys):
     assert "1 postures in 30 usable rows are too few" in message
 
 
+@pytest.mark.parametrize("postures", [1, 4])
+def test_few_postures_whose_encoders_flicker_are_refused(postures, tmp_path, capsys):
+    flicker_deg = 1e-3 * np.random.default_rng(5).standard_normal((40, 6))
+    rows = np.arange(40) % postures
+    path = file_of(
+        tmp_path,
+        [",".join([*J, "X", "Y", "Z"]), *text_rows(DEG[rows] + flicker_deg, MM[rows] + flicker_deg[:, :3])],
+    )
+    code, _, message = identify_file_as(path, capsys)
+    assert code == ExitCode.REFUSED
+    assert f"{postures} postures in 40 usable rows are too few" in message
+
+
 def test_a_file_with_five_of_six_joints_is_no_list_of_points(tmp_path, capsys):
     path = file_of(tmp_path, [",".join([*J[:5], "X", "Y", "Z"]), *text_rows(DEG[:, :5], MM)])
     _, _, message = identify_file_as(path, capsys)

@@ -10,7 +10,7 @@ from cellcal.calibration.points.end_effector import refuse_tool_points
 from cellcal.calibration.points.fixture import refuse_bad_points
 from cellcal.calibration.points.frames import frame_from_three_points, is_pointing_down
 from cellcal.calibration.points.tool_point import locate_tool_point, tool_pose
-from cellcal.calibration.registration import best_fit_transform
+from cellcal.calibration.registration import best_fit_transform, trilaterate_point
 from cellcal.calibration.wires.model import WirePrior
 from cellcal.procedures.three_point_frame import DEFINITION, FrameSetup, ThreePointFrame
 from tests.unit.test_tool_point import noisy_touches
@@ -93,3 +93,44 @@ def test_a_verdict_on_a_frame_says_that_it_hangs(order, hangs):
 
 def test_a_kit_in_metres_is_taken():
     assert not RecoveryKit((0.0, 0.0, 0.18), ()).places
+
+
+@pytest.mark.parametrize("turn", [0.0, 1.0])
+def test_two_corners_of_a_rectangle_that_changed_places_are_named(turn):
+    corners = np.array([(0, 0, 0), (0.5, 0, 0), (0.5, 0.3, 0), (0, 0.3, 0)], dtype=float)
+    places = corners @ exp_rotation(np.array([0.3, 0.2, turn])).T + np.array([1.2, 0.1, 0.4])
+    with pytest.raises(CalibrationError, match="times better in another order: 1, 3, 2, 4"):
+        best_fit_transform(corners, places[[0, 2, 1, 3]])
+
+
+def test_points_that_fit_no_rotation_are_refused_with_a_cure():
+    corners = np.array([(0, 0, 0), (0.5, 0, 0), (0.5, 0.3, 0), (0, 0.3, 0)], dtype=float)
+    with pytest.raises(CalibrationError, match="fit no rotation") as refused:
+        best_fit_transform(corners, np.ones((4, 3)))
+    assert refused.value.remedy
+
+
+@pytest.mark.parametrize("count", [8, 12, 30])
+@pytest.mark.parametrize("seed", range(4))
+def test_any_order_of_many_points_is_named(count, seed):
+    drawing, places = drawing_and_places(count, seed)
+    order = np.random.default_rng(100 + seed).permutation(count).tolist()
+    with pytest.raises(CalibrationError, match="times better in another order") as refused:
+        best_fit_transform(drawing, places[order])
+    expected_order = ", ".join(str(order.index(at) + 1) for at in range(count))
+    assert expected_order in refused.value.message
+
+
+@pytest.mark.parametrize("scales", [(1.0, 1e3), (1e3, 1.0), (1e3, 1e3)])
+def test_millimetres_in_a_fit_of_points_are_refused(scales):
+    drawing, places = drawing_and_places(5)
+    with pytest.raises(CalibrationError, match="m cannot be right"):
+        best_fit_transform(drawing * scales[0], (places + np.array([2.0, 0.0, 0.0])) * scales[1])
+
+
+@pytest.mark.parametrize("scales", [(1.0, 1e3), (1e3, 1.0), (1e3, 1e3)])
+def test_millimetres_in_a_place_from_lengths_are_refused(scales):
+    stations = np.array([(0, 0, 0), (2, 0, 0), (0, 2, 0), (0, 0, 2)], dtype=float)
+    lengths = np.linalg.norm(stations - (0.7, 0.6, 0.3), axis=1)
+    with pytest.raises(CalibrationError, match="m cannot be right"):
+        trilaterate_point(stations * scales[0], lengths * scales[1])

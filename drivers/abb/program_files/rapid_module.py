@@ -217,6 +217,7 @@ class RapidModule:
         if not declared[4] or kind not in TARGETS:
             if kind in TARGETS:
                 self.found.add_remark(declared.start(2), "computed", make_message(_FILLED_TEXT, name))
+                self.uses.declare_without_row(name)
             return declared.end()
         counts = [size.strip() if _SIZES.fullmatch(size) else None for size in sizes.split(",")]
         if any(count is not None and len(count) > _MOST_DIGITS for count in counts):

@@ -93,7 +93,8 @@ def frames_set(file: str, name: str, data: bytes) -> dict[str, str]:
 
     The keys begin with the folder: programs of one controller lie together.
     """
-    if not any(word in data for word in _SETTABLE):  # as in nearly all
+    capitals = data.upper()
+    if not any(word in capitals for word in _SETTABLE):  # as in nearly all
         return {}
     statements = statements_of(data)[1]
     frame_reasons = {

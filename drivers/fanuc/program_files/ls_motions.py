@@ -1,5 +1,6 @@
 """What the motions of a program do to its positions: increments, led motions and shifts, row by row."""
 
+import re
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from math import nan
@@ -32,7 +33,10 @@ _AMOUNT = "the program computes with it and does not go there, so it may be a sh
 _WRITTEN_REMOTE = (
     "it is written with RX to RR, for a tool that stands in the cell; the listing does not say where"
 )
-_WORDS = (b"INC", b"COORD", b"RTCP", b"VR[", b"OFFSET", b"PR[")
+_WORDS = (b"INC", b"COORD", b"RTCP", b"VR[", b"OFFSET", b"PR[", b"PAL_")
+_TO_PALLET = re.compile(
+    rb"[JLCAS][ \t]++(PAL_\d++\[[^\]]{0,20}+\])"
+)  # its places are no positions of the listing
 
 
 @dataclass
@@ -90,10 +94,24 @@ def with_motions(positions: Positions, data: bytes) -> Positions:
     ]
     all_shifts = [
         *shifted_here,
+        *_pallet_places(data),
         *_with_rows(shifts, rows, positions),
         *_with_all_rows(found.any_shift, positions),
     ]
     return replace(positions, barred=barred, conditions=conditions, shifts=(*positions.shifts, *all_shifts))
+
+
+def _pallet_places(data: bytes) -> Iterator[ProgramShift]:
+    """Yield the motions to a pallet: its pattern sets the place, and stays as it was taught."""
+    seen: set[bytes] = set()
+    for statement in read_statements(data):
+        found = _TO_PALLET.match(statement.text)
+        if found is not None and found[1] not in seen:
+            seen.add(found[1])
+            place = found[1].decode("cp437")
+            yield ProgramShift(
+                statement.line, "PALLETIZING", ShiftAxes.USER_FRAME, point=place, quaternion=None, sets=True
+            )
 
 
 def bar_standing_tools(positions: Positions) -> Positions:

@@ -20,6 +20,9 @@ _SILENT_LINE = re.compile(
     rb"^[ \t]*+\d*+[ \t]*+:[ \t]*+(?://|!|--)[^\n]*+|(?<=:)//[^\n]*+|'[^'\n]*+'", re.MULTILINE
 )
 _COMMENT = re.compile(rb"(\[ *+(?:GP\d *+: *+)?+\d{1,5}+(?: *+, *+\d{1,2}+)?+) *+:[^\]\n]*+\]")
+_SMALL_LETTERS = re.compile(
+    rb"^[ \t]*+\d*+[ \t]*+:[ \t]*+[a-z]|^[ \t]*+\d*+[ \t]*+:[JLCAS][ \t]++p", re.MULTILINE
+)
 _USED = re.compile(rb"P(?<![A-Za-z]P)\[ *+(\d{1,5}+)")
 
 # Each begins with a letter, which is found fast in a million lines.
@@ -127,7 +130,9 @@ def statements_of(data: bytes) -> tuple[int, bytes]:
 
 
 def _active_statements(statements: bytes) -> bytes:
-    return _COMMENT.sub(_blanked_comment, _SILENT_LINE.sub(_blank_match, statements))
+    """Return statements without comments; in capitals where an editor wrote one in small letters."""
+    active = _COMMENT.sub(_blanked_comment, _SILENT_LINE.sub(_blank_match, statements))
+    return active.upper() if _SMALL_LETTERS.search(active) else active
 
 
 def _blank_match(found: re.Match[bytes]) -> bytes:

@@ -16,7 +16,9 @@ _MISSING_GROUP = "its program runs motion group {}, in which it was not taught: 
 _SELECTED = re.compile(
     rb"\A(UFRAME_NUM|BENUTZER_NUM|UTOOL_NUM|WKZ_NUM)[ \t]*+(?:\[ *+GP *+1 *+\][ \t]*+)?+=[ \t]*+(\d{1,3}+)?"
 )
-_SELECTION = re.compile(rb"\b(?:UFRAME_NUM|BENUTZER_NUM|UTOOL_NUM|WKZ_NUM)\b|MNUFRAMENUM|MNUTOOLNUM")
+_SELECTION = re.compile(
+    rb"\b(?:UFRAME_NUM|BENUTZER_NUM|UTOOL_NUM|WKZ_NUM)\b|MNUFRAMENUM|MNUTOOLNUM", re.IGNORECASE
+)
 _FORGETS = re.compile(
     rb"\b(?:LBL|MARKE|ELSE|SONST|ENDIF|FOR|ENDFOR|WHILE|ENDWHILE|CASE|CALL|AUFRUF|RUN|MONITOR)\b"
     rb"|\A[A-Za-z]\w*+(?:[ \t]++\w++)*+\Z"
@@ -58,7 +60,7 @@ def _groups_missing(positions: Positions, mask: bytes) -> dict[int, int]:
 
 def _may_differ(positions: Positions, data: bytes) -> bool:
     """Tell whether a program selects another number than all its positions hold: nearly none does."""
-    selected = {(word in _FRAMES, number) for word, number in _NUMBERS.findall(data)}
+    selected = {(word in _FRAMES, number) for word, number in _NUMBERS.findall(data.upper())}
     taught_with = {
         (frames, str(int(name)).encode() if name and name.isdigit() else b"")
         for frames, column in ((True, positions.user_frames), (False, positions.tools))

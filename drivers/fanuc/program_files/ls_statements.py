@@ -14,7 +14,7 @@ _MOTION = re.compile(rb"[JLCAS][ \t]++PR?\[")
 _TARGET = re.compile(rb"P(?<![A-Za-z]P)\[ *+(?:(\d{1,5}+)|[A-Za-z])")
 _GOES_TO_REGISTER = re.compile(rb"(?:^[JLCAS][ \t]++|:[ \t]*+)PR\[ *+(?:GP\d *+: *+)?+(\d{1,5}+|[A-Za-z])")
 _CALLED = re.compile(rb"\b(?:CALL|AUFRUF|RUN)[ \t]++[^\s;,(]++(?:\([^;)]*+\))?")
-_SKIP = re.compile(rb"\bSkip\b[^;]*?(?:PR\[[^\]]*+\] *= *[A-Z]PO[SN]\b|$)")
+_SKIP = re.compile(rb"\bSkip\b[^;]*?(?:PR\[[^\]]*+\] *= *[A-Z]PO[SN]\b|$)", re.I)
 _TOOL_OFFSET = re.compile(
     rb"\bTOOL_OFFSET\b(?:[ \t]*+,[ \t]*+PR\[[^\]]*+\](?:[ \t]*+,[ \t]*+UTOOL\[[^\]]*+\])?)?", re.I
 )

@@ -5,18 +5,16 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import TypeAlias
 
-from cellcal.drivers.programs.barred import COMPUTED, LATER, SEVERAL
+from cellcal.drivers.programs.barred import CALLED, CALLER, COMPUTED, LATER, SEVERAL
 from cellcal.drivers.programs.call_graph import Marks, reached_settings
 
 UNKNOWN = "?"
 RESET = "~"  # what the controller begins with: BAS(#INITMOV,0) sets it, behind what the routine sets
-_CALLED = "a routine that its program calls sets another tool or base"
-_CALLER = "a routine that calls its program sets the tool or base"
 BARRED = {
     "several": SEVERAL,
     "computed": COMPUTED,
-    "called": _CALLED,
-    "caller": _CALLER,
+    "called": CALLED,
+    "caller": CALLER,
     "later": LATER,
 }
 

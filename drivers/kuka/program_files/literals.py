@@ -25,7 +25,7 @@ _B = r"[ \t\r]"
 _OPEN = re.compile(rf"\{{{_B}*+(?:([A-Za-z]\w*+){_B}*+:)?+", re.ASCII)
 _NAME = re.compile(rf"{_B}*+([A-Za-z]\w*+)", re.ASCII)
 _VALUE = re.compile(rf"{_B}++({_WHOLE})(?=[ \t\r,}}]){_B}*+([,}}])", re.ASCII)
-_EXPRESSION = re.compile(rf"{_B}++[+-]?{_B}*+[A-Za-z_$(]", re.ASCII)
+_EXPRESSION = re.compile(rf"{_B}++(?:[+-]?{_B}*+[A-Za-z_$(]|{_NUMBER}{_B}*+[-+*/]{_B}*+[\w.$(])", re.ASCII)
 _STATE = re.compile(r"'([BbHh])([0-9A-Fa-f]++)'|(\d++)(?:\.0*+)?+", re.ASCII)
 
 # The order in which the controller itself writes; what is written otherwise goes field by field.

@@ -24,6 +24,7 @@ _ARGUMENTS = rf"(?:{_B},{_B}(?:[A-Za-z_]\w*+{_B}={_B})?(?:{NUMBER}|[A-Za-z_]\w*+
 _END = rf"{_B}(?:\#[^\r\n]*+)?\r?(?:\n|\Z)"
 _MOVE = r"(?:movej|movel|movep|servoj|servoc)"
 SIX_NUMBERS = re.compile(SIX)
+_SUM = re.compile(r"[\d.][ \t]*+[-+]")  # inside a list that looks like numbers: one of them is computed
 _LINE = re.compile(
     rf"""{_B}(?:
       (?:(?:global|local)[ \t]++)?(?P<name>[A-Za-z_]\w*+){_B}={_B}(?P<kind>p?)\[(?P<six>{_CHARACTERS})\]
@@ -197,7 +198,7 @@ def _take_line(line: re.Match[str], found: ScriptStatements) -> bool:
     which = line.lastgroup
     if which in ("six", "move_six"):
         start, end = line.span(which)
-        if line.string.count(",", start, end) != 5:
+        if line.string.count(",", start, end) != 5 or _SUM.search(line.string, start, end) is not None:
             return False
         if which == "six":
             found.literals.append(ScriptLiteral(start, end, line["kind"] == "p", "value", 0, line["name"]))

@@ -12,6 +12,7 @@ from cellcal.calibration.arm.model_references import shown_name
 from cellcal.calibration.geometry import Array, Pose, inverse_transform
 from cellcal.calibration.message import make_message
 from cellcal.calibration.programs.transfer import same_place
+from cellcal.drivers.programs.barred import UNKNOWN_FRAMES
 from cellcal.drivers.programs.errors import ProgramFileError
 from cellcal.drivers.programs.external_settings import sets_external_axes
 from cellcal.drivers.programs.positions import CARTESIAN, JOINTS, UNTAUGHT, ProgramFile
@@ -64,6 +65,7 @@ class ProgramPoints:
     axis_values: Array  # (N, A) of the cell's external axes
     axes_of: tuple[PointAxes, ...]  # by program
     solved: Array  # (N, n) joints that were computed for points that state none, while they are
+    unusable: NDArray[np.bool_]  # (N,) whose joints are not where the robot stands there
 
     def __len__(self) -> int:
         return len(self.row)
@@ -103,10 +105,18 @@ class ProgramPoints:
         for i in rows.tolist():
             self.reasons[i] = self.reasons[i] or (why if isinstance(why, str) else why(i))
 
+    def keep_joint_points(self) -> None:
+        """Let points in joint angles stay whose tool or frame is unknown: they depend on none."""
+        for i, why in enumerate(self.reasons):
+            if why in UNKNOWN_FRAMES and not self.cartesian[i] and np.isfinite(self.joints[i]).all():
+                self.stays[i], self.reasons[i] = True, ""
+
     def taught_before(self, rows: Rows) -> Array:
-        """Return joints (K, n) taught in the same program after the row before each of K rows, else NaN."""
-        taught = np.flatnonzero(np.isfinite(self.joints).all(axis=1))
-        taught = taught[[not self.reasons[i] for i in taught.tolist()]]
+        """Return joints (K, n) taught in the same program after the row before each of K rows, else NaN.
+
+        A point that is left where it is tells the posture as well as one that is changed.
+        """
+        taught = np.flatnonzero(np.isfinite(self.joints).all(axis=1) & ~self.unusable)
         found = np.full((len(rows), self.joints.shape[1]), np.nan)
         if not len(taught):
             return found
@@ -141,6 +151,11 @@ def points_of(programs: Sequence[ProgramFile], cell: Project) -> ProgramPoints:
     ]
     all_of = [program.positions for program in programs]
     count = [len(positions) for positions in all_of]
+    reasons = [
+        "" if each.stays[row] else _first_reason(kind, p.barred.get(row, ""), axes) or each.reasons[row]
+        for p, each in zip(all_of, found, strict=True)
+        for row, kind in enumerate(p.kinds)
+    ]
     return ProgramPoints(
         programs=tuple(programs),
         of=np.repeat(np.arange(len(programs)), count).astype(np.intp),
@@ -152,15 +167,12 @@ def points_of(programs: Sequence[ProgramFile], cell: Project) -> ProgramPoints:
         tools=tuple(name for p in all_of for name in p.tools),
         user_frames=tuple(name for p in all_of for name in p.user_frames),
         stays=side_by_side([each.stays for each in found], np.zeros(0, dtype=bool)),
-        reasons=[
-            "" if each.stays[row] else _first_reason(kind, p.barred.get(row, ""), axes) or each.reasons[row]
-            for p, each in zip(all_of, found, strict=True)
-            for row, kind in enumerate(p.kinds)
-        ],
+        reasons=reasons,
         held=side_by_side([held_rows(p) for p in all_of], np.zeros(0, dtype=bool)),
         axis_values=side_by_side([each.point_axes.values for each in found], np.zeros((0, len(cell.axes)))),
         axes_of=tuple(each.point_axes for each in found),
         solved=np.full((sum(count), axes), np.nan),
+        unusable=np.array([bool(reason) and reason not in UNKNOWN_FRAMES for reason in reasons], dtype=bool),
     )
 
 

@@ -83,6 +83,11 @@ class CloneRoute:
         """Tell that real arms stand at both ends."""
         return (True, True)
 
+    @property
+    def keeps_joint_points(self) -> bool:
+        """Tell whether points in joint angles are requested to stay."""
+        return False
+
     def covers_frame(self, frame: str | None, *, bare_joints: bool, in_joints: bool = False) -> bool | str:
         """Every point is cloned."""
         return True

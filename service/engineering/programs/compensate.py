@@ -43,6 +43,11 @@ class CompensationRoute:
         upload = self.direction is ProgramDirection.UPLOAD
         return not upload, upload
 
+    @property
+    def keeps_joint_points(self) -> bool:
+        """Tell whether points in joint angles are requested to stay."""
+        return False
+
     def covers_frame(self, frame: str | None, *, bare_joints: bool, in_joints: bool = False) -> bool | str:
         """Every point is corrected."""
         return True

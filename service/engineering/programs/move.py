@@ -50,6 +50,11 @@ class MoveRoute:
         """Tell that real arms stand at both ends."""
         return (True, True)
 
+    @property
+    def keeps_joint_points(self) -> bool:
+        """Tell whether points in joint angles are requested to stay."""
+        return self.joints == "keep"
+
     def covers_frame(self, frame: str | None, *, bare_joints: bool, in_joints: bool = False) -> bool | str:
         """Return whether points of a user frame move; the option for joint angles goes before what a file says."""
         if in_joints and (self.joints == "keep" or (bare_joints and self.joints == "move")):

@@ -97,6 +97,11 @@ class TransferRoute(Protocol):
         """Tell of source and target whether their arms, and what carries these, are the real ones."""
         ...
 
+    @property
+    def keeps_joint_points(self) -> bool:
+        """Tell whether points in joint angles are requested to stay, whatever a program does with them."""
+        ...
+
     def covers_frame(self, frame: str | None, *, bare_joints: bool, in_joints: bool = False) -> bool | str:
         """Tell whether points of a user frame go this way, or why that is not known.
 
@@ -144,6 +149,8 @@ class ProgramTransfer:
             refuse_foreign(program, self._route.source)
         axes = self._route.source.nominal.axis_count
         points = points_of(programs, self._route.source)
+        if self._route.keeps_joint_points:
+            points.keep_joint_points()
         result = PointOutcomes.make_empty(len(points), axes)
         if len(self._route.source.axes):
             result.axis_values = np.full((len(points), len(self._route.target.axes)), np.nan)
@@ -303,6 +310,7 @@ class ProgramTransfer:
         apart, _ = same_place(tip_poses(TipArm(self._route.source.controller), joints), base_flange)
         wrong = apart > _CONTRADICTS_M
         distances_m = dict(zip(rows.tolist(), apart.tolist(), strict=True))
+        points.unusable[rows[wrong]] = True
         points.refuse_points(
             rows[wrong],
             lambda i: make_message(

@@ -57,7 +57,7 @@ ENGLISH = ReportTexts(
     counts="{programs}, {points}: {changed} changed, {unchanged} unchanged, {left} left as they were.",
     programs=("{} program", "{} programs"),
     points=("{} point", "{} points"),
-    left_means="A point that is left is not fit for this cell: teach it there.",
+    left_means="Nothing of a point that is left was changed: see its reason, and teach it or change its program.",
     points_off=(
         "{} shifted point misses its place: its shift does not turn with the work.",
         "{} shifted points miss their places: their shifts do not turn with the work.",
@@ -106,7 +106,7 @@ GERMAN = ReportTexts(
     counts="{programs}, {points}: {changed} geändert, {unchanged} unverändert, {left} belassen.",
     programs=("{} Programm", "{} Programme"),
     points=("{} Punkt", "{} Punkte"),
-    left_means="Ein belassener Punkt passt nicht in diese Zelle: Teachen Sie ihn dort.",
+    left_means="Ein belassener Punkt ist unverändert: Siehe Grund; teachen Sie ihn, oder ändern Sie das Programm.",
     points_off=(
         "{} verschobener Punkt verfehlt seinen Ort: Seine Verschiebung dreht sich nicht mit dem Werkstück.",
         "{} verschobene Punkte verfehlen ihren Ort: Ihre Verschiebungen drehen sich nicht mit dem Werkstück.",
@@ -158,7 +158,7 @@ SPANISH = ReportTexts(
     counts="{programs}, {points}: {changed} cambiados, {unchanged} sin cambios, {left} dejados como estaban.",
     programs=("{} programa", "{} programas"),
     points=("{} punto", "{} puntos"),
-    left_means="Un punto que se dejó no es apto para esta célula: enséñelo allí.",
+    left_means="En un punto que se dejó no se cambió nada: lea el motivo y enséñelo o cambie su programa.",
     points_off=(
         "{} punto desplazado no llega a su lugar: su desplazamiento no gira con la pieza.",
         "{} puntos desplazados no llegan a su lugar: sus desplazamientos no giran con la pieza.",
@@ -210,7 +210,7 @@ CHINESE = ReportTexts(
     counts="{programs}，{points}：{changed} 个已更改，{unchanged} 个未变，{left} 个保持原样。",
     programs=("{} 个程序", "{} 个程序"),
     points=("{} 个点", "{} 个点"),
-    left_means="保持原样的点不适用于此单元：请在该单元重新示教。",
+    left_means="保持原样的点未作任何更改：请查看原因，并重新示教该点或修改其程序。",
     points_off=("{} 个偏移点未到达其位置：其偏移不随工件转动。", "{} 个偏移点未到达其位置：其偏移不随工件转动。"),
     files_refused=("拒绝了 {} 个文件。", "拒绝了 {} 个文件。"),
     expected_most="预期误差最大 {} mm（k = 2）。",

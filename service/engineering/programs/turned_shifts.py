@@ -31,6 +31,10 @@ _COSTS_EACH_TIME = (
     "{what} shifts {point} in axes that this change turns by {angle} deg: the point then misses by {distance} mm "
     "for each time that this runs. Turn the shift in the program, too, or teach the point there."
 )
+_COSTS_UP_TO = (
+    "{what} shifts {point} in axes that this change turns by {angle} deg: the point then misses by up to "
+    "{distance} mm. Turn the shift in the program, too, or teach the point there."
+)
 _SIZE_UNREADABLE = (
     "{what} shifts {point} in axes that this change turns by {angle} deg; the size of the shift is not readable, "
     "and each 100 mm of it may miss by {distance} mm. Turn the shift in the program, too, or teach the point there."
@@ -156,11 +160,9 @@ def _shift_finding(
         distance = float(np.linalg.norm(expected[:3, 3] - reached[:3, 3]))
         turn = float(np.linalg.norm(log_rotation(expected[:3, :3].T @ reached[:3, :3])))
     costs = distance > _LEAST_M or turn > _LEAST_RAD
-    text = (
-        _finding_text(_COSTS_EACH_TIME if shift.each_time else _COSTS, shift, point, angle, distance, turn)
-        if costs
-        else ""
-    )
+    form = _COSTS_EACH_TIME if shift.each_time else _COSTS
+    form = form if turned.exact else _COSTS_UP_TO  # which axis of an unknown frame turns is unknown, too
+    text = _finding_text(form, shift, point, angle, distance, turn) if costs else ""
     return PointFinding(shift.line, point, shift.what, angle, distance, turn, text, row)
 
 
