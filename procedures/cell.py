@@ -8,6 +8,7 @@ from typing import Protocol
 from cellcal.calibration.arm.kinematics import RobotModel
 from cellcal.calibration.drift.reference import DriftReference
 from cellcal.calibration.mastering.counts import MasteringRecord
+from cellcal.calibration.mastering.position_record import ArmPositionRecord
 from cellcal.calibration.points.alignment import Alignment
 from cellcal.calibration.poses.calibrated_arm import CalibratedArm
 from cellcal.drivers.interfaces import (
@@ -24,11 +25,13 @@ from cellcal.drivers.interfaces import (
     MasteringStore,
     Operator,
     Robot,
+    TellsPositionData,
     ToolFrameStore,
     TouchProbe,
     Tracker,
     UserFrameStore,
 )
+from cellcal.procedures.shown_motors import ShownMotors
 from cellcal.procedures.surroundings import NOTHING_KNOWN, Surroundings
 
 
@@ -166,6 +169,8 @@ class Cell:
     operator: Operator
     jogs: JogsAxes | None = None
     mastering: MasteringStore | None = None
+    position_data: TellsPositionData | None = None
+    shown_motors: ShownMotors | None = None  # where encoders cannot be read, and the gear ratios are known
     tool_frames: ToolFrameStore | None = None
     user_frames: UserFrameStore | None = None
     frames: KnowsActiveFrames | None = None
@@ -185,6 +190,9 @@ class Cell:
     )  # of instruments, by their roles
     model: RobotModel | None = None  # nominal kinematics
     record: MasteringRecord | None = None  # the latest of this robot
+    position_record: ArmPositionRecord | None = (
+        None  # the latest of this robot, where encoders cannot be read
+    )
     backups: tuple[MasteringBackup, ...] = ()  # of this robot's mastering before each write, oldest first
     alignments: tuple[Alignment, ...] = ()  # of every robot with every fixture, oldest first
     calibrated: CalibratedArm | None = None  # the latest parameters of this robot

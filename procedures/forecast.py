@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from cellcal.calibration.arm.kinematics import RobotModel
 from cellcal.calibration.drift.reference import DriftReference
 from cellcal.calibration.mastering.counts import MasteringRecord
+from cellcal.calibration.mastering.position_record import ArmPositionRecord
 from cellcal.calibration.points.alignment import Alignment
 from cellcal.drivers.interfaces import Counts, GaugeCapabilities, Joints, TrackerCapabilities
 from cellcal.procedures.accuracy_limits import AccuracyClass, is_in_reach
@@ -28,6 +29,7 @@ class Knowledge:
     gauge_setup: GaugeSetup | None = None
     gauge: GaugeCapabilities | None = None
     record: MasteringRecord | None = None
+    position_record: ArmPositionRecord | None = None  # where the encoders cannot be read
     last_counts: Counts | None = None
     limits: MotionCaps = field(default_factory=MotionCaps)
     tracker_setup: TrackerSetup | None = None

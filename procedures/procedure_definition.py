@@ -103,6 +103,18 @@ NEEDS: dict[str, tuple[str, Callable[[Cell], bool]]] = {
         "a mastering record of this robot, taken before the loss",
         lambda cell: cell.record is not None,
     ),
+    "position_cure": (
+        "a controller whose lost position a person brings back at its pendant",
+        lambda cell: cell.position_data is not None,
+    ),
+    "drive_data": (
+        "the motor turns of each joint turn (motor_turns_per_joint_turn in cell.toml)",
+        lambda cell: cell.shown_motors is not None,
+    ),
+    "position_record": (
+        "a position record of this robot, taken before the loss",
+        lambda cell: cell.position_record is not None,
+    ),
     "backup": ("a mastering that an earlier run wrote", lambda cell: bool(cell.backups)),
     "evidence": (
         "a draw-wire, touch probe or tracker, or a record with touched places or a seat",

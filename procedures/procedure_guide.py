@@ -38,6 +38,20 @@ GUIDE: Mapping[str, GuideEntry] = {
         (10, 25),
         "the draw-wire, or places to touch",
     ),
+    "position_cure": GuideEntry(
+        "lost",
+        "An ABB, Yaskawa or KUKA lost its position: leads through the work at the pendant, axis by axis, and proves "
+        "by measurement that every axis is right.",
+        (20, 60),
+        "the pendant and the draw-wire",
+    ),
+    "position_record": GuideEntry(
+        "lost",
+        "While an ABB, Yaskawa or KUKA is healthy: takes the record by which a position brought back at the "
+        "pendant is proved later.",
+        (10, 25),
+        "the draw-wire",
+    ),
     "mastering_undo": GuideEntry(
         "lost",
         "When a mastering was written that should not have been: puts back the one before.",
@@ -126,6 +140,9 @@ NEED_REMEDIES: Mapping[str, str] = {
     "model": "An engineer enters the robot's model in the cell file.",
     "gauge_setup": "Measure with a tape where the draw-wire stands and enter it in the cell file.",
     "record": "Take a mastering record while the robot is healthy.",
+    "position_cure": "Use mastering_recovery where the controller opens its mastering; else the maker's manual.",
+    "drive_data": "Enter the gear ratios of the data sheet in the cell file; the catalogue of models holds none.",
+    "position_record": "Take a position record while the robot is healthy.",
     "backup": "There is nothing to put back: no run has written a mastering yet.",
     "evidence": "Connect a draw-wire, touch probe or tracker, or take a mastering record with touched places.",
     "tracker": "Connect a tracker or another instrument that measures points.",

@@ -130,17 +130,25 @@ class Run:
         self._book = _RunState(cell, ledger, past, expected, announce, gate or PauseGate())
         self._book.attempts.update(past.attempts)
         self._prefix = ""
+        self._lend: Callable[[Cell], Cell] = _lend_as_it_is
 
     @property
     def is_jogged_by_hand(self) -> bool:
         """Whether a person turns the axes of a robot that does not know where it is; the cell file says so."""
-        return self._book.cell.is_jogged_by_hand
+        return self._lend(self._book.cell).is_jogged_by_hand
 
     def with_prefix(self, prefix: str) -> "Run":
         """Return the same run for a sub-procedure: its steps are called ``prefix: name``."""
         inner = Run(self._book.cell, self._book.ledger)
         inner._book = self._book
         inner._prefix = f"{self._prefix}{prefix}: "
+        inner._lend = self._lend
+        return inner
+
+    def with_devices(self, change: Callable[[Cell], Cell]) -> "Run":
+        """Return the same run whose steps are lent another view of the cell, such as other motors of the robot."""
+        inner = Run(self._book.cell, self._book.ledger)
+        inner._book, inner._prefix, inner._lend = self._book, self._prefix, change
         return inner
 
     async def step(
@@ -278,7 +286,7 @@ class Run:
         book.ledger.record(opening, body, key=f"{name}/{attempt}/{opening}")
         self._announce_progress("started", name, task=task)
         try:
-            stored = task.codec.dump_python(await task.act(book.cell), mode="json")
+            stored = task.codec.dump_python(await task.act(self._lend(book.cell)), mode="json")
             book.ledger.record(task.kind, body | {"value": stored}, key=f"{name}/{attempt}/{task.kind}")
         except BaseException as error:
             book.cell.motion.approved = False
@@ -371,6 +379,10 @@ class Run:
         if task is not None:
             progress = replace(progress, does=task.activity_name, page=task.page, goal_rad=task.goal_rad)
         book.announce(progress)
+
+
+def _lend_as_it_is(cell: Cell) -> Cell:
+    return cell
 
 
 def _refuse_mismatch(finding: Finding, task: StepTask) -> None:

@@ -17,6 +17,7 @@ flag                           Protocol
 ``tells_active_frames``        ``KnowsActiveFrames``
 ``tells_mode``                 ``KnowsMode``
 ``tells_speed_override``       ``KnowsSpeedOverride``
+``position_cure``              ``TellsPositionData``
 ``measures_poses``             ``MeasuresPoses``
 =============================  ==========================
 
@@ -61,10 +62,12 @@ from cellcal.drivers.interfaces.robot import (
     KnowsSpeedOverride,
     MasteringData,
     MasteringStore,
+    PositionCure,
     ReadsEncoderCounts,
     ReadsMastering,
     Robot,
     RobotCapabilities,
+    TellsPositionData,
     ToolFrameStore,
     UserFrameStore,
 )
@@ -107,6 +110,7 @@ __all__ = [
     "Operator",
     "PointReading",
     "PoseReading",
+    "PositionCure",
     "ProbeCapabilities",
     "Question",
     "Readiness",
@@ -114,6 +118,7 @@ __all__ = [
     "ReadsMastering",
     "Robot",
     "RobotCapabilities",
+    "TellsPositionData",
     "ToolFrameStore",
     "TouchProbe",
     "Tracker",

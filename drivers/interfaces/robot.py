@@ -1,10 +1,12 @@
 """A robot, and what only some robots can do: one Protocol for each flag of their capabilities."""
 
 from dataclasses import dataclass
+from enum import StrEnum
 from typing import Protocol
 
 from cellcal.calibration.geometry import Pose
 from cellcal.calibration.mastering.counts import DriveTrain
+from cellcal.calibration.mastering.position_record import ShownValue
 from cellcal.drivers.interfaces.device import Device
 
 Joints = tuple[float, ...]
@@ -22,12 +24,21 @@ class JointReading:
     raw: str = ""  # hex of the wire form
 
 
+class PositionCure(StrEnum):
+    """How a person at the pendant brings a lost position back, where no wire writes it."""
+
+    REVOLUTION_COUNTERS = "revolution_counters"  # ABB: each axis at its mark, the fraction of a turn is kept
+    ABSOLUTE_DATA = "absolute_data"  # Yaskawa: the absolute data of each axis are typed or made anew
+    MASTERING_GAUGE = "mastering_gauge"  # KUKA: EMD or dial gauge in the cartridge of each axis
+
+
 @dataclass(frozen=True, slots=True)
 class RobotCapabilities:
     """What this robot can do; a procedure's needs are compared with this before it is offered."""
 
     axes: int
     moves_joints: bool = True
+    moves_slowly: bool = True  # joint moves of 2 deg/s and less, the pace of a robot that may be lost
     moves_linear: bool = False
     hand_guiding: bool = False
     jogs_single_axes: bool = False
@@ -40,6 +51,7 @@ class RobotCapabilities:
     tells_active_frames: bool = False
     tells_mode: bool = False
     tells_speed_override: bool = False
+    position_cure: PositionCure | None = None  # what a person does about a lost position; None: nothing known
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,6 +126,14 @@ class MasteringStore(ReadsEncoderCounts, Protocol):
 
     async def reset_position_alarms(self) -> None:
         """Acknowledge a lost position (FANUC: RES_PCA). Idempotent; the controller may ask for a power cycle."""
+        ...
+
+
+class TellsPositionData(Protocol):
+    """Robots with capabilities.position_cure: what their controllers show about the position."""
+
+    async def position_data(self) -> tuple[ShownValue, ...]:
+        """Return joints, states and whatever else the maker documents, in the controller's own texts."""
         ...
 
 

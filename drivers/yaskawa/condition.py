@@ -16,17 +16,18 @@ _LOST_REMEDY = (
     "position and confirm it at the pendant; then compare with a measurement."
 )
 _OTHER_REMEDY = "Read the alarm at the pendant, mend its cause and reset it."
-_AXES = "SLURBTE8"
+_AXES = 8
 
 
-def describe_alarm(alarm: AlarmEntry) -> Alarm:
-    """Return an alarm with what it says about the position."""
-    return Alarm(str(alarm.code), alarm.name, _axis_of(alarm), _kind_of(alarm.name))
+def describe_alarm(alarm: AlarmEntry) -> tuple[Alarm, ...]:
+    """Return an alarm with what it says about the position; one of several axes once for each of them."""
+    axes = _axes_of(alarm) or (None,)
+    return tuple(Alarm(str(alarm.code), alarm.name, axis, _kind_of(alarm.name)) for axis in axes)
 
 
 def condition_of(status: ControllerStatus, alarms: tuple[AlarmEntry, ...]) -> Condition:
     """Say whether the robot can be used, and who must act. A lost position comes before everything else."""
-    described = tuple(describe_alarm(alarm) for alarm in alarms)
+    described = tuple(each for alarm in alarms for each in describe_alarm(alarm))
     for alarm in described:
         if alarm.kind is AlarmKind.TURNS:
             return Condition(
@@ -86,8 +87,8 @@ def _kind_of(text: str) -> AlarmKind:
     return AlarmKind.UNKNOWN
 
 
-def _axis_of(alarm: AlarmEntry) -> int | None:
-    """Return the only axis whose bit the alarm's data have set, where it is an alarm of axes."""
-    bits = [axis for axis in range(len(_AXES)) if alarm.data >> axis & 1]
-    about_axes = _POSITION_LOST.search(alarm.name) or _ENCODER.search(alarm.name)
-    return bits[0] if about_axes and len(bits) == 1 else None
+def _axes_of(alarm: AlarmEntry) -> tuple[int, ...]:
+    """Return the axes whose bits the alarm's data have set, where it is an alarm of axes."""
+    if not (_POSITION_LOST.search(alarm.name) or _ENCODER.search(alarm.name)):
+        return ()
+    return tuple(axis for axis in range(_AXES) if alarm.data >> axis & 1)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from pydantic import BaseModel, ConfigDict, Field, field_validator
 
 from cellcal.drivers.interfaces import RobotCapabilities
+from cellcal.drivers.wire.motor_turns import MotorTurns
 
 if TYPE_CHECKING:
     from cellcal.drivers.yaskawa.robot import YaskawaOptions, YaskawaRobot
@@ -39,6 +40,7 @@ class YaskawaConfig(BaseModel):
     settle_s: float = Field(default=0.5, ge=0, le=60)
     stuck_s: float = Field(default=2.0, gt=0, le=60)
     tolerance_rad: float = Field(default=5e-4, gt=0, le=0.01)
+    motor_turns_per_joint_turn: MotorTurns = None  # gear ratios of the data sheet; a position cure needs them
 
     @field_validator("pulses_per_degree")
     @classmethod

@@ -10,6 +10,7 @@ import numpy as np
 
 from cellcal.calibration.geometry import Array, Pose
 from cellcal.calibration.mastering.counts import DriveTrain
+from cellcal.calibration.mastering.position_record import ShownValue
 from cellcal.calibration.message import make_message
 from cellcal.drivers.errors import (
     DeviceError,
@@ -23,6 +24,7 @@ from cellcal.drivers.interfaces import (
     Identity,
     JointReading,
     Joints,
+    PositionCure,
     Readiness,
     RobotCapabilities,
 )
@@ -47,7 +49,12 @@ _TOOL_FILE = "TOOL.CND"
 _LOOK = "Look at the robot first: it should have stopped. Use the emergency stop if it has not."
 
 CAPABILITIES = RobotCapabilities(
-    axes=AXES, reads_encoder_counts=True, tells_lost_position=True, tells_active_frames=True, tells_mode=True
+    axes=AXES,
+    reads_encoder_counts=True,
+    tells_lost_position=True,
+    tells_active_frames=True,
+    tells_mode=True,
+    position_cure=PositionCure.ABSOLUTE_DATA,
 )
 
 
@@ -155,6 +162,15 @@ class YaskawaRobot(StepwiseMotion):
     async def encoder_epoch(self) -> int:
         """Return 0: the controller tells nothing that changes with a lost position but its alarms."""
         return 0
+
+    async def position_data(self) -> tuple[ShownValue, ...]:
+        """Return the pulses, which are the encoder counts less the home position's, and the position alarms."""
+        async with self._answer_deadline("reading the position"):
+            pulses = (await read_pulses(self._link)).pulses
+            status = await read_status(self._link)
+            alarms = await read_alarms(self._link) if status.has_alarm else ()
+        shown = [ShownValue("pulse", str(value), axis, "pulse") for axis, value in enumerate(pulses)]
+        return (*shown, *(ShownValue("alarm", f"{alarm.code} {alarm.name}") for alarm in alarms))
 
     # a move
 

@@ -6,7 +6,8 @@ Source
     ABB 3HAC050973-001 rev M for names and states; deploy/controller_setup/abb for the program, whose statements are
     played by hand here.
 Modelled
-    Mode, motors, speed ratio, axis states, tools by name, event log, the handshake with its heartbeat.
+    Mode, motors, speed ratio, axis states, revolution counters, tools by name, event log, the handshake with its
+    heartbeat.
 Not modelled
     The RAPID interpreter, tasks other than T_ROB1, mastership, jogging, files.
 """
@@ -20,6 +21,7 @@ import numpy as np
 
 from cellcal.fake_devices.arm import SimulatedArm
 from cellcal.fake_devices.kinematics import Array
+from cellcal.fake_devices.shown_joints import ShownJoints
 
 HEARTBEAT_REAL_S = 0.5
 OFF, WAITING, MOVING, STOPPED = range(4)
@@ -37,8 +39,11 @@ _TOOLS = {
 class AbbController:
     """Everything behind the web service."""
 
-    def __init__(self, arm: SimulatedArm, serial: str, real_s: Callable[[], float]) -> None:
-        self.arm, self.serial = arm, serial
+    def __init__(
+        self, arm: SimulatedArm, serial: str, real_s: Callable[[], float], counters: ShownJoints
+    ) -> None:
+        self.arm, self.serial, self.counters = arm, serial, counters
+        arm.perceive = counters.shown
         self.title = arm.model.name.removeprefix("abb_").upper()
         self.mode, self.motors, self.speed_percent = "AUTO", "motoron", 100
         self.axis_states = ["Synchronized"] * 6
@@ -105,11 +110,11 @@ class AbbController:
 
     def joints_deg(self) -> list[float]:
         """Return the joints as they are told."""
-        return [float(value) for value in np.degrees(self.arm.joints_rad)]
+        return [float(value) for value in np.degrees(self.arm.controller_joints_rad)]
 
     def flange_pose(self) -> Array:
         """Return base_flange as the controller computes it."""
-        return np.asarray(self.arm.believed_flange(self.arm.joints_rad)[0])
+        return np.asarray(self.arm.believed_flange(self.arm.controller_joints_rad)[0])
 
     # the program on it
 
@@ -144,8 +149,9 @@ class AbbController:
             self.numbers["NSTOP"] = 1
 
     def _begin_move(self) -> None:
-        target = np.radians(self.target_deg)
-        if (target < self.arm.lower_rad).any() or (target > self.arm.upper_rad).any():
+        shown = np.radians(self.target_deg)
+        target = self.counters.true(shown)
+        if (shown < self.arm.lower_rad).any() or (shown > self.arm.upper_rad).any():
             self.program_runs = False
             self.note_event(50027, 3, "Joint Out of Range")
             return
@@ -177,11 +183,26 @@ class AbbController:
             self.motors = "motoroff"
             self.arm.stop(_BRAKING_RAD_S2)
 
+    def turn_to_auto(self) -> None:
+        """Turn the mode switch to AUTO, switch the motors on and let the program run."""
+        self.mode, self.motors, self.program_runs = "AUTO", "motoron", True
+
     def lose_counters(self, axes: list[int]) -> None:
         """Let the battery of the measuring board die: the revolution counters of these axes are gone."""
         for axis in axes:
             self.axis_states[axis] = "NotAMSSynchronized"
+        self.counters.lose_turns(axes)
         self.note_event(20032, 3, "Rev. counter not updated")
+
+    def update_counter(self, axis: int) -> None:
+        """Update the revolution counter of an axis at the pendant, where it stands."""
+        self.counters.update_counter(axis)
+        self.axis_states[axis] = "Synchronized"
+
+    def fine_calibrate(self, axis: int) -> None:
+        """Take where an axis stands as its calibration position."""
+        self.counters.set_zero(axis)
+        self.axis_states[axis] = "Synchronized"
 
     def set_speed(self, percent: int) -> None:
         """Turn the speed ratio."""
@@ -194,6 +215,7 @@ class AbbController:
         """Set everything right at the pendant, and let the program run."""
         self.mode, self.motors, self.program_runs = "AUTO", "motoron", True
         self.axis_states = ["Synchronized"] * 6
+        self.counters.mend()
 
 
 def _list(values: list[float]) -> str:

@@ -7,7 +7,7 @@ Source
 Modelled
     The faults named below and ``fake_devices.abb.server.LINK_FAULTS``.
 Not modelled
-    Encoders: this link does not reach them.
+    Encoders themselves: this link does not reach them.
 """
 
 import asyncio
@@ -21,6 +21,7 @@ from cellcal.fake_devices.device import JsonObject
 from cellcal.fake_devices.keep_running import keep_running
 from cellcal.fake_devices.link_faults import LinkFaults
 from cellcal.fake_devices.networked_robot import NetworkedRobot, parse_axes
+from cellcal.fake_devices.shown_joints import ShownJoints, ratios_of
 from cellcal.fake_devices.world import World
 
 _CYCLE_REAL_S = 0.004
@@ -33,7 +34,9 @@ class FakeAbbRobot(NetworkedRobot):
     def __init__(self, world: World, table: Mapping[str, Any]) -> None:
         name = str(table["name"])
         arm = world.add_arm(name, str(table["model"]))
-        self.controller = AbbController(arm, str(table.get("serial", "0")), world.clock.real_now_s)
+        counters = ShownJoints(arm, ratios_of(table, 6), world.make_rng(name, "counters"))
+        serial = str(table.get("serial", "0"))
+        self.controller = AbbController(arm, serial, world.clock.real_now_s, counters)
         self.controller.heartbeat_s *= world.watchdog_factor
         faults = LinkFaults({kind: {} for kind in LINK_FAULTS}, world.clock.real_now_s)
         host, port = str(table.get("address", "127.0.0.1")), int(table.get("port", 80))
@@ -47,6 +50,9 @@ class FakeAbbRobot(NetworkedRobot):
             "override": lambda p: c.set_speed(int(p.pop("percent", 100))),
             "tool_switched": self._switch_tool,
             "counters_lost": lambda p: c.lose_counters(parse_axes(p.pop("axes", "all"), _AXES)),
+            "update_counter": lambda p: c.update_counter(parse_axes(p.pop("axis", "1"), _AXES)[0]),
+            "fine_calibrate": lambda p: c.fine_calibrate(parse_axes(p.pop("axis", "1"), _AXES)[0]),
+            "auto_mode": lambda _: c.turn_to_auto(),
             "mend": lambda _: c.mend(),
         }
 
@@ -66,6 +72,8 @@ class FakeAbbRobot(NetworkedRobot):
             "motors": c.motors,
             "state": c.state,
             "axis_states": list(c.axis_states),
+            "controller_joints_rad": c.arm.controller_joints_rad.tolist(),
+            "error_rad": c.counters.error_rad.tolist(),
             "active": {
                 "tool_number": None,
                 "user_frame_number": 0,

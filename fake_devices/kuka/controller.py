@@ -6,8 +6,8 @@ Source
     Names of system variables: KUKA, system variables KSS 8.x, as far as public; deploy/controller_setup/kuka for
     the programs, whose statements are played by hand here.
 Modelled
-    Joints, pose, frames, mode, override, safety, drives, stop messages, mastering flags, the handshake with its
-    heartbeat, brake and release.
+    Joints, pose, frames, mode, override, safety, drives, stop messages, mastering flags, mastering by gauge head and
+    dial, the handshake with its heartbeat, brake and release.
 Not modelled
     The KRL interpreter; advance run; T1 speed limits.
 """
@@ -19,6 +19,7 @@ import numpy as np
 
 from cellcal.fake_devices.arm import SimulatedArm
 from cellcal.fake_devices.kinematics import Array, invert_pose, matrix_from_xyzwpr, wpr_from_matrix
+from cellcal.fake_devices.shown_joints import ShownJoints
 
 FRAMES = 16
 HEARTBEAT_REAL_S = 0.5
@@ -31,8 +32,13 @@ _COUNTERS = ("CC_REQ", "CC_ACK", "CC_VEL", "CC_HB")
 class KukaController:
     """Everything behind the variable server."""
 
-    def __init__(self, arm: SimulatedArm, serial: str, title: str, real_s: Callable[[], float]) -> None:
-        self.arm, self.serial, self.title = arm, serial, title
+    def __init__(
+        self, arm: SimulatedArm, names: tuple[str, str], real_s: Callable[[], float], zeros: ShownJoints
+    ) -> None:
+        self.arm, self.zeros = arm, zeros
+        self.serial, self.title = names
+        arm.perceive = zeros.shown
+        self.mastering_deg = [0.0] * 6  # the angle at each notch
         self.mode, self.override_percent = "AUT", 100
         self.safety_closed, self.stop_message, self.drives_on = True, False, True
         self.mastered = [True] * 6
@@ -60,7 +66,7 @@ class KukaController:
 
     def tip_in_base(self) -> Array:
         """Return the pose that $POS_ACT shows."""
-        flange = self.arm.believed_flange(self.arm.joints_rad)[0]
+        flange = self.arm.believed_flange(self.arm.controller_joints_rad)[0]
         return np.asarray(invert_pose(self.base_matrix()) @ flange @ self.tool_matrix())
 
     @property
@@ -99,12 +105,13 @@ class KukaController:
             self.stop_flag = True
 
     def _begin_move(self) -> None:
-        target = np.radians(self.target_deg)
+        shown = np.radians(self.target_deg)
+        target = self.zeros.true(shown)
         percent = self.counters["CC_VEL"]
         if (
             not 1 <= percent <= 100
-            or (target < self.arm.lower_rad).any()
-            or (target > self.arm.upper_rad).any()
+            or (shown < self.arm.lower_rad).any()
+            or (shown > self.arm.upper_rad).any()
         ):
             self.stop_message = True
             return
@@ -139,11 +146,23 @@ class KukaController:
         """Let the resolver memory of some axes fail: the controller unmasters them."""
         for axis in axes:
             self.mastered[axis] = False
+        self.zeros.lose_turns(axes)
+
+    def master_with_gauge(self, axis: int) -> None:
+        """Master an axis with the gauge head; it fails, and the axis stays as it was, where no notch is near."""
+        self.mastered[axis] = self.zeros.find_notch(axis)
+
+    def master_with_dial(self, axis: int) -> None:
+        """Master an axis where it stands, by a dial gauge that a person reads."""
+        self.zeros.set_zero(axis)
+        self.mastered[axis] = True
 
     def mend(self) -> None:
         """Set everything right at the pendant, and let the program run."""
         self.safety_closed, self.stop_message, self.drives_on, self.program_runs = True, False, True, True
         self.mastered, self.mode = [True] * 6, "AUT"
+        self.mastering_deg = [0.0] * 6
+        self.zeros.mend()
 
 
 def matrix_of(values: list[float]) -> Array:

@@ -7,10 +7,11 @@ Source
 Modelled
     The faults named below and ``fake_devices.kuka.server.LINK_FAULTS``.
 Not modelled
-    Encoders: this link does not reach them.
+    Encoders themselves: this link does not reach them.
 """
 
 import asyncio
+import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -21,6 +22,7 @@ from cellcal.fake_devices.kuka.server import LINK_FAULTS, ProxyPort
 from cellcal.fake_devices.kuka.variables import VariableTable
 from cellcal.fake_devices.link_faults import LinkFaults
 from cellcal.fake_devices.networked_robot import NetworkedRobot, parse_axes
+from cellcal.fake_devices.shown_joints import ShownJoints, ratios_of
 from cellcal.fake_devices.world import World
 
 _CYCLE_REAL_S = 0.004
@@ -34,7 +36,9 @@ class FakeKukaRobot(NetworkedRobot):
         name = str(table["name"])
         arm = world.add_arm(name, str(table["model"]))
         title = arm.model.name.removeprefix("kuka_").upper()
-        self.controller = KukaController(arm, str(table.get("serial", "0")), title, world.clock.real_now_s)
+        zeros = ShownJoints(arm, ratios_of(table, 6), world.make_rng(name, "zeros"))
+        names = (str(table.get("serial", "0")), title)
+        self.controller = KukaController(arm, names, world.clock.real_now_s, zeros)
         self.controller.heartbeat_s *= world.watchdog_factor
         faults = LinkFaults({kind: {} for kind in LINK_FAULTS}, world.clock.real_now_s)
         host, port = str(table.get("address", "127.0.0.1")), int(table.get("port", 7000))
@@ -48,6 +52,10 @@ class FakeKukaRobot(NetworkedRobot):
             "override": lambda p: c.set_override(int(p.pop("percent", 100))),
             "tool_switched": self._switch_tool,
             "mastering_lost": lambda p: c.lose_mastering(parse_axes(p.pop("axes", "all"), _AXES)),
+            "master_with_gauge": lambda p: c.master_with_gauge(self._parse_axis(p)),
+            "master_with_dial": lambda p: c.master_with_dial(self._parse_axis(p)),
+            "mastering_angle": self._change_mastering_angle,
+            "auto_mode": lambda _: self._turn_switch("AUT"),
             "mend": lambda _: c.mend(),
             "old_server": lambda _: self._use_server(c3=False),
             "new_server": lambda _: self._use_server(c3=True),
@@ -69,6 +77,8 @@ class FakeKukaRobot(NetworkedRobot):
             "state": c.state,
             "stop_flag": c.stop_flag,
             "mastered": list(c.mastered),
+            "controller_joints_rad": c.arm.controller_joints_rad.tolist(),
+            "error_rad": c.zeros.error_rad.tolist(),
             "active": {
                 "tool_number": c.tool_number,
                 "user_frame_number": c.base_number,
@@ -76,6 +86,15 @@ class FakeKukaRobot(NetworkedRobot):
                 "payload_kg": c.loads_kg[c.tool_number - 1],
             },
         }
+
+    def _parse_axis(self, parameters: dict[str, Any]) -> int:
+        return parse_axes(parameters.pop("axis", "A1"), _AXES)[0]
+
+    def _change_mastering_angle(self, parameters: dict[str, Any]) -> None:
+        """Change the angle that is assigned at a notch, as an unlucky expert may."""
+        axis, degrees = self._parse_axis(parameters), float(parameters.pop("deg", 1.0))
+        self.controller.mastering_deg[axis] += degrees
+        self.controller.zeros.error_rad[axis] += math.radians(degrees)
 
     def _turn_switch(self, mode: str) -> None:
         self.controller.mode = mode

@@ -18,7 +18,7 @@ import numpy as np
 from cellcal.fake_devices.kuka.controller import FRAMES, KukaController, values_of
 
 _MEMBER = re.compile(r"([A-Z]\w*)\s+(-?[\d.]+(?:[eE][-+]?\d+)?)")
-_INDEXED = re.compile(r"(TOOL_DATA|BASE_DATA|LOAD_DATA|\$AXIS_CAL)\[(\d+)\]")
+_INDEXED = re.compile(r"(TOOL_DATA|BASE_DATA|LOAD_DATA|\$AXIS_CAL|\$MAMES)\[(\d+)\]")
 _POSE = ("X", "Y", "Z", "A", "B", "C")
 
 
@@ -60,14 +60,17 @@ class VariableTable:
         if name in self._c.counters:
             return str(self._c.counters[name])
         found = _INDEXED.fullmatch(name)
-        if found is None:
+        return None if found is None else self._read_element(found[1], int(found[2]) - 1)
+
+    def _read_element(self, array: str, index: int) -> str | None:
+        if array in ("$AXIS_CAL", "$MAMES"):
+            if not 0 <= index < 6:
+                return None
+            c = self._c
+            return _flag(c.mastered[index]) if array == "$AXIS_CAL" else f"{c.mastering_deg[index]:.6g}"
+        if not 0 <= index < FRAMES or array == "LOAD_DATA":
             return None
-        index = int(found[2]) - 1
-        if found[1] == "$AXIS_CAL":
-            return _flag(self._c.mastered[index]) if 0 <= index < 6 else None
-        if not 0 <= index < FRAMES or found[1] == "LOAD_DATA":
-            return None
-        return self._frame("FRAME", self._table(found[1])[index])
+        return self._frame("FRAME", self._table(array)[index])
 
     def write(self, name: str, text: str) -> bool:
         """Write a variable; return whether it may be written and the text fits."""
@@ -98,7 +101,7 @@ class VariableTable:
         return self._c.tools if name == "TOOL_DATA" else self._c.bases
 
     def _axes(self) -> str:
-        angles = np.degrees(self._c.arm.joints_rad)
+        angles = np.degrees(self._c.arm.controller_joints_rad)
         members = ", ".join(f"A{axis} {float(angle):.7g}" for axis, angle in enumerate(angles, 1))
         return f"{{E6AXIS: {members}, E1 0.0, E2 0.0, E3 0.0, E4 0.0, E5 0.0, E6 0.0}}"
 

@@ -18,6 +18,7 @@ import numpy as np
 
 from cellcal.fake_devices.arm import SimulatedArm
 from cellcal.fake_devices.kinematics import Array, invert_pose, matrix_from_xyzwpr
+from cellcal.fake_devices.shown_joints import ShownJoints
 from cellcal.fake_devices.yaskawa.packets import CommandRefusal
 
 AXES = "SLURBT"
@@ -34,12 +35,11 @@ class YaskawaController:
     """Everything behind both ports."""
 
     def __init__(
-        self, arm: SimulatedArm, pulses_per_degree: Sequence[float], rng: np.random.Generator, title: str
+        self, arm: SimulatedArm, pulses_per_degree: Sequence[float], homes: ShownJoints, title: str
     ) -> None:
-        self.arm, self.title = arm, title
+        self.arm, self.title, self.homes = arm, title, homes
         self.pulses_per_rad: Array = np.degrees(np.array(pulses_per_degree, dtype=float))
-        self.home_error_rad: Array = np.zeros(len(AXES))  # true joints less shown ones
-        self.shift_pulses = np.zeros(len(AXES), dtype=np.int64)
+        self.lost_axes: set[int] = set()
         arm.perceive = self.shown_joints
         self.mode, self.has_servo_power = REMOTE, True
         self.holds = {"pendant": False, "external": False, "command": False}
@@ -51,7 +51,6 @@ class YaskawaController:
         self.masses_kg = list(_MASSES_KG)
         self.override_percent = 100
         self.variables: dict[tuple[int, int], bytes] = {}
-        self._rng = rng
 
     # position
 
@@ -64,7 +63,7 @@ class YaskawaController:
         return tuple(int(count) for count in self._pulses_at(self.arm.joints_rad))
 
     def _pulses_at(self, joints_rad: Array) -> Array:
-        return np.rint(joints_rad * self.pulses_per_rad) + self.shift_pulses
+        return np.rint(self.homes.shown(joints_rad) * self.pulses_per_rad)
 
     def base_tip(self) -> Array:
         """Return the pose (4, 4) of the active tool's tip that the controller computes."""
@@ -80,8 +79,9 @@ class YaskawaController:
     def order_move(self, pulses: Sequence[int], share: float) -> None:
         """Begin a move to pulses, each axis at no more than this share of its own largest speed."""
         self._refuse_unless_free()
-        target = (np.array(pulses, dtype=float) - self.shift_pulses) / self.pulses_per_rad
-        if (target < self.arm.lower_rad).any() or (target > self.arm.upper_rad).any():
+        shown = np.array(pulses, dtype=float) / self.pulses_per_rad
+        target = self.homes.true(shown)
+        if (shown < self.arm.lower_rad).any() or (shown > self.arm.upper_rad).any():
             raise CommandRefusal(0x1F, 0xB005)  # a position beyond the soft limit
         way = np.abs(target - self.arm.joints_rad)
         longest = float(way.max())
@@ -123,7 +123,7 @@ class YaskawaController:
 
     def reset_alarms(self) -> None:
         """Reset what may be reset: a lost position stays until its axis was confirmed."""
-        lost = bool(self.shift_pulses.any())
+        lost = bool(self.lost_axes)
         self.alarms = [alarm for alarm in self.alarms if lost and alarm[3] == LOST_TEXT]
 
     def _brake(self) -> None:
@@ -168,16 +168,26 @@ class YaskawaController:
         self.has_servo_power = False
         self._brake()
 
-    def lose_positions(self, axes: Sequence[int], turn_pulses: int = 1 << 12) -> None:
+    def lose_positions(self, axes: Sequence[int]) -> None:
         """Let the encoder battery die over a power-off: these axes come back some motor turns off."""
-        for axis in axes:
-            turns = int(self._rng.integers(1, 30)) * int(self._rng.choice([-1, 1]))
-            self.shift_pulses[axis] += turns * turn_pulses
+        self.homes.lose_turns(axes)
+        self.lost_axes |= set(axes)
         self.raise_alarm(_LOST_CODE, LOST_TEXT, sum(1 << axis for axis in axes))
 
+    def type_absolute_data(self, axis: int) -> None:
+        """Type the absolute data of an axis that stands at its mark: its turns are taken from where it stands."""
+        self.homes.update_counter(axis)
+        self.lost_axes.discard(axis)
+
+    def make_home(self, axis: int) -> None:
+        """Make the home position of an axis where it stands."""
+        self.homes.set_zero(axis)
+        self.lost_axes.discard(axis)
+
     def confirm_positions(self) -> None:
-        """Set the absolute data right at the pendant, axis by axis, from the label on the door."""
-        self.shift_pulses[:] = 0
+        """Set the absolute data of all axes right at the pendant, from the label on the door."""
+        self.homes.mend()
+        self.lost_axes.clear()
         self.reset_alarms()
 
     # files

@@ -17,6 +17,7 @@ from cellcal.fake_devices.device import JsonObject
 from cellcal.fake_devices.kinematics import matrix_from_xyzwpr
 from cellcal.fake_devices.link_faults import LinkFaults
 from cellcal.fake_devices.networked_robot import NetworkedRobot, parse_axes
+from cellcal.fake_devices.shown_joints import ShownJoints, ratios_of
 from cellcal.fake_devices.world import World
 from cellcal.fake_devices.yaskawa.commands import CommandTable
 from cellcal.fake_devices.yaskawa.controller import AXES, PLAY, REMOTE, TEACH, YaskawaController
@@ -30,9 +31,8 @@ class FakeYaskawaRobot(NetworkedRobot):
         name = str(table["name"])
         arm = world.add_arm(name, str(table["model"]))
         title = str(table.get("controller_type", "unknown"))
-        self.controller = YaskawaController(
-            arm, table["pulses_per_degree"], world.make_rng(name, "encoders"), title
-        )
+        homes = ShownJoints(arm, ratios_of(table, len(AXES)), world.make_rng(name, "encoders"))
+        self.controller = YaskawaController(arm, table["pulses_per_degree"], homes, title)
         faults = LinkFaults({kind: {} for kind in LINK_FAULTS}, world.clock.real_now_s)
         ports = (int(table.get("port", 10040)), int(table.get("file_port", 10041)))
         host = str(table.get("address", "127.0.0.1"))
@@ -54,6 +54,8 @@ class FakeYaskawaRobot(NetworkedRobot):
             ),
             "reset_alarm": lambda _: self._reset_by_hand(),
             "battery_loss": lambda p: c.lose_positions(parse_axes(p.pop("axes", "all"), AXES)),
+            "type_absolute_data": lambda p: c.type_absolute_data(parse_axes(p.pop("axis", "S"), AXES)[0]),
+            "make_home": lambda p: c.make_home(parse_axes(p.pop("axis", "S"), AXES)[0]),
             "confirm_positions": lambda _: c.confirm_positions(),
             "jog_by_hand": self._jog_by_hand,
         }
@@ -64,7 +66,7 @@ class FakeYaskawaRobot(NetworkedRobot):
             **self._true_arm(),
             "controller_joints_rad": arm.controller_joints_rad.tolist(),
             "pulses": list(c.pulses()),
-            "shift_pulses": c.shift_pulses.tolist(),
+            "error_rad": c.homes.error_rad.tolist(),
             "mode": c.mode,
             "servo_power": c.has_servo_power,
             "holds": dict(c.holds),

@@ -40,6 +40,9 @@ STALE_S = 1.0
 SAME_OVERRIDE = 0.005  # pendants show whole per cent
 AGREED_S = 8 * 3600.0  # a shift: an older consent to motion no longer counts
 SLOWEST_RAD_S = 1e-5
+_MANUAL = (
+    Readiness.NOT_READY,
+)  # a controller in manual mode: a person moves the arm there, and nothing else does
 _STRAIGHT = 0.01  # smallest singular value of the Jacobian on a straight move; about 5 deg at a wrist
 
 
@@ -102,7 +105,8 @@ async def move_along(
     FramesChangedError
         The active tool, user frame or payload is not the one that this run began with.
     """
-    here = await _read_ready(cell, Readiness.READY)
+    by_hand = cell.level is not MotionLevel.COMMANDED
+    here = await _read_ready(cell, Readiness.READY, *(_MANUAL if by_hand else ()))
     speeds = _check_and_cap(cell, care, here.joints_rad, way_rad, speed_rad_s, doubt=doubt)
     if pace is not None:
         speeds = tuple(map(min, speeds, pace.leg_speeds(here.joints_rad, way_rad)))
@@ -118,7 +122,8 @@ async def move_along(
 
 async def jog_axis(cell: Cell, jog: JogMove) -> None:
     """Turn one joint, also of a robot that does not know where it is; raises as ``move_along``."""
-    await _read_ready(cell, Readiness.READY, Readiness.POSITION_LOST)
+    by_hand = cell.is_jogged_by_hand
+    await _read_ready(cell, Readiness.READY, Readiness.POSITION_LOST, *(_MANUAL if by_hand else ()))
     speed = min(jog.speed_rad_s, cell.limits.jog_speed_rad_s)
     _refuse_no_number((float(jog.axis), jog.delta_rad, speed))
     if jog.here_rad is not None:

@@ -80,15 +80,29 @@ def forecast_recovery(
 
     ``captures`` are the first ones, those at check poses, and the final ones.
     """
+    walk = forecast_walk(knowledge, room, (captures[0], sum(captures[1:])), samples)
+    if knowledge.record is None or not walk.poses:
+        return walk
+    index_s = _index_time_s(knowledge, knowledge.record, room, index_speed_rad_s)
+    return replace(walk, duration_s=walk.duration_s + index_s, assumed=(*walk.assumed, *_WAKING))
+
+
+def forecast_walk(
+    knowledge: Knowledge, room: MotionBounds, captures: tuple[int, int], samples: int
+) -> Forecast:
+    """Plan the first captures of an arm whose motors may be turns off, and count those that follow at the same pace.
+
+    ``captures`` are the first ones, and those that follow.
+    """
     record = knowledge.record
     state = state_of(knowledge)
     if record is None or record.wire is None or state is None:
         return Forecast(0.0, assumed=_assumption_texts(knowledge), lacks=missing_wire_setup(knowledge))
-    first, checks, finals = captures
+    first, later = captures
     here = _start_joints(record, knowledge.last_counts)
     doubt = first_uncertainty(room, len(here), is_measured=knowledge.last_counts is not None)
     plan = plan_first(record, state, room, here, first, doubt)
-    share = (first + checks + finals) / max(len(plan.poses_rad), 1)
+    share = (first + later) / max(len(plan.poses_rad), 1)
     backwards_s = (
         len(plan.poses_rad) * len(here) * OVERSHOOT_RAD / plan.speed_rad_s
     )  # every second axis, twice
@@ -96,11 +110,11 @@ def forecast_recovery(
     walk_s = share * (plan.travel_rad / plan.speed_rad_s + backwards_s + len(plan.poses_rad) * capture_s)
     joints = np.array(plan.poses_rad)
     return Forecast(
-        duration_s=_index_time_s(knowledge, record, room, index_speed_rad_s) + walk_s + 4.0 * ANSWER_S,
+        duration_s=walk_s + 4.0 * ANSWER_S,
         poses=_label_poses(plan, "capture"),
         speed_rad_s=plan.speed_rad_s,
         predictions=(_turn_prediction(record, joints), _offset_prediction(record, joints)),
-        assumed=(*_assumption_texts(knowledge), *_WAKING),
+        assumed=_assumption_texts(knowledge),
         not_checked=(*plan.not_checked, "check poses are chosen when the turns are known"),
     )
 

@@ -9,6 +9,7 @@ from pydantic import TypeAdapter
 from cellcal.calibration.documents.json_text import parse_json
 from cellcal.calibration.drift.reference import DriftReference
 from cellcal.calibration.mastering.counts import MasteringRecord
+from cellcal.calibration.mastering.position_record import ArmPositionRecord
 from cellcal.calibration.message import make_message
 from cellcal.calibration.message_table import MESSAGES, remember_table
 from cellcal.calibration.points.alignment import Alignment
@@ -22,10 +23,12 @@ from cellcal.service.record.unconfirmed_mastering import UnconfirmedMastering, u
 
 RECORD = "mastering_record"
 _SOFTWARE = ("software", "solver", "definition_sha256")
+POSITION_RECORD = "position_record"
 ALIGNMENT = "alignment"
 PARAMETER_SET = "parameter_set"
 DRIFT_REFERENCE = "drift_reference"
 _RECORDS: TypeAdapter[MasteringRecord] = TypeAdapter(MasteringRecord)
+_POSITION_RECORDS: TypeAdapter[ArmPositionRecord] = TypeAdapter(ArmPositionRecord)
 _ALIGNMENTS: TypeAdapter[Alignment] = TypeAdapter(Alignment)
 _ARMS: TypeAdapter[CalibratedArm] = TypeAdapter(CalibratedArm)
 _REFERENCES: TypeAdapter[DriftReference] = TypeAdapter(DriftReference)
@@ -141,6 +144,11 @@ class RunStore:
         facts = self.list_stored(RECORD, robot_serial)
         return _RECORDS.validate_python(facts[-1]["value"]) if facts else None
 
+    def position_record(self, robot_serial: str) -> ArmPositionRecord | None:
+        """Return the latest position record of a robot; None when none was ever taken."""
+        facts = self.list_stored(POSITION_RECORD, robot_serial)
+        return _POSITION_RECORDS.validate_python(facts[-1]["value"]) if facts else None
+
     def list_alignments(self) -> tuple[Alignment, ...]:
         """Return every alignment of every robot, oldest first; raises as `kept`."""
         self._journal.refuse_damaged()
@@ -165,6 +173,7 @@ class RunStore:
         return replace(
             cell,
             record=self.mastering_record(robot_serial),
+            position_record=self.position_record(robot_serial),
             backups=mastering_backups(self._journal.list_events(), robot_serial),
             alignments=self.list_alignments(),
             calibrated=self.calibrated_arm(robot_serial),

@@ -18,11 +18,13 @@ from cellcal.drivers.interfaces import (
     Operator,
     ReadsMastering,
     Robot,
+    TellsPositionData,
     ToolFrameStore,
     UserFrameStore,
 )
 from cellcal.procedures.cell import Cell, DeviceCertificate, GaugeSetup, MotionCaps, ProbeSetup, TrackerSetup
 from cellcal.procedures.recovery.pendant_mastering import PendantMastering
+from cellcal.procedures.shown_motors import ShownMotors
 from cellcal.service.configuration.cell_file import CellConfig
 from cellcal.service.configuration.instrument_tables import GaugeEntry, ProbeEntry, TrackerEntry
 from cellcal.service.record.journal import Journal
@@ -122,6 +124,8 @@ def _build_cell(
         operator=operator,
         jogs=cast(JogsAxes, arm) if can.jogs_single_axes else None,
         mastering=_mastering_store(arm, operator),
+        position_data=cast(TellsPositionData, arm) if can.position_cure is not None else None,
+        shown_motors=_shown_motors(arm, entry),
         tool_frames=cast(ToolFrameStore, arm) if can.writes_tool_frame else None,
         user_frames=cast(UserFrameStore, arm) if can.writes_user_frame else None,
         frames=cast(KnowsActiveFrames, arm) if can.tells_active_frames else None,
@@ -147,6 +151,13 @@ def _mastering_store(arm: Robot, operator: Operator) -> MasteringStore | None:
     if arm.capabilities.reads_mastering:
         return PendantMastering(cast(ReadsMastering, arm), operator)
     return None
+
+
+def _shown_motors(arm: Robot, entry: Any) -> ShownMotors | None:
+    """Return the motors that shown joints tell, where mastering is pendant work and the gears are known."""
+    if arm.capabilities.position_cure is None or entry.motor_turns_per_joint_turn is None:
+        return None
+    return ShownMotors(arm, entry.motor_turns_per_joint_turn)
 
 
 def _instrument_certificates(config: CellConfig, robot: str) -> dict[str, DeviceCertificate]:

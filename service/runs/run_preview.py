@@ -177,6 +177,7 @@ def knowledge_of(cell: Cell, last_counts: Counts | None) -> Knowledge:
         gauge_setup=cell.gauge_setup,
         gauge=None if cell.gauge is None else cell.gauge.capabilities,
         record=cell.record,
+        position_record=cell.position_record,
         last_counts=last_counts,
         limits=cell.limits,
         tracker_setup=cell.tracker_setup,

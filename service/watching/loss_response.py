@@ -12,6 +12,7 @@ from uuid import uuid4
 from pydantic_core import to_jsonable_python
 
 from cellcal.calibration.message import make_message
+from cellcal.drivers.interfaces import RobotCapabilities
 from cellcal.procedures.cell import MotionLevel
 from cellcal.procedures.run_history import EventKind
 from cellcal.service.configuration.cell_file import CellConfig
@@ -19,10 +20,12 @@ from cellcal.service.record.journal import StoreError
 from cellcal.service.record.journal_files import journal_path, open_journal
 from cellcal.service.record.run_store import RunStore, stored_body
 from cellcal.service.times import read_time
+from cellcal.service.watching.loss_modes import Suspicion
 from cellcal.service.watching.watch import PositionLoss
 
 _LOG = logging.getLogger(__name__)
 DETECTION = "loss_detection"
+AT_PENDANT = "position_cure"
 WATCH = "watch"  # who began a run that no person has started
 
 
@@ -55,9 +58,8 @@ def answer_to(config: CellConfig, loss: PositionLoss) -> tuple[PreparedAnswer, s
 def prepare_answer(config: CellConfig, loss: PositionLoss) -> PreparedAnswer:
     """Prepare the answer to a loss. The last healthy counts are among a recovery's settings already."""
     suspicion = loss.suspicion
-    settings = suspicion.procedure_settings()
-    writes = config.robot_named(loss.robot).capabilities.writes_mastering
-    procedure = suspicion.answering_procedure if writes else None
+    procedure = _procedure_for(suspicion, config.robot_named(loss.robot).capabilities)
+    settings = {} if procedure == AT_PENDANT else suspicion.procedure_settings()
     option_text = "".join(
         f" --set {key}={value if isinstance(value, str) else list(value)}".replace(", ", ",")
         for key, value in settings.items()
@@ -66,6 +68,14 @@ def prepare_answer(config: CellConfig, loss: PositionLoss) -> PreparedAnswer:
         f"cellcal run {procedure} --cell {config.path} --robot {loss.robot}{option_text}" if procedure else ""
     )
     return PreparedAnswer(procedure, settings, command, tuple(_list_hindrances(config, loss)))
+
+
+def _procedure_for(suspicion: Suspicion, capabilities: RobotCapabilities) -> str | None:
+    """Return the procedure that answers a loss; work at the pendant where no wire writes the mastering."""
+    if capabilities.writes_mastering:
+        return suspicion.answering_procedure
+    lost = suspicion.answering_procedure == "mastering_recovery"
+    return AT_PENDANT if lost and capabilities.position_cure is not None else None
 
 
 def journal_detection(config: CellConfig, loss: PositionLoss) -> str:

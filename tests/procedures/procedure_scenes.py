@@ -420,6 +420,10 @@ async def scene_for(name: str) -> ProcedureScene:
         return await recovery_scene()
     if name == "drift_check":
         return await knocked_tool_scene()
+    if name in ("position_record", "position_cure"):
+        from tests.procedures.shown_arm import cure_scene, shown_scene
+
+        return shown_scene() if name == "position_record" else await cure_scene()
     return SCENES[name]()
 
 

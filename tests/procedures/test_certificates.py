@@ -465,6 +465,7 @@ async def test_every_procedure_foretells_finite_figures_without_a_device(name: s
         cell.gauge_setup,
         cell.gauge.capabilities,
         cell.record,
+        cell.position_record,
         limits=cell.limits,
         tracker_setup=cell.tracker_setup,
         tracker=cell.tracker.capabilities,

@@ -45,6 +45,8 @@ LONG = {  # of procedures that take long: an arm that waits at each contact, and
     "probed_frame": int(ASKED or 10),
     "mastering_record": int(ASKED or 6),
     "mastering_recovery": int(ASKED or 4),
+    "position_record": int(ASKED or 4),
+    "position_cure": int(ASKED or 4),
 }
 
 

@@ -76,7 +76,12 @@ def test_no_code_commands_motion_past_the_gate() -> None:
         for file in files
         if (found := motion_commands(ast.parse(file.read_text(encoding="utf-8"))))
     }
-    assert callers == {"procedures/motion/motion_gate.py": {"move_joints", "jog_axis"}}
+    assert callers == {
+        "procedures/motion/motion_gate.py": {"move_joints", "jog_axis"},
+        "procedures/shown_motors.py": {
+            "move_joints"
+        },  # the gate's own jog, for robots that jog by a joint move
+    }
 
 
 async def test_a_free_way_is_gone_corner_by_corner() -> None:

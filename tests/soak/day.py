@@ -1,4 +1,4 @@
-"""A working day in a browser: every procedure of the catalogue, from its page to its certificate, over sockets."""
+"""A working day in a browser: every procedure of a FANUC, from its page to its certificate, over sockets."""
 
 import asyncio
 import os
@@ -16,6 +16,7 @@ from tests.soak.campaign_figures import CampaignFigures
 from tests.stories.browser_technician import ProcedureStory, StoryEnd, working_day
 from tests.stories.catalogue_day import day_stories
 
+OTHER_ROBOTS = {"position_record", "position_cure"}  # of ABB, Yaskawa and KUKA; see guided_cures
 LOCALES = "en-US", "de-DE", "es-ES", "zh-CN"
 
 
@@ -24,7 +25,8 @@ def day(days: int) -> CampaignFigures:
 
     Each day is told in the next of the four languages.
     """
-    expected, lines, missed, pictures = set(CATALOGUE), [], [], _picture_folder()
+    expected = set(CATALOGUE) - OTHER_ROBOTS
+    lines, missed, pictures = [], [], _picture_folder()
     for locale in islice(cycle(LOCALES), days):
         passed = set()
         ended, english = asyncio.run(_whole_day(pictures, locale))

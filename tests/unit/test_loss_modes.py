@@ -76,6 +76,30 @@ def test_an_old_backup_is_never_mended_alone_and_the_recovery_is_prepared(config
     assert "on purpose" in mastering_loss.suspicion.words
 
 
+@pytest.mark.parametrize(
+    ("driver", "more"),
+    [
+        ("abb_web_services", {"model": "abb_irb1600_6_12"}),
+        ("kuka_variables", {"model": "kuka_kr10r1420", "fastest_axis_deg_s": 410.0}),
+    ],
+)
+def test_where_mastering_is_pendant_work_the_work_at_the_pendant_is_prepared_and_never_begun_alone(
+    config: CellConfig, tmp_path: Path, driver: str, more: dict[str, object]
+) -> None:
+    table = "".join(f"{key} = {json.dumps(value)}\n" for key, value in more.items())
+    path = tmp_path / "pendant.toml"
+    path.write_text(
+        f'[cell]\nname = "cell"\ndata_dir = "{tmp_path}"\n[[robot]]\nname = "fanuc"\ndriver = "{driver}"\n{table}'
+        'address = "127.0.0.1"\nserial = "1"\nspeed_limit_rad_s = 0.3\n'
+    )
+    pendant = replace(read_cell_file(path), watch=config.watch)
+    answer = prepare_answer(pendant, make_loss(BATTERY, ENCODER))
+    assert (answer.procedure, dict(answer.settings)) == ("position_cure", {})
+    assert answer.command == f"cellcal run position_cure --cell {path} --robot fanuc"
+    assert "its mastering is set at the pendant only" in answer.reasons
+    assert not answer.starts_unattended
+
+
 def test_a_closed_cell_that_allows_it_recovers_turns_alone(config: CellConfig) -> None:
     answer = prepare_answer(config, make_loss(BATTERY))
     assert answer.starts_unattended

@@ -102,7 +102,11 @@ async def test_a_foreign_client_reads_and_writes_the_simulated_controller(
         return found
 
     joints, pose, mode, motors, speed, execution, log, written = await asyncio.to_thread(session)
-    assert np.allclose(np.radians(joints.robax), CASE.home_rad, atol=1e-6)
+    shown_rad = (await truth_of(fake_client))[
+        "controller_joints_rad"
+    ]  # the lost axis is shown some turns off
+    assert np.allclose(np.radians(joints.robax), shown_rad, atol=1e-6)
+    assert np.flatnonzero(np.abs(np.subtract(shown_rad, CASE.home_rad)) > 1e-3).tolist() == [2]
     assert np.allclose(np.array(pose.trans) * 1e-3, (await abb.flange_pose()).position_m, atol=1e-6)
     assert (mode, motors, speed) == ("AUTO", "motoron", 100.0)
     assert execution.ctrlexecstate == "running"

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from functools import partial
 
 from cellcal.calibration.geometry import Array, Pose
+from cellcal.calibration.mastering.position_record import ShownValue
 from cellcal.calibration.message import make_message
 from cellcal.drivers.abb.robot_web_services.motion_server import MotionServer
 from cellcal.drivers.abb.robot_web_services.rapid_values import AXES, read_tool
@@ -15,6 +16,7 @@ from cellcal.drivers.abb.robot_web_services.state import (
     number_of,
     read_flange_pose,
     read_joints,
+    read_position_data,
     read_state,
     read_symbol,
     read_unit_names,
@@ -27,6 +29,7 @@ from cellcal.drivers.interfaces import (
     Identity,
     JointReading,
     Joints,
+    PositionCure,
     Readiness,
     RobotCapabilities,
 )
@@ -38,7 +41,12 @@ VERIFIED_ON: tuple[str, ...] = ()  # controller software this driver has run on;
 _BASE = "wobj0"
 
 CAPABILITIES = RobotCapabilities(
-    axes=AXES, tells_lost_position=True, tells_active_frames=True, tells_mode=True, tells_speed_override=True
+    axes=AXES,
+    tells_lost_position=True,
+    tells_active_frames=True,
+    tells_mode=True,
+    tells_speed_override=True,
+    position_cure=PositionCure.REVOLUTION_COUNTERS,
 )
 
 
@@ -128,6 +136,10 @@ class AbbRobot(StepwiseMotion):
         async with self._answer_deadline("reading the speed override"):
             state = await self._link.get_state("/rw/panel/speedratio")
             return number_of(self._link, state, "speedratio") / 100.0
+
+    async def position_data(self) -> tuple[ShownValue, ...]:
+        async with self._answer_deadline("reading the position"):
+            return await read_position_data(self._link)
 
     # a move
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Any, TypeVar
 
 from cellcal.calibration.geometry import Pose
+from cellcal.calibration.mastering.position_record import ShownValue
 from cellcal.calibration.message import make_message
 from cellcal.drivers.abb.robot_web_services.rapid_values import AXES, NO_AXIS, pose_of
 from cellcal.drivers.abb.robot_web_services.web_link import WebLink
@@ -46,6 +47,23 @@ async def read_joints(link: WebLink) -> tuple[tuple[float, ...], Mapping[str, An
     if any(abs(angle) >= NO_AXIS * 0.9 for angle in angles):
         raise unreadable(link, "an axis is missing")
     return tuple(map(math.radians, angles)), state
+
+
+async def read_position_data(link: WebLink) -> tuple[ShownValue, ...]:
+    """Return the joints and the states of the axes as they are shown; the service documents no resolver offsets."""
+    _, reply = await read_joints(link)
+    joints = [
+        ShownValue(f"rax_{axis + 1}", str(reply[f"rax_{axis + 1}"]), axis, "deg") for axis in range(AXES)
+    ]
+    states = [
+        ShownValue(
+            "axis-status",
+            _text(link, await link.get_state(f"{_UNIT}/axes/{axis + 1}"), "axis-status"),
+            axis,
+        )
+        for axis in range(AXES)
+    ]
+    return (*joints, *states)
 
 
 async def read_flange_pose(link: WebLink) -> Pose:

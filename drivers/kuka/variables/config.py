@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Literal
 from pydantic import BaseModel, ConfigDict, Field
 
 from cellcal.drivers.interfaces import RobotCapabilities
+from cellcal.drivers.wire.motor_turns import MotorTurns
 
 if TYPE_CHECKING:
     from cellcal.drivers.kuka.variables.robot import KukaRobot
@@ -33,6 +34,7 @@ class KukaVariablesConfig(BaseModel):
     settle_s: float = Field(default=0.5, ge=0, le=60)
     stuck_s: float = Field(default=2.0, gt=0, le=60)
     tolerance_rad: float = Field(default=5e-4, gt=0, le=0.01)
+    motor_turns_per_joint_turn: MotorTurns = None  # gear ratios of the data sheet; a position cure needs them
 
     @property
     def capabilities(self) -> RobotCapabilities:

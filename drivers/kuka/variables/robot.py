@@ -8,6 +8,7 @@ from functools import partial
 import numpy as np
 
 from cellcal.calibration.geometry import Array, Pose
+from cellcal.calibration.mastering.position_record import ShownValue
 from cellcal.calibration.message import make_message
 from cellcal.drivers.errors import (
     DeviceError,
@@ -19,11 +20,18 @@ from cellcal.drivers.interfaces import (
     Identity,
     JointReading,
     Joints,
+    PositionCure,
     Readiness,
     RobotCapabilities,
 )
 from cellcal.drivers.kuka.variables.motion_server import MotionServer, speed_percent
-from cellcal.drivers.kuka.variables.state import condition_of, read_fraction, read_state, read_value
+from cellcal.drivers.kuka.variables.state import (
+    condition_of,
+    read_fraction,
+    read_position_data,
+    read_state,
+    read_value,
+)
 from cellcal.drivers.kuka.variables.values import (
     AXES,
     read_axes,
@@ -44,12 +52,14 @@ _LOOK = "Look at the robot first: it should have stopped. Use the emergency stop
 
 CAPABILITIES = RobotCapabilities(
     axes=AXES,
+    moves_slowly=False,  # speeds are whole per cents of the fastest axis
     writes_tool_frame=True,
     writes_user_frame=True,
     tells_lost_position=True,
     tells_active_frames=True,
     tells_mode=True,
     tells_speed_override=True,
+    position_cure=PositionCure.MASTERING_GAUGE,
 )
 
 
@@ -133,6 +143,10 @@ class KukaRobot(StepwiseMotion):
     async def speed_override(self) -> float:
         async with self._answer_deadline("reading the speed override"):
             return await read_fraction(self._link, "$OV_PRO")
+
+    async def position_data(self) -> tuple[ShownValue, ...]:
+        async with self._answer_deadline("reading the position"):
+            return await read_position_data(self._link)
 
     async def read_tool_frame(self, number: int) -> Pose:
         return await self._read_frame("TOOL_DATA", number)

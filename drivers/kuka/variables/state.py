@@ -4,10 +4,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TypeVar
 
+from cellcal.calibration.mastering.position_record import ShownValue
 from cellcal.calibration.message import make_message
 from cellcal.drivers.errors import RefusedError, WireProtocolError
 from cellcal.drivers.interfaces import Alarm, AlarmKind, Condition, Readiness
-from cellcal.drivers.kuka.variables.values import AXES, read_flag, read_number
+from cellcal.drivers.kuka.variables.values import AXES, read_flag, read_members, read_number
 from cellcal.drivers.kuka.variables.variable_link import VariableLink
 
 T = TypeVar("T")
@@ -64,6 +65,24 @@ async def _read_lost_axes(link: VariableLink) -> tuple[int, ...]:
     except RefusedError:
         return ()
     return tuple(axis for axis, mastered in enumerate(flags) if not mastered)
+
+
+async def read_position_data(link: VariableLink) -> tuple[ShownValue, ...]:
+    """Return joints, mastering angles and flags as texts; what this software does not have is left out."""
+    members = await read_value(link, "$AXIS_ACT", read_members)
+    found = [
+        ShownValue("$AXIS_ACT", f"{members[f'A{axis + 1}']:.9g}", axis, "deg")
+        for axis in range(AXES)
+        if f"A{axis + 1}" in members
+    ]
+    for name, unit in (("$MAMES", "deg"), (f"${_LOST}", "")):
+        try:
+            texts = [(await link.read_variable(f"{name}[{axis + 1}]")).strip() for axis in range(AXES)]
+        except RefusedError:
+            continue
+        constant = name == "$MAMES"  # the angle at the notch; changing it shifts the robot for good
+        found += [ShownValue(name, text, axis, unit, constant) for axis, text in enumerate(texts)]
+    return tuple(found)
 
 
 async def read_fraction(link: VariableLink, variable: str) -> float:

@@ -1,0 +1,224 @@
+"""The work at the pendant after a lost position, axis by axis, in the words of each make; and its looking after.
+
+Nothing is written by wire: a person jogs and confirms, and the state of the axis is read until it is as it should be.
+"""
+
+import asyncio
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Literal
+
+from cellcal.calibration.message import make_message
+from cellcal.drivers.errors import DeviceError
+from cellcal.drivers.interfaces import GuidesPerson, Instruction, Joints, PositionCure, Readiness
+from cellcal.procedures.cell import Cell
+from cellcal.procedures.questions import ask_confirmation
+from cellcal.procedures.recovery.shown_position import (
+    AxisState,
+    read_axis_state,
+    read_reached_condition,
+    with_shown_motors,
+)
+from cellcal.procedures.run import ProcedureError
+
+Zero = Literal["kept", "new"]
+TRIES = 5
+WATCH_S = 0.5  # between looks at the axis while a person works at it
+_AXES: Mapping[PositionCure, tuple[str, ...]] = {
+    PositionCure.REVOLUTION_COUNTERS: ("1", "2", "3", "4", "5", "6"),
+    PositionCure.ABSOLUTE_DATA: ("S", "L", "U", "R", "B", "T"),
+    PositionCure.MASTERING_GAUGE: ("A1", "A2", "A3", "A4", "A5", "A6"),
+}
+USUAL_ZERO: Mapping[PositionCure, Zero] = {
+    PositionCure.REVOLUTION_COUNTERS: "kept",
+    PositionCure.ABSOLUTE_DATA: "kept",
+    PositionCure.MASTERING_GAUGE: "new",
+}
+SHOWS_EACH_AXIS = (PositionCure.REVOLUTION_COUNTERS, PositionCure.MASTERING_GAUGE)
+
+
+class NotBroughtBackError(ProcedureError):
+    """The controller still shows a lost position after the work at the pendant was said to be done."""
+
+    code = "procedure.not_brought_back"
+
+
+@dataclass(frozen=True, slots=True)
+class AxisCure:
+    """One axis and how its position is brought back; ``was_lost``: the controller shows it as lost."""
+
+    axis: int
+    cure: PositionCure
+    zero: Zero
+    was_lost: bool
+
+
+@dataclass(frozen=True, slots=True)
+class CuredAxis:
+    """What the controller showed of an axis after a person had worked at it, and how often that took a yes."""
+
+    axis: int
+    tries: int
+    words: str
+
+
+def axis_name(cure: PositionCure, axis: int) -> str:
+    """Return what the maker calls an axis."""
+    names = _AXES[cure]
+    return names[axis] if 0 <= axis < len(names) else str(axis + 1)
+
+
+async def bring_back_axis(cell: Cell, what: AxisCure) -> CuredAxis:
+    """Ask for the work at one axis until the controller no longer shows it as lost, where it shows each by itself.
+
+    Raises
+    ------
+    DeclinedError
+        The technician said no.
+    NotBroughtBackError
+        It was asked for again and again, and the axis is shown as lost.
+    """
+    wrong_text = ""
+    for tries in range(1, TRIES + 1):
+        await _ask_and_watch(cell, what, wrong_text)
+        state = await read_axis_state(cell)
+        if what.axis not in state.lost_axes or what.cure not in SHOWS_EACH_AXIS:
+            return CuredAxis(what.axis, tries, state.words)
+        wrong_text = make_message(
+            "The controller still shows axis {axis} as lost. ", axis=axis_name(what.cure, what.axis)
+        )
+    raise _not_back_error(state)
+
+
+async def see_none_lost(cell: Cell) -> AxisState:
+    """Return the state of all axes once the controller shows none as lost; have the rest done at the pendant.
+
+    Raises
+    ------
+    NotBroughtBackError
+        It still shows a lost position after several tries.
+    """
+    state = await read_axis_state(cell)
+    for _ in range(TRIES):
+        if not state.is_lost:
+            return state
+        text = make_message(
+            "The controller still shows a lost position: {words} Bring it back at the pendant and reset the alarm.",
+            words=state.words,
+        )
+        await ask_confirmation(cell, Instruction("position_still_lost", text))
+        state = await read_axis_state(cell)
+    raise _not_back_error(state)
+
+
+async def make_ready(cell: Cell, reference_rad: Joints) -> Joints:
+    """Have the arm brought near the record's pose, and the controller made ready; return where it then stands.
+
+    Raises
+    ------
+    ProcedureError
+        It is not ready after several tries.
+    """
+    by_hand = with_shown_motors(cell).is_jogged_by_hand
+    allowed = (Readiness.READY, Readiness.NOT_READY) if by_hand else (Readiness.READY,)
+    words = ""
+    for _ in range(TRIES):
+        text = make_message(
+            "{words}In manual mode bring the robot near the pose of the record, as the pendant shows the joints: "
+            "{joints}. Watch the arm: an axis may stand some motor turns from what is shown. Then hook the draw-wire "
+            "to the flange and make the controller ready to move.",
+            words=words,
+            joints=_joints_text(reference_rad),
+        )
+        await ask_confirmation(cell, Instruction("near_record_pose", text))
+        condition = await read_reached_condition(cell)
+        if condition.readiness in allowed:
+            return (await cell.robot.read_joints()).joints_rad
+        words = make_message("Not ready yet: {reason} ", reason=condition.message)
+    raise NotBroughtBackError(
+        make_message("the robot is not ready: {reason}", reason=condition.message), remedy=condition.remedy
+    )
+
+
+def cure_instruction(what: AxisCure, wrong_text: str = "") -> Instruction:
+    """Return what a person does at the pendant for one axis."""
+    axis = axis_name(what.cure, what.axis)
+    if what.cure is PositionCure.REVOLUTION_COUNTERS and what.zero == "kept":
+        text = make_message(
+            "{wrong_text}Axis {axis}: in manual mode, jog this axis alone until its calibration mark lines up. Then "
+            "update the revolution counter of this axis alone at the pendant. Say yes when it is updated.",
+            wrong_text=wrong_text,
+            axis=axis,
+        )
+    elif what.cure is PositionCure.REVOLUTION_COUNTERS:
+        text = make_message(
+            "{wrong_text}Axis {axis}: do the fine calibration of this axis alone, as the maker's manual says, then "
+            "update its revolution counter at the pendant. Say yes when it is done.",
+            wrong_text=wrong_text,
+            axis=axis,
+        )
+    elif what.cure is PositionCure.ABSOLUTE_DATA and what.zero == "kept":
+        text = make_message(
+            "{wrong_text}Axis {axis}: with a new battery in place, jog this axis alone to its home mark. "
+            "Then type the absolute data of this axis from the robot's label, and reset the alarm. Say yes when it "
+            "is done.",
+            wrong_text=wrong_text,
+            axis=axis,
+        )
+    elif what.cure is PositionCure.ABSOLUTE_DATA:
+        text = make_message(
+            "{wrong_text}Axis {axis}: with a new battery in place, jog this axis alone to its home mark "
+            "and make its home position anew there, then reset the alarm. Say yes when it is done.",
+            wrong_text=wrong_text,
+            axis=axis,
+        )
+    else:
+        text = make_message(
+            "{wrong_text}Axis {axis}: in T1, jog this axis alone to the mark of its gauge cartridge. Fit the EMD or "
+            "the dial gauge and master this axis at the pendant, as the maker's manual says for the mounted tool. "
+            "Say yes when it is mastered.",
+            wrong_text=wrong_text,
+            axis=axis,
+        )
+    return Instruction(f"bring_back_{what.cure.value}", text)
+
+
+async def _ask_and_watch(cell: Cell, what: AxisCure, wrong_text: str) -> None:
+    """Ask for the work, and show what the controller says of the axis until the person says that it is done."""
+    asked = asyncio.ensure_future(ask_confirmation(cell, cure_instruction(what, wrong_text)))
+    guides = cell.operator
+    try:
+        while not asked.done():
+            await asyncio.wait({asked}, timeout=WATCH_S)
+            if isinstance(guides, GuidesPerson) and not asked.done():
+                await _show_state(cell, what, guides)
+        await asked
+    finally:
+        if not asked.done():
+            asked.cancel()
+            await asyncio.gather(asked, return_exceptions=True)
+
+
+async def _show_state(cell: Cell, what: AxisCure, guides: GuidesPerson) -> None:
+    try:
+        state = await read_axis_state(cell)
+    except DeviceError:  # the look after the answer raises it
+        return
+    axis, is_lost = axis_name(what.cure, what.axis), what.axis in state.lost_axes
+    if is_lost:
+        sentence = make_message("Axis {axis} is not brought back yet.", axis=axis)
+    else:
+        sentence = make_message("The controller takes axis {axis} as good.", axis=axis)
+    guides.show_guidance(sentence, {"axis": what.axis, "is_lost": is_lost})
+
+
+def _not_back_error(state: AxisState) -> NotBroughtBackError:
+    return NotBroughtBackError(
+        make_message("the position was not brought back: {words}", words=state.words),
+        remedy="Do not run programs. Bring the position back as the maker's manual says, then resume.",
+    )
+
+
+def _joints_text(joints_rad: Joints) -> str:
+    return ", ".join(f"J{k} {math.degrees(q):.1f}" for k, q in enumerate(joints_rad, 1)) + " deg"

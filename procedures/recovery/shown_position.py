@@ -1,0 +1,88 @@
+"""The position of a robot as its controller shows it: lost axes, values, and motors that shown joints stand for."""
+
+from dataclasses import dataclass, replace
+
+from cellcal.calibration.mastering.position_record import ArmPositionRecord, ShownValue
+from cellcal.calibration.message import make_message
+from cellcal.drivers.errors import UnreachableError
+from cellcal.drivers.interfaces import AlarmKind, Condition, PositionCure, Readiness
+from cellcal.procedures.cell import Cell, MotionLevel
+from cellcal.procedures.run import NeedsUnmetError, RefusalError
+
+
+@dataclass(frozen=True, slots=True)
+class AxisState:
+    """What the controller says of the position at one moment."""
+
+    lost_axes: tuple[int, ...]  # 0-based; empty also where a loss is shown and no axis is named
+    is_lost: bool
+    words: str
+    cure: PositionCure
+
+
+def with_shown_motors(cell: Cell) -> Cell:
+    """Return the cell with the motors that shown joints tell.
+
+    They are jogged by slow joint moves where this software moves the robot and its controller goes that slow, else by
+    a person.
+    """
+    motors = cell.shown_motors
+    if motors is None:
+        raise NeedsUnmetError("the gears of this robot are not in the cell file", missing=("drive_data",))
+    commanded = cell.level is MotionLevel.COMMANDED and cell.robot.capabilities.moves_slowly
+    return replace(cell, mastering=motors, jogs=motors if commanded else None)
+
+
+async def read_position_data(cell: Cell) -> tuple[ShownValue, ...]:
+    """Return what the controller shows about the position."""
+    if cell.position_data is None:
+        raise NeedsUnmetError("this robot's controller shows no position data", missing=("position_cure",))
+    return await cell.position_data.position_data()
+
+
+async def read_axis_state(cell: Cell) -> AxisState:
+    """Return which axes the controller shows as lost."""
+    cure = cell.robot.capabilities.position_cure
+    if cure is None:
+        raise NeedsUnmetError("no cure at the pendant is known", missing=("position_cure",))
+    condition = await read_reached_condition(cell)
+    lost = {alarm.axis for alarm in condition.alarms if alarm.kind is AlarmKind.TURNS}
+    axes = tuple(sorted(axis for axis in lost if axis is not None))
+    return AxisState(axes, condition.readiness is Readiness.POSITION_LOST, condition.message, cure)
+
+
+async def read_reached_condition(cell: Cell) -> Condition:
+    """Return the robot's condition; raise where it is not reached, so that the step is tried again."""
+    condition = await cell.robot.read_condition()
+    if condition.readiness is Readiness.UNREACHABLE:
+        raise UnreachableError(cell.robot.name, condition.message, remedy=condition.remedy)
+    return condition
+
+
+async def stored_position_record(cell: Cell) -> ArmPositionRecord:
+    """Return the position record of this very robot."""
+    record, serial = cell.position_record, (await cell.robot.identify()).serial
+    if record is None:
+        raise RefusalError(
+            "no position record was taken before the loss: nothing can be proved by measurement",
+            code="procedure.no_record",
+            remedy="Bring the position back as the maker says, then take a position record at once.",
+        )
+    measured, motors = record.measured, cell.shown_motors
+    if measured.robot_serial != serial:
+        raise RefusalError(
+            make_message(
+                "the record is of robot {robot_serial}, this is {serial}",
+                robot_serial=measured.robot_serial,
+                serial=serial,
+            ),
+            code="procedure.wrong_record",
+            remedy="Import the record of this robot.",
+        )
+    if motors is not None and await motors.drive_train() != measured.drive:
+        raise RefusalError(
+            "the gear ratios of the cell file are not those of the record",
+            code="procedure.wrong_record",
+            remedy="Compare motor_turns_per_joint_turn with the data sheet, and correct the cell file.",
+        )
+    return record
