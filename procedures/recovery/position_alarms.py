@@ -25,6 +25,11 @@ SLOW_MOTION = Instruction(
     "The robot does not know where it is. It will turn one joint after the other, slowly, by one motor turn "
     "each, and stay there. Look at the robot: is there room, and is the draw-wire free? May it move?",
 )
+SLOW_JOGS = Instruction(
+    "may_move",
+    "The robot does not know where it is. With the pendant, you turn one joint after the other, by about one and a "
+    "half motor turns each. Look at the robot: is there room, and is the draw-wire free? May it move?",
+)
 ROUNDS = 5
 INDEX_TURNS = 1.1
 HAND_INDEX_TURNS = 1.4  # a person who stops short by a fifth has still passed it
@@ -170,7 +175,7 @@ async def _pass_indices(
     known_values = (record, last_joints, turns, turning.room, turning.doubt_turns)
     travel = await run.solve(f"plan the turns {k}", index_travel, *known_values)
     doubt = posture_uncertainty(record.drive, turning.doubt_turns)
-    await run.step(f"slow motion {k}", ask_to_move, SLOW_MOTION)
+    await run.step(f"slow motion {k}", ask_to_move, SLOW_JOGS if run.is_jogged_by_hand else SLOW_MOTION)
     before = await run.step(f"counts before the turns {k}", read_counts)
     for axis in range(len(last_counts)):
         name = f"pass the index of J{axis + 1}, {k}"
