@@ -23,12 +23,13 @@ MINUS_SIGN = chr(0x2212)
 
 @pytest_asyncio.fixture(scope="module", loop_scope="module")
 async def page_viewer(tmp_path_factory: pytest.TempPathFactory) -> AsyncIterator[PageViewer]:
-    async with view_past_cell(tmp_path_factory.mktemp("cell")) as (viewer, _):
+    async with view_past_cell(tmp_path_factory.mktemp("cell")) as (viewer, past):
+        RUN["id"] = past.calibration  # of which the page asks for photos
         yield viewer
 
 
-RUN = {
-    "id": "r", "procedure": "mastering_recovery", "title": "Mastering recovery", "who": "anna", "state": "running",
+RUN: dict[str, Any] = {
+    "id": "", "procedure": "mastering_recovery", "title": "Mastering recovery", "who": "anna", "state": "running",
     "step": "go to capture 1", "index": 3, "expected": 9, "phases": [], "found": [], "events": [], "outcome": None,
     "hold_to_move": False, "does": "read", "instrument": "draw-wire", "left_s": None, "series": None,
 }  # fmt: skip
