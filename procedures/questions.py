@@ -1,7 +1,7 @@
 """Steps that ask the technician."""
 
 import asyncio
-from collections.abc import Mapping, Sequence
+from collections.abc import Awaitable, Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -9,7 +9,7 @@ import numpy as np
 from cellcal.calibration.arm.kinematics import RobotModel
 from cellcal.calibration.message import make_message
 from cellcal.drivers.errors import RefusedError
-from cellcal.drivers.interfaces import Answer, Instruction, Question
+from cellcal.drivers.interfaces import Answer, GuidesPerson, Instruction, Question
 from cellcal.procedures.cell import Cell
 from cellcal.procedures.instruction_page import PagedInstruction, with_page
 from cellcal.procedures.run import DeclinedError
@@ -24,6 +24,30 @@ async def ask_confirmation(cell: Cell, instruction: Instruction) -> Answer:
             make_message("declined: {instruction_text}", instruction_text=instruction.text),
             remedy="Resume the run when it can be done.",
         ) from error
+
+
+async def ask_while_watching(
+    cell: Cell,
+    instruction: Instruction,
+    look: Callable[[GuidesPerson | None], Awaitable[None]],
+    period_s: float,
+) -> Answer:
+    """Ask for a confirmation; call ``look`` after every period until it is given.
+
+    ``look`` gets the screen that shows guidance, None where there is none. What it raises ends the question.
+    """
+    guides = cell.operator if isinstance(cell.operator, GuidesPerson) else None
+    asked = asyncio.ensure_future(ask_confirmation(cell, instruction))
+    try:
+        while not asked.done():
+            await asyncio.wait({asked}, timeout=period_s)
+            if not asked.done():
+                await look(guides)
+        return await asked
+    finally:
+        if not asked.done():
+            asked.cancel()
+            await asyncio.gather(asked, return_exceptions=True)
 
 
 async def ask_for_value(cell: Cell, question: Question) -> Answer:

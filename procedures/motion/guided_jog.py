@@ -4,7 +4,6 @@ An unmastered axis of a real controller is moved by no program. What a person do
 and nothing else: the rest of the way is asked for, an axis that had to stand is turned back first.
 """
 
-import asyncio
 import contextlib
 import math
 from dataclasses import dataclass
@@ -22,7 +21,7 @@ from cellcal.procedures.motion.axis_watch import AxisWatch
 from cellcal.procedures.motion.jog_guidance import JogGuidance, JogLeg
 from cellcal.procedures.motion.manual_moves import NotThereError
 from cellcal.procedures.motors import motor_store
-from cellcal.procedures.questions import ask_confirmation
+from cellcal.procedures.questions import ask_while_watching
 
 TRIES = 12
 
@@ -130,19 +129,15 @@ async def _ask_and_watch(
     )
     shown = JogGuidance.begin(leg, watch, jog.tolerance_rad)
     page = with_page(words, "ask", jog=shown.as_json())
-    asked = asyncio.ensure_future(ask_confirmation(cell, page))
-    store, guides = motor_store(cell), cell.operator
-    try:
-        while not asked.done():
-            await asyncio.wait({asked}, timeout=cell.limits.look_s)
-            with contextlib.suppress(DeviceError):  # the look after the answer raises it
-                watch.take_counts(await store.encoder_counts())
-            shown = shown.after(watch, _forgiven_others(forgiven, leg.axis))
-            if isinstance(guides, GuidesPerson) and not asked.done():
-                guides.show_guidance(shown.sentence, shown.as_json())
-        await asked
-    finally:
-        if not asked.done():
-            asked.cancel()
-            await asyncio.gather(asked, return_exceptions=True)
+    store = motor_store(cell)
+
+    async def show_turn(guides: GuidesPerson | None) -> None:
+        nonlocal shown
+        with contextlib.suppress(DeviceError):  # the look after the answer raises it
+            watch.take_counts(await store.encoder_counts())
+        shown = shown.after(watch, _forgiven_others(forgiven, leg.axis))
+        if guides is not None:
+            guides.show_guidance(shown.sentence, shown.as_json())
+
+    await ask_while_watching(cell, page, show_turn, cell.limits.look_s)
     watch.take_counts(await store.encoder_counts())

@@ -3,7 +3,6 @@
 Nothing is written by wire: a person jogs and confirms, and the state of the axis is read until it is as it should be.
 """
 
-import asyncio
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -13,7 +12,7 @@ from cellcal.calibration.message import make_message
 from cellcal.drivers.errors import DeviceError
 from cellcal.drivers.interfaces import GuidesPerson, Instruction, Joints, PositionCure, Readiness
 from cellcal.procedures.cell import Cell
-from cellcal.procedures.questions import ask_confirmation
+from cellcal.procedures.questions import ask_confirmation, ask_while_watching
 from cellcal.procedures.recovery.shown_position import (
     AxisState,
     read_axis_state,
@@ -186,31 +185,22 @@ def cure_instruction(what: AxisCure, wrong_text: str = "") -> Instruction:
 
 async def _ask_and_watch(cell: Cell, what: AxisCure, wrong_text: str) -> None:
     """Ask for the work, and show what the controller says of the axis until the person says that it is done."""
-    asked = asyncio.ensure_future(ask_confirmation(cell, cure_instruction(what, wrong_text)))
-    guides = cell.operator
-    try:
-        while not asked.done():
-            await asyncio.wait({asked}, timeout=WATCH_S)
-            if isinstance(guides, GuidesPerson) and not asked.done():
-                await _show_state(cell, what, guides)
-        await asked
-    finally:
-        if not asked.done():
-            asked.cancel()
-            await asyncio.gather(asked, return_exceptions=True)
 
+    async def show_state(guides: GuidesPerson | None) -> None:
+        if guides is None:
+            return
+        try:
+            state = await read_axis_state(cell)
+        except DeviceError:  # the look after the answer raises it
+            return
+        axis, is_lost = axis_name(what.cure, what.axis), what.axis in state.lost_axes
+        if is_lost:
+            sentence = make_message("Axis {axis} is not brought back yet.", axis=axis)
+        else:
+            sentence = make_message("The controller takes axis {axis} as good.", axis=axis)
+        guides.show_guidance(sentence, {"axis": what.axis, "is_lost": is_lost})
 
-async def _show_state(cell: Cell, what: AxisCure, guides: GuidesPerson) -> None:
-    try:
-        state = await read_axis_state(cell)
-    except DeviceError:  # the look after the answer raises it
-        return
-    axis, is_lost = axis_name(what.cure, what.axis), what.axis in state.lost_axes
-    if is_lost:
-        sentence = make_message("Axis {axis} is not brought back yet.", axis=axis)
-    else:
-        sentence = make_message("The controller takes axis {axis} as good.", axis=axis)
-    guides.show_guidance(sentence, {"axis": what.axis, "is_lost": is_lost})
+    await ask_while_watching(cell, cure_instruction(what, wrong_text), show_state, WATCH_S)
 
 
 def _not_back_error(state: AxisState) -> NotBroughtBackError:

@@ -92,7 +92,7 @@ SHORT_LIVED = {
     ("service/export/webhook_target.py", "deliver_event"): "cuts one delivery off, and is cancelled with it",
     ("fake_devices/universal_robots/ports.py", "open"): "a port of a fake",
     ("procedures/motion/guarded_move.py", "*"): "one move, awaited",
-    ("procedures/motion/guided_jog.py", "_ask_and_watch"): "one instruction, awaited",
+    ("procedures/questions.py", "ask_while_watching"): "one instruction, awaited",
     ("fake_devices/laser_tracker/controller.py", "*"): "one command of a fake",
     ("fake_devices/laser_tracker/server.py", "*"): "one answer of a fake",
 }
