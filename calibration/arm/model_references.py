@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from cellcal.calibration.arm.dh_table import DhTable
+from cellcal.calibration.arm.model_scale import MODEL_FILE_UNITS, refuse_wrong_units
 from cellcal.calibration.arm.mounting import DESCRIPTIONS, FILE_ENDINGS, MOUNTED, gravity_of, split_mounting
 from cellcal.calibration.arm.robot_model import RobotModel
 from cellcal.calibration.arm.robot_models import model_text
@@ -189,7 +190,9 @@ def _file_model(parts: ModelReference) -> RobotModel:
         )
     text, name = _text_and_name(parts)
     try:
-        return model_of_text(name, read_model_text(parts.where, text))
+        model = model_of_text(name, read_model_text(parts.where, text))
+        refuse_wrong_units(model, MODEL_FILE_UNITS)
+        return model
     except (TypeError, ValueError) as broken:
         raise CalibrationError(
             f"{parts.where} is no model of a robot: {broken}",
@@ -218,7 +221,8 @@ def _text_and_name(parts: ModelReference) -> tuple[str, str]:
     except (OSError, DocumentError) as broken:
         raise CalibrationError(
             f"the robot description {path} cannot be read: {broken}",
-            remedy="Name a model file (.toml) or a description (.urdf), or a robot of `cellcal models`.",
+            remedy=getattr(broken, "remedy", "")
+            or "Name a model file (.toml) or a description (.urdf), or a robot of `cellcal models`.",
             code="usage",
         ) from broken
     digest = hashlib.sha256(content).hexdigest()

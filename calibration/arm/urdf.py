@@ -9,7 +9,8 @@ import numpy as np
 
 from cellcal.calibration.arm.joint_kinds import CONTINUOUS, joint_motions
 from cellcal.calibration.arm.robot_model import RobotModel
-from cellcal.calibration.arm.urdf_reader import UrdfArm, link_of, origin_of, parse_description, read_urdf
+from cellcal.calibration.arm.urdf_joints import link_of, origin_of
+from cellcal.calibration.arm.urdf_reader import UrdfArm, parse_description, read_urdf
 from cellcal.calibration.errors import CalibrationError
 from cellcal.calibration.geometry import Array, homogeneous_matrix, inverse_transform
 from cellcal.calibration.orientation import values_from
@@ -114,6 +115,7 @@ def _set_origin(joint: ET.Element, matrix: Array) -> None:
         joint.insert(0, element)
     # Shortest digits that read back the same: a calibration must not end at six decimals.
     element.set("xyz", " ".join(repr(float(v)) for v in matrix[:3, 3]))
+    element.attrib.pop("quat_xyzw", None)
     element.set("rpy", " ".join(repr(float(v)) for v in values_from("ros_rpy", matrix[:3, :3])))
 
 

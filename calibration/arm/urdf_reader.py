@@ -3,7 +3,6 @@
 What a description says about anything else (meshes, masses, other arms) is not looked at.
 """
 
-import math
 from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -12,20 +11,15 @@ from xml.etree import ElementTree as ET
 
 import numpy as np
 
-from cellcal.calibration.arm.joint_kinds import CONTINUOUS, PRISMATIC, REVOLUTE
+from cellcal.calibration.arm.model_scale import DESCRIPTION_UNITS, refuse_wrong_units
 from cellcal.calibration.arm.robot_model import RobotModel
-from cellcal.calibration.arm.robot_models.model_text import UNKNOWN_SPEED
+from cellcal.calibration.arm.urdf_joints import axis_turn, limits_of, link_of, origin_of, refuse_unusual
 from cellcal.calibration.documents import DocumentError
 from cellcal.calibration.documents.xml_text import parse_xml
 from cellcal.calibration.errors import CalibrationError
 from cellcal.calibration.geometry import Array, homogeneous_matrix
 from cellcal.calibration.message import make_message
-from cellcal.calibration.orientation import rotation_from
 
-_MOVING = (REVOLUTE, CONTINUOUS, PRISMATIC)
-_NEARLY_UNIT = 1e-3  # three decimals of a unit vector's components
-_MOST_TURN_RAD = 100.0  # sixteen turns: some wrists have fifteen; numbers beyond are degrees or millimetres
-_LONGEST_M = 200.0
 _MOST_NAMES = 12
 
 
@@ -69,7 +63,7 @@ def read_urdf(
             remedy="Name the robot's base and its flange.",
         )
     turns = [axis_turn(joint) for joint in moving]
-    limits = [_limits(joint) for joint in moving]
+    limits = [limits_of(joint) for joint in moving]
     n = len(moving)
     model = RobotModel(
         name=name,
@@ -84,6 +78,7 @@ def read_urdf(
         joint_names=tuple(joint.get("name", "") for joint in moving),
         joint_types=tuple(joint.get("type", "") for joint in moving),
     )
+    refuse_wrong_units(model, DESCRIPTION_UNITS)
     return UrdfArm(model=model, text=text, tip_link=tip, joint_turns=np.array(turns))
 
 
@@ -98,53 +93,33 @@ def parse_description(text: str) -> ET.Element:
     try:
         root = parse_xml(text)
     except DocumentError as broken:
-        raise CalibrationError(f"not a robot description: {broken}") from broken
-    if root.tag != "robot":
-        raise CalibrationError(f"not a robot description: the root element is {root.tag!r}, not 'robot'")
-    if any("xacro" in str(element.tag) for element in root.iter()):
+        if "<xacro:" in text:
+            raise _xacro_error() from broken  # without its namespace it is no XML either
         raise CalibrationError(
-            "the description holds xacro that is not expanded.",
-            remedy="Expand it first: xacro FILE.xacro > arm.urdf, and read arm.urdf.",
+            f"not a robot description: {broken.message}",
+            remedy="Write the description again from its source.",
+        ) from broken
+    if root.tag != "robot":
+        raise CalibrationError(
+            f"not a robot description: the root element is {root.tag!r}, not 'robot'.",
+            remedy=_root_remedy(root.tag),
         )
+    if any("xacro" in str(element.tag) for element in root.iter()):
+        raise _xacro_error()
     return root
 
 
-def link_of(joint: ET.Element, side: str) -> str:
-    """Return the link at one side of a joint: ``parent`` or ``child``."""
-    element = joint.find(side)
-    link = None if element is None else element.get("link")
-    if not link:
-        raise CalibrationError(
-            f"joint {joint.get('name')!r} of the description names no {side} link.",
-            remedy=f'Write <{side} link="..."/> into it.',
-        )
-    return link
+def _xacro_error() -> CalibrationError:
+    return CalibrationError(
+        "the description holds xacro that is not expanded.",
+        remedy="Expand it first: xacro FILE.xacro > arm.urdf, and read arm.urdf.",
+    )
 
 
-def origin_of(joint: ET.Element) -> Array:
-    """Return where a joint stands (4, 4), seen from its parent link."""
-    element = joint.find("origin")
-    if element is None:
-        return np.eye(4)
-    xyz = _numbers(joint, "origin xyz", element.get("xyz", "0 0 0"))
-    rpy = _numbers(joint, "origin rpy", element.get("rpy", "0 0 0"))
-    return homogeneous_matrix(rotation_from("ros_rpy", rpy), xyz)
-
-
-def axis_turn(joint: ET.Element) -> Array:
-    """Return the rotation that carries z onto the axis of a joint; an axis that is not stated is x."""
-    element = joint.find("axis")
-    axis = _numbers(joint, "axis", "1 0 0" if element is None else element.get("xyz", ""))
-    length = float(np.linalg.norm(axis))
-    if abs(length - 1.0) > _NEARLY_UNIT:
-        raise CalibrationError(
-            f"the axis of joint {joint.get('name')!r} is {length:g} long, not a unit vector.",
-            remedy="Write its direction with a length of one, such as 0 0 1.",
-        )
-    axis = axis / length
-    other = np.eye(3)[np.argmin(np.abs(axis))]
-    x = np.cross(other, axis) / np.linalg.norm(np.cross(other, axis))
-    return np.column_stack([x, np.cross(axis, x), axis])
+def _root_remedy(tag: str) -> str:
+    if tag.endswith("}robot"):
+        return 'Take xmlns="…" out of <robot>: the elements of a description stand in no namespace.'
+    return "Name a description in URDF, whose outermost element is <robot>; SDF and MJCF can be exported as URDF."
 
 
 @dataclass(frozen=True, eq=False)
@@ -207,15 +182,35 @@ class _Tree:
         while link != base:
             joint = self.above.get(link)
             if joint is None or len(path) > len(self.above):
-                raise CalibrationError(
-                    f"link {tip!r} does not hang on link {base!r}.",
-                    remedy="Name a base on the way from the root to the tip.",
-                )
+                raise self._not_between(base, tip, path)
             path.insert(0, joint)
             link = link_of(joint, "parent")
         for joint in path:
-            _refuse_unusual(joint)
+            refuse_unusual(joint)
         return path
+
+    def _not_between(self, base: str, tip: str, path: list[ET.Element]) -> CalibrationError:
+        """Return why no chain leads from the base to the tip; ``path`` leads to the tip from where it ends."""
+        why = f"link {tip!r} does not hang on link {base!r}."
+        if len(path) > len(self.above):
+            return CalibrationError(
+                f"the joints above link {tip!r} form a ring.",
+                remedy="Let the base of the robot hang on nothing.",
+            )
+        above: list[str] = []
+        link = base
+        while (joint := self.above.get(link)) is not None and len(above) <= len(self.above):
+            link = link_of(joint, "parent")
+            above.append(link)
+        if tip in above:
+            return CalibrationError(why, remedy=f"Exchange them: ?base={tip}&tip={base}.")
+        there = [link_of(joint, "parent") for joint in path]
+        return CalibrationError(
+            why,
+            remedy=f"Name a base on the way from the root to the tip: {_named(there)}."
+            if there
+            else "Name the tip that hangs on the base; this link hangs on nothing.",
+        )
 
     def _require_link(self, what: str, link: str) -> str:
         if link in self.links:
@@ -239,73 +234,6 @@ def _refuse_twice(what: str, names: Iterable[str]) -> None:
                 f"{count} {what}s of the description are called {name!r}.",
                 remedy="Give each a name of its own.",
             )
-
-
-def _refuse_unusual(joint: ET.Element) -> None:
-    name, kind = joint.get("name"), joint.get("type")
-    if joint.find("mimic") is not None:
-        raise CalibrationError(
-            f"joint {name!r} on the way mimics another joint: the arm is no plain chain.",
-            remedy="Describe the equivalent chain with joints that move by themselves, coupled in a model file.",
-        )
-    if kind not in (*_MOVING, "fixed"):
-        raise CalibrationError(
-            f"joint {name!r} on the way is of type {kind!r}.",
-            remedy="A chain has joints that are revolute, continuous, prismatic or fixed.",
-        )
-
-
-def _limits(joint: ET.Element) -> tuple[float, float, float]:
-    """Return lower, upper and speed; a joint without end is given one turn about zero."""
-    name, kind = joint.get("name"), joint.get("type")
-    slides = kind == PRISMATIC
-    element = joint.find("limit")
-    stated = {} if element is None else dict(element.attrib)
-    speed = float(_numbers(joint, "velocity", stated.get("velocity", "0"), 1)[0])
-    speed = speed if speed > 0.0 else UNKNOWN_SPEED[1 if slides else 0]
-    if kind == CONTINUOUS:
-        return -math.pi, math.pi, speed
-    lower, upper = (float(_numbers(joint, side, stated.get(side, "0"), 1)[0]) for side in ("lower", "upper"))
-    if lower == upper:
-        raise CalibrationError(
-            f"joint {name!r} has no range: its limits are missing or alike.",
-            remedy="Write lower and upper into its limit"
-            + (" in metres." if slides else " in radians, or make it continuous."),
-        )
-    if lower > upper:
-        raise CalibrationError(
-            f"the limits of joint {name!r} are reversed: lower {lower:g} is above upper {upper:g}.",
-            remedy="Exchange lower and upper.",
-        )
-    _refuse_range(joint, lower, upper)
-    return lower, upper, speed
-
-
-def _refuse_range(joint: ET.Element, lower: float, upper: float) -> None:
-    name, most = joint.get("name"), max(abs(lower), abs(upper))
-    if joint.get("type") == PRISMATIC:
-        if most > _LONGEST_M:
-            raise CalibrationError(
-                f"prismatic joint {name!r} slides by {most:g} m.", remedy="Write its limits in metres."
-            )
-    elif most > _MOST_TURN_RAD:
-        raise CalibrationError(
-            f"joint {name!r} is revolute and turns to {most:g} rad.",
-            remedy="Write its limits in radians; if it slides, its type is prismatic and its limits are metres.",
-        )
-
-
-def _numbers(joint: ET.Element, what: str, text: str, count: int = 3) -> Array:
-    try:
-        values = np.array([float(word) for word in text.split()])
-    except ValueError:
-        values = np.array([np.nan])
-    if values.shape != (count,) or not np.isfinite(values).all():
-        wanted = "a finite number" if count == 1 else f"{count} finite numbers"
-        raise CalibrationError(
-            f"{what} of joint {joint.get('name')!r} is {text!r}, not {wanted}.", remedy="Correct it."
-        )
-    return values
 
 
 def _placements(path: list[ET.Element], turns: list[Array]) -> Array:

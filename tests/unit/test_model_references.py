@@ -2,13 +2,16 @@
 
 import json
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from cellcal.calibration.arm.kinematics import load_model
 from cellcal.calibration.arm.model_references import fixed_reference, is_known_model, parse_reference
+from cellcal.calibration.arm.model_scale import DESCRIPTION_UNITS, MODEL_FILE_UNITS, refuse_wrong_units
 from cellcal.calibration.arm.mounting import mounted_name
+from cellcal.calibration.arm.robot_models.catalogue_index import catalogue_entries
 from cellcal.calibration.errors import CalibrationError
 from cellcal.service.cli.app import run_command_line
 from cellcal.service.configuration.cell_file import ConfigError, read_cell_file
@@ -94,6 +97,8 @@ def test_a_model_file_states_joints_that_slide_base_and_flange(tmp_path):
         ("upper = [3000,", "upper = [-3000,", "lower limits below upper"),
         ("upper = ", "speed = [1, 2, 3]\nupper = ", "speed_source"),
         ('title = "', 'colour = "', "unknown"),
+        ("alpha_deg = [90,", "alpha_deg = [1.5708,", "alpha_deg holds 1.5708"),
+        ("[3000, 90, 180]", "[3000000, 90, 180]", "'track' slides to 3000 m"),
         ("upper = ", "combined_limits = [{weights = [1, 1, 0], lower_deg = 0, upper_deg = 9}]\nupper = ", "turn"),
         ("upper = ", "combined_limits = [{weights = [0, 1, 1], lower_deg = 9, upper_deg = 0}]\nupper = ", "lower"),
     ],
@@ -130,6 +135,22 @@ BAD = {
     "ball": ('type="revolute"', 'type="floating"', "'turn' on the way is of type 'floating'", "revolute"),
     "xacro": ('<link name="camera"/>', '<link name="camera"/><x:macro xmlns:x="http://wiki.ros.org/xacro"/>',
               "xacro that is not expanded", "Expand"),
+    "xacro without its namespace": ('<link name="camera"/>', '<link name="camera"/><xacro:arm/>', "not expanded", "Expand"),
+    "xacro in a number": ('xyz="0 0 0.3"', 'xyz="0 0 ${h}"', "'0 0 ${h}', not 3 finite numbers", "Expand the xacro"),
+    "namespace": ('<robot name="gantry">', '<robot name="gantry" xmlns="http://x">', "root element", "Take xmlns"),
+    "rpy in degrees": ('rpy="0.2 0 0"', 'rpy="90 0 0"', "'turn' turns by 90 rad", "radians"),
+    "rpy and quaternion": ('rpy="0.2 0 0"', 'rpy="0 0 0" quat_xyzw="0 0 0 1"', "rpy and quat_xyzw", "Leave one"),
+    "quaternion not unit": ('rpy="0.2 0 0"', 'quat_xyzw="0 0 0 2"', "'turn' is 2 long", "unit quaternion"),
+    "misspelt place": ('<origin xyz="0 0 0.3"', '<origin xzy="0 0 0.3"', "states 'xzy'", "xyz or rpy"),
+    "place twice": ('<origin xyz="0 0 0.3"', '<origin xyz="9 0 0"/><origin xyz="0 0 0.3"', "2 elements called origin", "right"),
+    "axis twice": ('<axis xyz="0 0 1"/>', '<axis xyz="1 0 0"/><axis xyz="0 0 1"/>', "2 elements called axis", "right"),
+    "misspelt axis": ('<axis xyz="0 0 1"/>', '<axes xyz="0 0 1"/>', "states 'axes'", "Did you mean axis?"),
+    "misspelt origin": ('<origin xyz="0 0 0.3" rpy', '<Origin xyz="0 0 0.3" rpy', "states 'Origin'", "Did you mean origin?"),
+    "misspelt limit": ('lower="-0.5" upper="2"', 'lower="-0.5" uper="2"', "states 'uper'", "Did you mean upper?"),
+    "arm in millimetres": ('xyz="0.4 0 0"', 'xyz="400 0 0"', "the arm is 400.3 m long", "in metres"),
+    "base in millimetres": ('xyz="0.1 0 0.5"', 'xyz="100 0 500"', "first joint 509.902 m from its base", "in metres"),
+    "stroke in millimetres": ('lower="-0.5" upper="2"', 'lower="0" upper="150"', "'rail' slides to 150 m", "in metres"),
+    "ring": ('<parent link="world"/>', '<parent link="flange"/>', "form a ring", "hang on nothing"),
     "other document": ('<robot name="gantry">', '<model name="gantry">', "not a robot description", ""),
 }  # fmt: skip
 
@@ -150,14 +171,44 @@ def test_a_bad_description_is_one_sentence_with_its_cure(tmp_path, case, capsys)
     assert "Traceback" not in told.err
 
 
+def test_a_turn_as_a_quaternion_is_the_same_as_by_angles(tmp_path):
+    path = tmp_path / "quaternion.urdf"
+    stated = f'quat_xyzw="{np.sin(0.1):.17g} 0 0 {np.cos(0.1):.17g}"'
+    path.write_text(URDF.replace('rpy="0.2 0 0"', stated))
+    arm = load_model(f"{path}?tip=flange")
+    path.write_text(URDF)
+    np.testing.assert_allclose(arm.placements, load_model(f"{path}?tip=flange").placements, atol=1e-12)
+
+
+def test_an_arm_in_wrong_units_is_refused_and_every_shipped_one_is_right():
+    for entry in catalogue_entries():
+        if not entry.withheld:
+            model = load_model(entry.name)
+            refuse_wrong_units(model, MODEL_FILE_UNITS)
+            refuse_wrong_units(model, DESCRIPTION_UNITS)
+    ur = load_model("ur10e")
+    small = ur.placements.copy()
+    small[:, :3, 3] *= 1e-3
+    with pytest.raises(CalibrationError, match="mm long"):
+        refuse_wrong_units(replace(ur, placements=small), MODEL_FILE_UNITS)
+    for factor, says in ((np.degrees(1), "half of them"), (np.radians(1), "no joint turns further than")):
+        wrong = replace(ur, lower_rad=ur.lower_rad * factor, upper_rad=ur.upper_rad * factor)
+        with pytest.raises(CalibrationError, match=says):
+            refuse_wrong_units(wrong, DESCRIPTION_UNITS)
+
+
 @pytest.mark.parametrize(
     ("asked", "says", "cure"),
     [
         ("?tip=flangee", "no link 'flangee' for the tip", "Did you mean flange?"),
         ("?tip=flange&base=wrld", "no link 'wrld' for the base", "Did you mean world?"),
         ("", "none is named as the flange", "?tip=LINK, one of flange, camera"),
-        ("?tip=world&base=arm", "does not hang on", "Name a base"),
-        ("?tip=camera&base=flange", "does not hang on", "Name a base"),
+        ("?tip=world&base=arm", "does not hang on", "Exchange them: ?base=world&tip=arm."),
+        (
+            "?tip=camera&base=flange",
+            "does not hang on",
+            "on the way from the root to the tip: world, carriage, arm.",
+        ),
         ("?tip=flange&base=arm", "no joint moves", "base and its flange"),
         ("?top=flange", "'top=flange'", "in quotes"),
         ("?tip=flange&tip=arm", "'tip=arm'", "in quotes"),

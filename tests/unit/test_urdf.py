@@ -1,5 +1,6 @@
 """URDF in through Pinocchio, calibrated URDF out."""
 
+import re
 import sys
 
 import numpy as np
@@ -74,6 +75,13 @@ def test_a_calibrated_description_reaches_where_the_calibrated_model_does():
     assert np.abs(ours - arm.model.base_flange(JOINTS)).max() > 1e-3
     assert '<box size="1 1 1"' in text
     assert 'type="prismatic"' in text
+
+
+def test_a_calibrated_origin_states_its_turn_once():
+    text = re.sub(r'rpy="[^"]*"', 'quat_xyzw="0.6 0 0 0.8"', ARM)
+    arm = read_urdf(text, tip_link="tool0")
+    again = read_urdf(calibrated_urdf(arm, arm.model), tip_link="tool0")
+    np.testing.assert_allclose(again.model.placements, arm.model.placements, atol=1e-12)
 
 
 def test_an_unchanged_model_leaves_every_pose():

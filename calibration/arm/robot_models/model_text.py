@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from cellcal.calibration.arm.joint_kinds import JOINT_TYPES, PRISMATIC, CombinedLimit
+from cellcal.calibration.arm.model_scale import refuse_radians
 from cellcal.calibration.arm.mounting import gravity_of
 from cellcal.calibration.documents import DocumentError
 from cellcal.calibration.documents.toml_text import parse_toml
@@ -75,6 +76,7 @@ def model_of_data(name: str, data: Mapping[str, Any]) -> ModelText:
     types = tuple(data.get("joint_types", ()))
     if types and (len(types) != n or not set(types) <= set(JOINT_TYPES)):
         raise CalibrationError(f"robot model {name}: joint_types needs {n} of {', '.join(JOINT_TYPES)}")
+    refuse_radians(name, _column(name, data, "alpha_deg", n))
     slides = np.array([kind == PRISMATIC for kind in types or ("",) * n])
     fields: dict[str, Any] = {
         "title": data["title"],
