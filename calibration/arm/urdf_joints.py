@@ -15,6 +15,7 @@ from cellcal.calibration.arm.joint_kinds import CONTINUOUS, PRISMATIC, REVOLUTE
 from cellcal.calibration.arm.robot_models.model_text import UNKNOWN_SPEED
 from cellcal.calibration.errors import CalibrationError
 from cellcal.calibration.geometry import Array, homogeneous_matrix
+from cellcal.calibration.message import make_message
 from cellcal.calibration.orientation import rotation_from
 
 _MOVING = (REVOLUTE, CONTINUOUS, PRISMATIC)
@@ -212,5 +213,5 @@ def _refuse_nearly(joint: ET.Element, word: str, known: tuple[str, ...]) -> None
     if near:
         raise CalibrationError(
             f"joint {joint.get('name')!r} states {word!r}, which a description does not have.",
-            remedy=f"Did you mean {near[0]}? Correct it.",
+            remedy=make_message("Did you mean {near}?", near=near[0]),
         )

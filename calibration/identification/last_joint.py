@@ -15,6 +15,7 @@ _MOST_ROWS = 80
 _FEWEST = 12
 _ALIKE = 3.0  # times better must one direction fit before these rows tell it
 _FLOOR_M = 2e-5  # two fits as good as this are alike
+_MOST_LEFT_M = 5e-3  # errors of the arm beyond hide the turn of any target, on the axis or not
 _TURNED_RAD = float(np.deg2rad(10.0))  # a joint that hardly turned has no direction to be seen
 
 
@@ -30,7 +31,7 @@ def last_joint_note(model: RobotModel, observations: Observations) -> list[Lint]
     turned[:, -1] *= -1.0
     as_read = fit_quickly(model, some).score_m
     other = fit_quickly(model, replace(some, joints_rad=turned)).score_m
-    if other > _ALIKE * as_read + _FLOOR_M:
+    if as_read > _MOST_LEFT_M or other > _ALIKE * as_read + _FLOOR_M:
         return []
     return [
         Lint(

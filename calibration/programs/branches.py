@@ -19,8 +19,10 @@ from typing import Self
 import numpy as np
 
 from cellcal.calibration.arm.kinematics import RobotModel, frames_of_placements
+from cellcal.calibration.arm.model_references import shown_name
 from cellcal.calibration.errors import CalibrationError
 from cellcal.calibration.geometry import Array, inverse_transform
+from cellcal.calibration.message import make_message
 
 BRANCHES = 8
 _PARALLEL = 1e-6  # of unit vectors' products
@@ -48,10 +50,7 @@ class AxesAtZero:
         CalibrationError
             An arm of neither family.
         """
-        if model.axis_count != 6 or model.sliding is not None:
-            raise CalibrationError(
-                f"{model.name} has {model.axis_count} joints: postures are told apart for six only"
-            )
+        refuse_other_joints(model)
         rotations, origins = frames_of_placements(model.placements, np.zeros((6, 1)))
         axes, points = rotations[:-1, :, 2, 0], origins[:-1, :, 0]
         base_flange = np.eye(4)
@@ -66,6 +65,30 @@ class AxesAtZero:
         if apart > _MEET_M or (not parallel_wrist and off_fourth > _MEET_M):
             raise _unknown_family_error(model)
         return cls(model, axes, points, base_flange, centre, parallel_wrist)
+
+
+def refuse_other_joints(model: RobotModel) -> None:
+    """Refuse an arm that has not six joints that turn.
+
+    Raises
+    ------
+    CalibrationError
+        With what it has, and where such an arm can be used.
+    """
+    if model.axis_count == 6 and model.sliding is None:
+        return
+    slides = int(np.sum(model.sliding)) if model.sliding is not None else 0
+    raise CalibrationError(
+        make_message(
+            "points of programs are changed for arms of six joints that turn; {model_name} has {joints}, of which "
+            "{slides} slide.",
+            model_name=shown_name(model.name),
+            joints=model.axis_count,
+            slides=slides,
+        ),
+        remedy="Change this program at its controller: nothing of it was written. A track under an arm of six joints "
+        "is no joint of the model; state it as [[track]]. `cellcal identify` and `cellcal poses` take any arm.",
+    )
 
 
 def all_branches(zero: AxesAtZero, base_flange: Array) -> Array:
@@ -223,7 +246,7 @@ def _nearest_point(p: Array, a: Array, q: Array, b: Array) -> tuple[Array, float
 
 def _unknown_family_error(model: RobotModel) -> CalibrationError:
     return CalibrationError(
-        f"{model.name}: its postures cannot be told apart in closed form: joints 2 and 3 are not parallel, or the "
-        "wrist is of neither family.",
-        remedy="Give the joints of every position.",
+        f"{shown_name(model.name)}: its postures cannot be told apart in closed form: joints 2 and 3 are not "
+        "parallel, or the wrist is of neither family.",
+        remedy="Give the joints of every position: a program that holds joints only needs none of this.",
     )

@@ -297,3 +297,29 @@ def test_positions_of_the_controller_are_no_measurement(tmp_path):
 )
 def test_temperatures_come_in_celsius(heading, written):
     assert to_celsius(np.array([written]), heading) == pytest.approx([22.0])
+
+
+GANTRY = ["x [mm]", "y [mm]", "z [mm]", "a [deg]", "X [mm]", "Y [mm]", "Z [mm]"]
+
+
+def test_joints_called_as_a_place_are_told_by_their_letters():
+    layout = detect_layout(GANTRY, ["x", "y", "z", "a"], slides=(True, True, True, False))
+    assert layout.joints == tuple(GANTRY[:4])
+    assert layout.position == tuple(GANTRY[4:])
+    typed = {"joints": ["x", "y", "z", "a"], "position": ["X", "Y", "Z"]}
+    slides = (True, True, True, False)
+    assert detect_layout(GANTRY, ["j1", "j2", "j3", "j4"], typed, slides).joints == tuple(GANTRY[:4])
+
+
+def test_joints_called_as_the_only_place_are_not_the_joints():
+    layout = detect_layout(["q1", "q2", "q3", "x", "y", "z"], ["x", "y", "z"])
+    assert layout.joints == ("q1", "q2", "q3")
+    assert layout.position == ("x", "y", "z")
+
+
+def test_no_column_is_taken_for_two_joints():
+    """Two joints whose names differ by a letter's case only would both be the one column."""
+    with pytest.raises(MeasurementError, match="no 2 joint columns") as refused:
+        detect_layout(["elbow", "wrist", "x", "y", "z", "t"], ["elbow", "Elbow"])
+    assert "(elbow, Elbow) in this order" in refused.value.remedy
+    assert detect_layout(["Elbow", "elbow", "x", "y", "z"], ["elbow", "Elbow"]).joints == ("elbow", "Elbow")

@@ -119,6 +119,26 @@ def test_a_sliding_joint_described_as_one_that_turns_is_named(tmp_path, slides_i
     assert "as prismatic" in refused.value.remedy
 
 
+def test_columns_of_a_track_go_to_the_joint_that_slides(tmp_path):
+    """The description has the track first; files have it as E1, as J7 in millimetres, or anywhere by its name."""
+    plain = written(tmp_path / "points.csv", TRACK).read_text().splitlines()
+    rows = [line.split(",") for line in plain[1:]]
+    arm = [f"A{i} (deg)" for i in range(1, 7)]
+    for name, heads, track_at in (
+        ("e1_first", ["E1 (mm)", *arm], 0),
+        ("e1_last", [*arm, "E1 (mm)"], 6),
+        ("e1_no_unit", [*(f"J{i}" for i in range(1, 7)), "E1"], 6),
+        ("j7", [*(f"J{i} (deg)" for i in range(1, 7)), "J7 (mm)"], 6),
+    ):
+        path = tmp_path / f"{name}.csv"
+        table = [[*row[1 : track_at + 1], row[0], *row[track_at + 1 :]] for row in rows]
+        lines = [",".join([*heads, "x (mm)", "y (mm)", "z (mm)"]), *(",".join(row) for row in table)]
+        path.write_text("\n".join(lines) + "\n")
+        report = identify_file(path, TRACK, IdentifyOptions(train_rows=40))
+        assert report.measurements.layout.joints[0] == heads[track_at]
+        assert report.held_out.rmse_m < WITHIN * NOISE_M * np.sqrt(3.0)
+
+
 @pytest.mark.parametrize(("old", "new"), [("prismatic", "revolute"), ("revolute", "prismatic")])
 def test_a_heading_that_contradicts_the_kind_of_joint_is_named(tmp_path, old, new):
     path = written(tmp_path / "points.csv", SCARA)

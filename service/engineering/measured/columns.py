@@ -5,24 +5,16 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 from cellcal.calibration.message import make_message
+from cellcal.service.engineering.measured.column_words import CONTROLLER_WORDS, SPREAD_WORDS, find_triples
 from cellcal.service.engineering.measured.headings import plain_name, unit_of
+from cellcal.service.engineering.measured.joint_columns import find_joints
 from cellcal.service.engineering.measured.table import MeasurementError
-from cellcal.service.engineering.measured.table_heads import are_numbered
 from cellcal.service.engineering.measured.typed_columns import TypedColumn, parse_columns
 from cellcal.service.engineering.measured.units import ANGLE_UNITS, LENGTH_UNITS
 
 _MEASURED = {
     "measurement", "measured", "meas", "tracker", "laser", "camera", "optical", "mocap", "observed", "obs",
     "leica", "faro", "vicon", "ndi", "marker", "smr", "probe", "tmac", "optitrack", "instrument",
-}  # fmt: skip
-_CONTROLLER = {
-    "goal", "cmd", "command", "commanded", "nominal", "nom", "set", "setpoint", "desired", "target", "robot",
-    "controller", "tcp", "flange", "ctrl", "reported", "planned", "program", "programmed", "ref", "reference",
-    "fk", "theoretical", "theo", "cad", "model", "ideal", "expected", "design",
-}  # fmt: skip
-_SPREAD = {
-    "std", "sigma", "sd", "stdev", "stddev", "uncertainty", "unc", "rms", "var", "error", "err", "residual",
-    "u", "u95", "mpe", "variance", "precision",
 }  # fmt: skip
 _DIFFERENCE = {
     "delta", "dev", "deviation", "deviations", "diff", "difference", "offset", "correction", "corr", "tol",
@@ -57,15 +49,6 @@ _TURNS = (
     ("e0", "e1", "e2", "e3"), ("rx", "ry", "rz"), ("phix", "phiy", "phiz"), ("roll", "pitch", "yaw"),
     ("a", "b", "c"), ("w", "p", "r"), ("rotx", "roty", "rotz"), ("rvx", "rvy", "rvz"),
 )  # fmt: skip
-_STEMS = ("joint", "q", "j", "jnt", "joint_angle", "jointangle", "joint_position", "joint_pos", "axis", "a",
-          "theta", "th", "ax", "achse", "angle", "rax", "jt", "gelenk", "axe", "eje")  # fmt: skip
-_JOINT = re.compile(rf"^(?P<before>(?:.*_)?)(?P<stem>{'|'.join(_STEMS)})_?(?P<number>\d)(?P<after>\D.*)?$")
-_BY_MAKER = (
-    ("base", "shoulder", "elbow", "wrist1", "wrist2", "wrist3"),
-    ("base", "shoulder", "elbow", "wrist_1", "wrist_2", "wrist_3"),
-    ("s", "l", "u", "r", "b", "t"),
-    ("s_axis", "l_axis", "u_axis", "r_axis", "b_axis", "t_axis"),
-)
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,7 +98,7 @@ def detect_layout(
     typed = _typed_columns(names, columns or {})
     typed_names = {meaning: tuple(column.name for column in found) for meaning, found in typed.items()}
     plain = {name: plain_name(name) for name in names}
-    joints = typed_names.get("joints") or _find_joints(names, plain, joint_names)
+    joints = typed_names.get("joints") or find_joints(names, plain, joint_names, slides)
     rest = [name for name in names if name not in joints]
     length = "".join(typed_names.get("length", ())) or _find_length(rest, plain)
     measured, controller = _find_positions(rest, plain, has_length=bool(length))
@@ -132,8 +115,8 @@ def detect_layout(
     chosen = typed_names.get("rotation") or turn
     sliding = slides or (False,) * len(joints)
     layout = {
-        "joints": _of_kind(joints, sliding, slide=False),
-        "slides": _of_kind(joints, sliding, slide=True),
+        "joints": _of_kind(joints, sliding, joint_names, slide=False),
+        "slides": _of_kind(joints, sliding, joint_names, slide=True),
         "position": measured,
         "rotation": chosen,
         "controller": controller,
@@ -167,7 +150,9 @@ def _typed_columns(
     return {meaning: parse_columns(names, texts) for meaning, texts in columns.items()}
 
 
-def _of_kind(joints: Sequence[str], slides: Sequence[bool], *, slide: bool) -> tuple[str, ...]:
+def _of_kind(
+    joints: Sequence[str], slides: Sequence[bool], joint_names: Sequence[str], *, slide: bool
+) -> tuple[str, ...]:
     """Return the columns of joints that slide, or of those that turn; refuses a heading with a unit of the others."""
     found = tuple(name for name, slides_here in zip(joints, slides, strict=False) if slides_here == slide)
     wrong = [name for name in found if unit_of(name) in (ANGLE_UNITS if slide else LENGTH_UNITS)]
@@ -184,8 +169,12 @@ def _of_kind(joints: Sequence[str], slides: Sequence[bool], *, slide: bool) -> t
                 wrong=wrong[0],
                 unit_of=unit_of(wrong[0]),
             ),
-            remedy="If the heading is right, the joint is described wrong: a joint that slides is prismatic, in "
-            "metres (URDF) or millimetres (model file).",
+            remedy=make_message(
+                "If the columns stand in another order than the robot's joints ({joints}), name them in that order: "
+                "`--columns joints=…`. If the order and the heading are right, the joint is described wrong: a joint "
+                "that slides is prismatic, in metres (URDF) or millimetres (model file).",
+                joints=", ".join(joint_names),
+            ),
         )
     return found
 
@@ -205,113 +194,25 @@ def _common_unit(names: Sequence[str]) -> str:
     return units.pop() if units else ""
 
 
-def _find_joints(
-    names: Sequence[str], plain: Mapping[str, str], joint_names: Sequence[str]
-) -> tuple[str, ...]:
-    by_plain = {text: name for name, text in plain.items()}
-    # A joint called z is not meant by the z of a place.
-    places = {"x", "y", "z"} if {"x", "y", "z"} <= by_plain.keys() else set()
-    for candidate in (joint_names, *_BY_MAKER):
-        called = [plain_name(text) for text in candidate]
-        if len(candidate) == len(joint_names) and set(called) <= by_plain.keys() - places:
-            return tuple(by_plain[plain_name(text)] for text in candidate)
-    families: dict[tuple[str, str, str], dict[int, str]] = {}
-    for name in names:
-        match = _JOINT.match(plain[name])
-        if match:
-            key = (match["before"], match["stem"], match["after"] or "")
-            families.setdefault(key, {})[int(match["number"])] = name
-    full = [
-        (key, numbered)
-        for key, numbered in families.items()
-        if _first_number(numbered, len(joint_names)) >= 0
-    ]
-    if not full:
-        raise MeasurementError(
-            make_message(
-                "no {joint_name_count} joint columns found among {names}.",
-                joint_name_count=len(joint_names),
-                names=", ".join(names),
-            ),
-            remedy=_joints_remedy(names, plain, len(joint_names)),
-        )
-    _, numbered = min(full, key=lambda item: _preference_rank(item[0]))
-    first = _first_number(numbered, len(joint_names))
-    return tuple(numbered[first + i] for i in range(len(joint_names)))
-
-
-def _joints_remedy(names: Sequence[str], plain: Mapping[str, str], count: int) -> str:
-    """Return what helps where joints are missing: what the file is tells what it can be used for."""
-    places = _find_triples(names, plain, "xyz")
-    some_joints = sum(_JOINT.match(plain[name]) is not None for name in names) > 1
-    if places and len(names) < count + 3 and not some_joints:
-        return (
-            "This is a list of points without the joints of the robot: `cellcal simulate-cell` reads such files; "
-            "for an identification every row needs the joints, too."
-        )
-    if are_numbered(names):
-        joints = ",".join(str(at + 1) for at in range(count))
-        return (
-            f"It has no heading: say which columns are which by their numbers, such as `--columns joints={joints}` "
-            f"`--columns position={count + 1},{count + 2},{count + 3}`."
-        )
-    return "Name them in order: `--columns joints=q1,q2,…` (or by their numbers), and check --robot."
-
-
-def _first_number(numbered: Mapping[int, str], count: int) -> int:
-    for first in (1, 0):
-        if all(first + i in numbered for i in range(count)):
-            return first
-    return -1
-
-
-def _preference_rank(key: tuple[str, str, str]) -> int:
-    """Prefer the joints that the arm really had to those that it was told, and positions to anything else."""
-    words = set(f"{key[0]}_{key[2]}".split("_"))
-    order = _STEMS.index(key[1])
-    wrong = bool(
-        words & (_SPREAD | {"vel", "qd", "velocity", "current", "torque", "temp", "speed", "moment", "acc"})
-    )
-    return (
-        1000 * wrong
-        + 100 * bool(words & _CONTROLLER)
-        - 50 * bool(words & {"actual", "act", "measured"})
-        + order
-    )
-
-
-def _find_triples(
-    names: Sequence[str], plain: Mapping[str, str], axes: Sequence[str]
-) -> dict[tuple[str, str], tuple[str, ...]]:
-    """Return the columns that spell one word for each of the axes, by what surrounds it."""
-    families: dict[tuple[str, str], dict[str, str]] = {}
-    for name in names:
-        for axis in axes:
-            match = re.match(rf"^(?P<before>(?:.*_)?(?:pos|p|t)?){axis}(?P<after>\d*(?:_.*)?)$", plain[name])
-            if match:
-                families.setdefault((match["before"], match["after"]), {}).setdefault(axis, name)
-    return {
-        key: tuple(found[axis] for axis in axes) for key, found in families.items() if len(found) == len(axes)
-    }
-
-
 def _key_words(key: tuple[str, str]) -> set[str]:
     return set(re.split(r"[_\d]+", "_".join(key))) - {""}
 
 
 def _is_place(key: tuple[str, str]) -> bool:
     """Tell whether a triple of x, y, z may be a place: no deviation, no uncertainty, no part of an attitude."""
-    return not _key_words(key) & (_SPREAD | _DIFFERENCE | _ATTITUDE)
+    return not _key_words(key) & (SPREAD_WORDS | _DIFFERENCE | _ATTITUDE)
 
 
 def _find_positions(
     names: Sequence[str], plain: Mapping[str, str], *, has_length: bool
 ) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Return measured and controller positions: called a measurement, else not called a command."""
-    triples = {key: names for key, names in _find_triples(names, plain, "xyz").items() if _is_place(key)}
+    triples = {key: names for key, names in find_triples(names, plain, "xyz").items() if _is_place(key)}
     measured = [found for key, found in triples.items() if _key_words(key) & _MEASURED]
     controller_triples = [
-        found for key, found in triples.items() if _key_words(key) & _CONTROLLER and found not in measured
+        found
+        for key, found in triples.items()
+        if _key_words(key) & CONTROLLER_WORDS and found not in measured
     ]
     neutral = [
         found for found in triples.values() if found not in measured and found not in controller_triples
@@ -331,7 +232,7 @@ def _find_length(names: Sequence[str], plain: Mapping[str, str]) -> str:
         name
         for name in names
         if set(plain[name].split("_")) & {"length", "distance", "wire", "cable"}
-        and not set(plain[name].split("_")) & (_SPREAD | _CONTROLLER)
+        and not set(plain[name].split("_")) & (SPREAD_WORDS | CONTROLLER_WORDS)
     ]
     return (*exact, *worded, "")[0]
 
@@ -340,10 +241,10 @@ def _find_rotation(
     names: Sequence[str], plain: Mapping[str, str], measured: tuple[str, ...]
 ) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Return the attitude that belongs to the measured position: the one whose names are built alike."""
-    places = _find_triples(names, plain, "xyz")
+    places = find_triples(names, plain, "xyz")
     position_key = next((key for key, found in places.items() if found == measured), None)
     for fields in _TURNS:
-        for key, found in _find_triples(names, plain, fields).items():
+        for key, found in find_triples(names, plain, fields).items():
             if key == position_key:
                 return found, fields
     if position_key is None:
@@ -362,9 +263,9 @@ def _worded_turn(
     ):
         found = {
             key: columns
-            for key, columns in _find_triples(names, plain, axes).items()
+            for key, columns in find_triples(names, plain, axes).items()
             if (_key_words(key) & _ATTITUDE or axes == fields)
-            and not _key_words(key) & (_SPREAD | _DIFFERENCE | {"normal", "direction", "vector", "vec"})
+            and not _key_words(key) & (SPREAD_WORDS | _DIFFERENCE | {"normal", "direction", "vector", "vec"})
         }
         alike = [columns for key, columns in found.items() if _key_words(key) - _ATTITUDE - _PLACE == place]
         if alike:

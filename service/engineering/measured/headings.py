@@ -82,6 +82,11 @@ def plain_name(name: str) -> str:
     return _TRAILING_UNIT.sub("", text)
 
 
+def without_unit(name: str) -> str:
+    """Return a name as it is written, without a unit in brackets."""
+    return _UNIT.sub("", name).strip()
+
+
 def _inside_brackets(found: re.Match[str]) -> str:
     """Keep what stands in brackets and is no unit as a word of the name: ``U(95)``, ``X (Base)``."""
     text = found["unit"].strip()

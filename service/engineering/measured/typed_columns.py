@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from cellcal.calibration.message import make_message
+from cellcal.service.engineering.measured.headings import without_unit
 from cellcal.service.engineering.measured.table import MeasurementError
 
 _ZERO = re.compile(r"^(?P<name>.+?)(?P<zero>[+-]\d+(?:\.\d+)?)$")
@@ -73,5 +74,8 @@ def _parse_text(names: Sequence[str], text: str) -> TypedColumn | None:
 def _find_name(names: Sequence[str], text: str) -> str:
     if text in names:
         return text
+    without = [name for name in names if without_unit(name) == text]
+    if len(without) == 1:
+        return without[0]
     number = int(text) if text.isdecimal() and text.isascii() and len(text) < 5 else 0
     return names[number - 1] if 1 <= number <= len(names) else ""

@@ -35,7 +35,8 @@ def of_another_arm(program: ProgramFile, axes: int) -> NDArray[np.bool_]:
         raise ProgramFileError(
             program.name,
             make_message("its positions hold another number of joints than the robot's {axes}.", axes=axes),
-            remedy="Name the project of the robot that this program is for.",
+            remedy="Name the project of the robot that this program is for. An axis that carries the arm is no joint "
+            "of its model: state it as [[track]], and let the model begin at the arm's own base.",
         )
     return other
 

@@ -1,6 +1,7 @@
 """The joints that a controller computes for programmed positions: pose, configuration and turn numbers."""
 
 from collections.abc import Sequence
+from functools import cached_property
 from itertools import product
 
 import numpy as np
@@ -12,7 +13,7 @@ from cellcal.calibration.compensation.compensate import CompensationLimits
 from cellcal.calibration.compensation.pose_gap import TipArm
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.message import make_message
-from cellcal.calibration.programs.branches import BRANCHES, AxesAtZero, all_branches
+from cellcal.calibration.programs.branches import BRANCHES, AxesAtZero, all_branches, refuse_other_joints
 from cellcal.calibration.programs.transfer import joints_near, nearest_turns
 from cellcal.drivers.programs.brands import ConfigurationRule
 
@@ -35,10 +36,16 @@ class PostureSearch:
     """Finds joints for the positions of one controller."""
 
     def __init__(self, nominal: RobotModel, controller: RobotModel, rule: ConfigurationRule | None) -> None:
-        self._zero = AxesAtZero.from_model(nominal)
+        refuse_other_joints(nominal)
+        self._nominal = nominal
         self._controller = controller
         self._rule = rule
         self._exact = controller is nominal or np.array_equal(controller.placements, nominal.placements)
+
+    @cached_property
+    def _zero(self) -> AxesAtZero:
+        """The axes at zero, found when the first pose needs a posture: programs of joints need none."""
+        return AxesAtZero.from_model(self._nominal)
 
     def find_joints(
         self, base_flange: Array, texts: Sequence[str], before: Array | None

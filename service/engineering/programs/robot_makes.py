@@ -36,6 +36,7 @@ _BY_MAKER = {
     "Universal Robots": "universal_robots",
 }
 _FANUC = "fanuc"
+_ACROSS, _PARALLEL = 0.1, 0.9  # cosines between axes
 
 
 def runs_programs_of(model: RobotModel, brand: str) -> bool:
@@ -51,7 +52,15 @@ def lacks_coupling(model: RobotModel, brand: str) -> bool:
 
     FANUC's J3 is counted against the horizon, the joint of a description against the link before.
     """
-    return brand == _FANUC and model.axis_count >= 3 and not model.joint_coupling[2, 1]
+    return brand == _FANUC and _has_swung_forearm(model) and not model.joint_coupling[2, 1]
+
+
+def _has_swung_forearm(model: RobotModel) -> bool:
+    """Tell whether joint 1 turns the arm, and joints 2 and 3 about parallel axes across it: no SCARA, no track."""
+    if model.axis_count < 3 or (model.sliding is not None and model.sliding[:3].any()):
+        return False
+    first_second, second_third = model.placements[1, 2, 2], model.placements[2, 2, 2]
+    return bool(abs(first_second) < _ACROSS and abs(second_third) > _PARALLEL)
 
 
 def make_of(model: RobotModel) -> RobotMake | None:

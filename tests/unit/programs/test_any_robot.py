@@ -1,6 +1,7 @@
 """Programs of robots by reference: the catalogue, a model file, a description; and of which make they may be."""
 
 import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -33,6 +34,11 @@ P[1]{
 };
 /END
 """
+
+FOUR = LS.replace(b"-30.000 deg,", b"30.000  mm,").replace(
+    b"0.000 deg,    J5=   -60.000 deg,    J6=     0.000 deg", b"0.000 deg"
+)
+DESCRIPTIONS = Path(__file__).parents[2] / "data" / "descriptions"
 
 
 def project(tmp_path: Path, model: str):
@@ -73,6 +79,47 @@ def test_a_description_of_a_fanuc_is_not_taken_for_its_controllers_joints(tmp_pa
     with pytest.raises(ProgramFileError, match="does not couple J3 with J2") as refused:
         refuse_foreign(brand_named("fanuc").read("A.LS", LS), own)
     assert "interaction" in refused.value.remedy
+
+
+@pytest.mark.parametrize(
+    ("robot", "text", "says", "cure"),
+    [
+        ("scara.urdf?tip=flange", LS, "another number of joints", "[[track]]"),
+        ("arm_on_track.urdf?base=world&tip=tool0", LS, "another number of joints", "[[track]]"),
+        ("scara.urdf?tip=flange", FOUR, "has 4, of which 1 slide", "at its controller"),
+    ],
+)
+def test_an_arm_of_another_kind_is_refused_for_what_it_is(tmp_path, robot, text, says, cure, capsys):
+    """A SCARA or an arm on a track counts no joint against the horizon: that cure would bend its model."""
+    (tmp_path / "A.LS").write_bytes(text)
+    (tmp_path / "project.toml").write_text(PROJECT.format(model=f"{DESCRIPTIONS}/{robot}"))
+    words = ["program", "inspect", "--project", str(tmp_path / "project.toml"), str(tmp_path / "A.LS")]
+    assert run_command_line(words) == 10
+    told = " ".join(capsys.readouterr().out.split())
+    assert says in told
+    assert cure in told
+    assert "interaction" not in told
+
+
+def test_a_program_of_joints_moves_with_an_arm_whose_postures_are_not_told_apart(tmp_path):
+    """Its wrist does not meet in a point: poses are refused with the cure, and that cure works."""
+    model, project_path = load_model("fanuc_crx10ia"), tmp_path / "project.toml"
+    project_path.write_text(
+        PROJECT.format(model="fanuc_crx10ia") + "[tools.1.entered]\nposition_mm = [0, 0, 100]\n"
+    )
+    (tmp_path / "A.LS").write_bytes(LS)
+    words = ["program", "move", "--project", str(project_path), str(tmp_path / "A.LS")]
+    assert run_command_line(
+        [*words, "--offset", "10,20,30", "--joints", "move", "--out", str(tmp_path / "o")]
+    ) in (0, 4)
+    written = next((tmp_path / "o").glob("*.LS")).read_bytes()
+    poses = [model.base_flange(joints_of(text))[0] for text in (LS, written)]
+    assert np.allclose(poses[1][:3, 3] - poses[0][:3, 3], [0.01, 0.02, 0.03], atol=2e-5)
+    assert np.allclose(poses[1][:3, :3], poses[0][:3, :3], atol=5e-5)
+
+
+def joints_of(text: bytes):
+    return np.radians([[float(value) for value in re.findall(rb"J\d=\s*(-?[\d.]+) deg", text)]])
 
 
 def test_a_project_takes_a_description_beside_it(tmp_path, monkeypatch):

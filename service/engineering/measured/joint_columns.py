@@ -1,0 +1,181 @@
+"""Which columns of a table are the joints, in the order of the robot's joints."""
+
+import re
+from collections.abc import Mapping, Sequence
+
+from cellcal.calibration.message import make_message
+from cellcal.service.engineering.measured.column_words import CONTROLLER_WORDS, SPREAD_WORDS, find_triples
+from cellcal.service.engineering.measured.headings import plain_name, unit_of, without_unit
+from cellcal.service.engineering.measured.table import MeasurementError
+from cellcal.service.engineering.measured.table_heads import are_numbered
+from cellcal.service.engineering.measured.units import LENGTH_UNITS
+
+_STEMS = ("joint", "q", "j", "jnt", "joint_angle", "jointangle", "joint_position", "joint_pos", "axis", "a",
+          "theta", "th", "ax", "achse", "angle", "rax", "jt", "gelenk", "axe", "eje")  # fmt: skip
+_JOINT = re.compile(rf"^(?P<before>(?:.*_)?)(?P<stem>{'|'.join(_STEMS)})_?(?P<number>\d)(?P<after>\D.*)?$")
+_BY_MAKER = (
+    ("base", "shoulder", "elbow", "wrist1", "wrist2", "wrist3"),
+    ("base", "shoulder", "elbow", "wrist_1", "wrist_2", "wrist_3"),
+    ("s", "l", "u", "r", "b", "t"),
+    ("s_axis", "l_axis", "u_axis", "r_axis", "b_axis", "t_axis"),
+)
+_EXTERNAL = re.compile(r"^(?:e|ex|ext|extax|eax|external|external_axis)_?(\d)$")
+_PLACE = {"x", "y", "z"}
+
+Family = tuple[str, str, str]  # what stands before the stem, the stem, what stands behind the number
+
+
+def find_joints(
+    names: Sequence[str], plain: Mapping[str, str], joint_names: Sequence[str], slides: Sequence[bool] = ()
+) -> tuple[str, ...]:
+    """Return the columns of the joints, in the order of the robot's; ``plain`` is each name in one spelling.
+
+    They are called as the robot's joints are, by a maker's words, or numbered. External axes that are numbered by
+    themselves, or that the headings show to slide, go to the joints that slide.
+
+    Raises
+    ------
+    MeasurementError
+        They are not found.
+    """
+    called = _called_joints(names, plain, joint_names)
+    if called:
+        return called
+    families = _numbered_families(names, plain)
+    count = len(joint_names)
+    full = {key: numbered for key, numbered in families.items() if _first_number(numbered, count) >= 0}
+    if full:
+        numbered = full[min(full, key=_preference_rank)]
+        first = _first_number(numbered, count)
+        found = tuple(numbered[first + i] for i in range(count))
+        return _with_slides_in_place(found, slides)
+    external = _external_joints(names, plain, families, slides)
+    if external:
+        return external
+    raise MeasurementError(
+        make_message(
+            "no {joint_name_count} joint columns found among {names}.",
+            joint_name_count=count,
+            names=", ".join(names),
+        ),
+        remedy=_joints_remedy(names, plain, joint_names),
+    )
+
+
+def _called_joints(
+    names: Sequence[str], plain: Mapping[str, str], joint_names: Sequence[str]
+) -> tuple[str, ...]:
+    """Return the columns that are called as the joints are, letter by letter or nearly; empty where none are."""
+    by_heading = {without_unit(name): name for name in names}
+    exact = tuple(by_heading[joint] for joint in joint_names if joint in by_heading)
+    if len(exact) == len(joint_names) and _leaves_place(names, exact, plain):
+        return exact
+    by_plain = {text: name for name, text in plain.items()}
+    # A joint called z is not meant by the z of a place.
+    places = _PLACE if by_plain.keys() >= _PLACE else set()
+    for candidate in (joint_names, *_BY_MAKER):
+        called = [plain_name(text) for text in candidate]
+        alike = len(set(called)) < len(called)  # joint_3 and Joint_3: a column could be either's
+        if len(candidate) == len(joint_names) and not alike and set(called) <= by_plain.keys() - places:
+            return tuple(by_plain[text] for text in called)
+    return ()
+
+
+def _leaves_place(names: Sequence[str], joints: Sequence[str], plain: Mapping[str, str]) -> bool:
+    """Tell whether joints that are called x, y or z leave the columns of a place."""
+    if not _PLACE & {plain[name] for name in joints}:
+        return True
+    return {plain[name] for name in names if name not in joints} >= _PLACE
+
+
+def _numbered_families(names: Sequence[str], plain: Mapping[str, str]) -> dict[Family, dict[int, str]]:
+    """Return columns that are numbered alike, by what stands around the number."""
+    families: dict[Family, dict[int, str]] = {}
+    for name in names:
+        match = _JOINT.match(plain[name])
+        if match:
+            key = (match["before"], match["stem"], match["after"] or "")
+            families.setdefault(key, {})[int(match["number"])] = name
+    return families
+
+
+def _with_slides_in_place(joints: tuple[str, ...], slides: Sequence[bool]) -> tuple[str, ...]:
+    """Return numbered columns with those in a unit of length where the robot slides: J1 to J6, and J7 of a track.
+
+    The others keep their order. Only columns at one end are taken for a track that stands at the other.
+    """
+    shown = [unit_of(name) in LENGTH_UNITS for name in joints]
+    count = sum(shown)
+    if not count or count != sum(slides) or list(slides) == shown:
+        return joints
+    if list(slides)[:count] == [True] * count and shown[-count:] == [True] * count:
+        return (*joints[-count:], *joints[:-count])
+    if list(slides)[-count:] == [True] * count and shown[:count] == [True] * count:
+        return (*joints[count:], *joints[:count])
+    return joints
+
+
+def _external_joints(
+    names: Sequence[str],
+    plain: Mapping[str, str],
+    families: Mapping[Family, Mapping[int, str]],
+    slides: Sequence[bool],
+) -> tuple[str, ...]:
+    """Return the arm's numbered columns at the joints that turn, and E1, E2 … at those that slide."""
+    count = sum(slides)
+    numbers = {match[1]: name for name in names if (match := _EXTERNAL.match(plain[name]))}
+    outside = [numbers.get(str(i + 1), "") for i in range(count)]
+    turning = len(slides) - count
+    full = {key: numbered for key, numbered in families.items() if _first_number(numbered, turning) >= 0}
+    if not count or not full or not all(outside) or len(numbers) != count:
+        return ()
+    numbered = full[min(full, key=_preference_rank)]
+    first = _first_number(numbered, turning)
+    arm, track = iter(range(first, first + turning)), iter(outside)
+    return tuple(next(track) if slide else numbered[next(arm)] for slide in slides)
+
+
+def _joints_remedy(names: Sequence[str], plain: Mapping[str, str], joint_names: Sequence[str]) -> str:
+    """Return what helps where joints are missing: what the file is tells what it can be used for."""
+    count = len(joint_names)
+    places = find_triples(names, plain, "xyz")
+    some_joints = sum(_JOINT.match(plain[name]) is not None for name in names) > 1
+    if places and len(names) < count + 3 and not some_joints:
+        return (
+            "This is a list of points without the joints of the robot: `cellcal simulate-cell` reads such files; "
+            "for an identification every row needs the joints, too."
+        )
+    if are_numbered(names):
+        joints = ",".join(str(at + 1) for at in range(count))
+        return (
+            f"It has no heading: say which columns are which by their numbers, such as `--columns joints={joints}` "
+            f"`--columns position={count + 1},{count + 2},{count + 3}`."
+        )
+    return make_message(
+        "Name the columns of its joints ({joints}) in this order: `--columns joints=q1,q2,…` (or by their numbers), "
+        "and check --robot.",
+        joints=", ".join(joint_names),
+    )
+
+
+def _first_number(numbered: Mapping[int, str], count: int) -> int:
+    for first in (1, 0):
+        if all(first + i in numbered for i in range(count)):
+            return first
+    return -1
+
+
+def _preference_rank(key: tuple[str, str, str]) -> int:
+    """Prefer the joints that the arm really had to those that it was told, and positions to anything else."""
+    words = set(f"{key[0]}_{key[2]}".split("_"))
+    order = _STEMS.index(key[1])
+    wrong = bool(
+        words
+        & (SPREAD_WORDS | {"vel", "qd", "velocity", "current", "torque", "temp", "speed", "moment", "acc"})
+    )
+    return (
+        1000 * wrong
+        + 100 * bool(words & CONTROLLER_WORDS)
+        - 50 * bool(words & {"actual", "act", "measured"})
+        + order
+    )
