@@ -39,7 +39,7 @@ def find_joints(
         They are not found.
     """
     called = _called_joints(names, plain, joint_names)
-    if called:
+    if called or not joint_names:  # a list of places has no joints
         return called
     families = _numbered_families(names, plain)
     count = len(joint_names)
