@@ -136,6 +136,14 @@ def test_off_the_axis_it_is_seen() -> None:
     assert last_joint_note(true.model, true.observations) == []
 
 
+def test_nothing_is_said_of_the_target_where_the_arm_itself_is_wrong() -> None:
+    """The target is off the axis, but a link that is 150 mm longer hides what the last joint moves."""
+    true = arm("fanuc_m6ib", 2, count=60)
+    placements = true.model.placements.copy()
+    placements[3, :3, 3] += [0.15, 0.05, 0.1]
+    assert last_joint_note(replace(true.model, dh=None, placements=placements), true.observations) == []
+
+
 @pytest.mark.parametrize("jitter_m", [0.0, 1e-6])
 def test_places_that_never_change_are_refused_in_words(jitter_m: float) -> None:
     true = arm("fanuc_m6ib", 1)
