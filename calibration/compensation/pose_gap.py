@@ -33,7 +33,8 @@ class TipArm:
             raise CalibrationError(f"{self.model.name}: the tip is not a rigid transform (4, 4)")
         if self.model.axis_count < 6:
             raise CalibrationError(
-                f"{self.model.name} has {self.model.axis_count} joints: a pose can be kept by six or more only."
+                f"{self.model.name} has {self.model.axis_count} joints: a pose can be kept by six or more only.",
+                remedy="Its points are not compensated: identify its zeros, and enter them at its controller.",
             )
 
     @classmethod

@@ -344,8 +344,9 @@ def test_full_poses_identify_an_arm_on_a_track(tmp_path):
 
 
 def test_four_axes_keep_no_pose_and_say_so():
-    with pytest.raises(CalibrationError, match="six or more"):
+    with pytest.raises(CalibrationError, match="six or more") as refused:
         TipArm(load_model(SCARA))
+    assert "enter them at its controller" in refused.value.remedy
 
 
 def test_what_is_said_of_a_slide_is_in_millimetres():
