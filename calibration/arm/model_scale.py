@@ -11,6 +11,7 @@ import numpy as np
 
 from cellcal.calibration.arm.robot_model import RobotModel
 from cellcal.calibration.errors import CalibrationError
+from cellcal.calibration.geometry import Array
 
 _LONGEST_M = 50.0  # from the first joint to the flange
 _SHORTEST_M = 0.02
@@ -61,8 +62,8 @@ def refuse_wrong_units(model: RobotModel, units: FileUnits) -> None:
     _refuse_turns(model, units)
 
 
-def refuse_radians(name: str, alpha_deg: np.ndarray) -> None:
-    """Refuse twists of a model file, in degrees, that are a right angle in radians.
+def refuse_radians(name: str, key: str, values_deg: Array) -> None:
+    """Refuse DH angles of a model file, in degrees, that are a right or straight angle in radians.
 
     Raises
     ------
@@ -70,9 +71,9 @@ def refuse_radians(name: str, alpha_deg: np.ndarray) -> None:
         One of them is 1.5708 or 3.1416.
     """
     for right in _RIGHT_ANGLES:
-        if (np.abs(np.abs(alpha_deg) - right) < _EQUAL).any():
+        if (np.abs(np.abs(values_deg) - right) < _EQUAL).any():
             raise CalibrationError(
-                f"robot model {name}: alpha_deg holds {right:.4f}, a right or straight angle in radians.",
+                f"robot model {name}: {key} holds {right:.4f}, a right or straight angle in radians.",
                 remedy="Write angles in degrees.",
             )
 

@@ -76,7 +76,9 @@ def model_of_data(name: str, data: Mapping[str, Any]) -> ModelText:
     types = tuple(data.get("joint_types", ()))
     if types and (len(types) != n or not set(types) <= set(JOINT_TYPES)):
         raise CalibrationError(f"robot model {name}: joint_types needs {n} of {', '.join(JOINT_TYPES)}")
-    refuse_radians(name, _column(name, data, "alpha_deg", n))
+    _refuse_names(name, data["joints"])
+    for key in ("theta_deg", "alpha_deg"):
+        refuse_radians(name, key, _column(name, data, key, n))
     slides = np.array([kind == PRISMATIC for kind in types or ("",) * n])
     fields: dict[str, Any] = {
         "title": data["title"],
@@ -104,6 +106,18 @@ def model_of_data(name: str, data: Mapping[str, Any]) -> ModelText:
     fields |= {key: _frame(name, key, data[key]) for key in ("base", "flange") if key in data}
     further = {key: _frames(name, key, data.get(key, {})) for key in ("tips", "bases")}
     return ModelText(fields, further["tips"], further["bases"])
+
+
+def _refuse_names(name: str, joints: Any) -> None:
+    """Refuse names of joints that are no texts, empty, or given twice: columns and results go by them."""
+    texts = isinstance(joints, list | tuple) and all(
+        isinstance(joint, str) and joint.strip() for joint in joints
+    )
+    if not texts or len(set(joints)) < len(joints):
+        raise CalibrationError(
+            f"robot model {name}: joints needs a name for each joint, and no name twice.",
+            remedy='Write them as texts: joints = ["J1", "J2"].',
+        )
 
 
 def _sourced(data: Mapping[str, Any]) -> set[str]:
@@ -147,7 +161,12 @@ def _coupling(name: str, data: Mapping[str, Any], n: int) -> Array:
     if signs.shape != (n,) or not (np.abs(signs) == 1.0).all():
         raise CalibrationError(f"robot model {name}: sign needs {n} times 1 or -1")
     coupling = np.diag(signs)
-    for angle, joint, factor in data.get("interaction", []):
+    for row in data.get("interaction", []):
+        if not isinstance(row, list | tuple) or len(row) != 3:
+            raise CalibrationError(
+                f"robot model {name}: a row of interaction is [DH angle, joint, factor], such as [3, 2, 1.0]"
+            )
+        angle, joint, factor = row
         if not (1 <= angle <= n and 1 <= joint <= n):
             raise CalibrationError(f"robot model {name}: the interaction names an axis that is not there")
         coupling[angle - 1, joint - 1] += factor
