@@ -96,6 +96,13 @@ async def _is_read(page: Page) -> None:
     for part in ("errors", "reasons"):
         await page.get_by_test_id(part).locator("summary").click()
     await expect(page.get_by_test_id("reasons")).to_contain_text("mastering offsets")
+    await page.get_by_test_id("language").select_option("de")
+    await wait_for_language(page, "de")
+    await expect(page.get_by_test_id("reasons")).to_contain_text("Kreuzvalidierung über 40 Blöcke")
+    await expect(page.get_by_test_id("reasons")).to_contain_text("vollständige Geometrie")
+    await expect(page.get_by_test_id("found").locator("[lang=en]")).to_have_count(0)
+    await page.get_by_test_id("language").select_option("en")
+    await wait_for_language(page, "en")
 
 
 async def _is_saved(page: Page, tablet_service: ServiceWithTablets) -> None:
