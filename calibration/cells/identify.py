@@ -24,6 +24,7 @@ from cellcal.calibration.identification.identifiability import CorrelatedPair, N
 from cellcal.calibration.identification.observations import Rows
 from cellcal.calibration.identification.parameters import FRAMES, OFFSETS
 from cellcal.calibration.identification.selection import LEVELS
+from cellcal.calibration.message import make_message
 
 _FOLDS = 5
 _INNER_FOLDS = 5
@@ -191,8 +192,12 @@ def _rejected_rows(robust: RobustCellFit, errors: list[Array]) -> tuple[Rejected
         RejectedCellRow(
             result.name,
             int(row),
-            f"off model and neighbours by {sizes[row] * 1e3:.2f} mm, {result.deviations[row]:.1f} "
-            f"deviations (limit {result.threshold:.1f})",
+            make_message(
+                "off model and neighbours by {distance_mm:.2f} mm, {deviations:.1f} deviations (limit {limit:.1f})",
+                distance_mm=sizes[row] * 1e3,
+                deviations=result.deviations[row],
+                limit=result.threshold,
+            ),
         )
         for result, sizes in zip(robust.series, errors, strict=True)
         for row in result.rejected

@@ -10,6 +10,7 @@ from scipy.special import stdtrit
 from cellcal.calibration.errors import DegenerateDataError
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.identification.observations import Rows
+from cellcal.calibration.message import make_message
 
 _SAME_RAD = 1e-3  # of a wrist that was not moved
 _FEWEST_RUNS = 8
@@ -187,11 +188,20 @@ def compare_models(
     before, after = float(np.sqrt(np.mean(first**2))), float(np.sqrt(np.mean(second**2)))
     sure = _is_surely_positive(_relative_gains(first, second, groups))
     large = after < before * (1 - least_gain)
-    change = f"{wide_name}: {after * 1e3:.3f} mm ({narrow_name}: {before * 1e3:.3f})"
+    change = make_message(
+        "{wide}: {after_mm:.3f} mm ({narrow}: {before_mm:.3f})",
+        wide=wide_name,
+        after_mm=after * 1e3,
+        narrow=narrow_name,
+        before_mm=before * 1e3,
+    )
     if large and sure:
-        return ModelComparison(True, f"{change}: better")
-    why = "not better" if not large else "no more than groups differ by chance"
-    return ModelComparison(False, f"{change}: {why}")
+        return ModelComparison(True, make_message("{change}: better", change=change))
+    if large:
+        return ModelComparison(
+            False, make_message("{change}: no more than groups differ by chance", change=change)
+        )
+    return ModelComparison(False, make_message("{change}: not better", change=change))
 
 
 def _relative_gains(first: Array, second: Array, groups: Rows) -> Array:

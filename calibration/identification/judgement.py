@@ -27,6 +27,7 @@ from cellcal.calibration.identification.selection import (
 )
 from cellcal.calibration.identification.series_breaks import change_between, mounting_of
 from cellcal.calibration.identification.work_parts import SERIAL, PartRunner
+from cellcal.calibration.message import make_message
 
 _FOLDS = 5
 _MANY_FOLDS = 10
@@ -59,17 +60,21 @@ class Judgement:
 
     def describe_method(self, grouping: Grouping) -> str:
         """Return how the rows were judged, for people."""
-        text = (
-            f"cross-validation over {grouping.group_count} {grouping.kind} in {len(self.levels)} "
-            f"folds; breaks, level "
-            "and fit were made anew without each fold"
+        text = make_message(
+            "cross-validation over {group_count} {group_kind} in {fold_count} folds; breaks, level and fit were made "
+            "anew without each fold",
+            group_count=grouping.group_count,
+            group_kind=grouping.kind,
+            fold_count=len(self.levels),
         )
-        if len(self.placed):
-            text += (
-                f"; {len(self.placed)} rows beside a break, whose order does not tell their mounting, were given "
-                "to the one that they fit"
-            )
-        return text
+        if not len(self.placed):
+            return text
+        return make_message(
+            "{method}; {row_count} rows beside a break, whose order does not tell their mounting, were given to the "
+            "one that they fit",
+            method=text,
+            row_count=len(self.placed),
+        )
 
 
 def judge_rows(

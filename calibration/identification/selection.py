@@ -42,6 +42,7 @@ from cellcal.calibration.identification.series_breaks import (
     mounting_of,
 )
 from cellcal.calibration.identification.work_parts import SERIAL, PartRunner
+from cellcal.calibration.message import make_message
 
 LEVELS = (FRAMES, OFFSETS, GEOMETRY, GRAVITY, RIPPLE, GEAR)
 _QUICK_UNKNOWNS = 100
@@ -206,7 +207,7 @@ def _level_of_few(narrow: int, errors: Mapping[int, Array]) -> tuple[int, str]:
         np.array([np.median(errors[level]), np.sqrt(np.mean(errors[level] ** 2))])
         for level in (narrow, GEOMETRY)
     )
-    name = f"level {GEOMETRY}, {LEVEL_NAMES[GEOMETRY]}"
+    name = _level_text(GEOMETRY)
     figures = f"{after[1] * 1e3:.3f} mm (level {narrow}: {before[1] * 1e3:.3f})"
     if (after < _FEW_GAIN * before).all():
         return GEOMETRY, f"{name}: {figures}: better, and its priors state what few rows leave open"
@@ -229,7 +230,12 @@ def possible_levels(
         most[GEOMETRY] = max(readings, sizes[GEOMETRY])
     possible = [level for level in sizes if level == FRAMES or sizes[level - 1] < sizes[level] <= most[level]]
     notes = [
-        f"level {level}, {LEVEL_NAMES[level]}: {size} unknowns are too many for {readings} readings: not tried"
+        make_message(
+            "{level}: {unknown_count} unknowns are too many for {reading_count} readings: not tried",
+            level=_level_text(level),
+            unknown_count=size,
+            reading_count=readings,
+        )
         for level, size in sizes.items()
         if size > most[level]
     ]
@@ -249,8 +255,14 @@ def best_level(
         errors[GEAR] = held_out(GEAR)
         best, notes = _compare_levels(errors, groups, voting)
     elif GEAR in possible:
-        notes.append(f"level {GEAR}, {LEVEL_NAMES[GEAR]}: not tried, because ripple does not help")
+        notes.append(
+            make_message("{level}: not tried, because ripple does not help", level=_level_text(GEAR))
+        )
     return best, tuple(notes)
+
+
+def _level_text(level: int) -> str:
+    return make_message("level {level}, {level_name}", level=level, level_name=LEVEL_NAMES[level])
 
 
 def _compare_levels(
@@ -261,8 +273,8 @@ def _compare_levels(
     believable = voting & (smallest < _BELIEVABLE * np.median(smallest[voting]))
     best, notes = FRAMES, []
     for level in [level for level in errors if level != FRAMES]:
-        narrow = (f"level {best}", errors[best][believable])
-        wide = (f"level {level}, {LEVEL_NAMES[level]}", errors[level][believable])
+        narrow = (make_message("level {level}", level=best), errors[best][believable])
+        wide = (_level_text(level), errors[level][believable])
         comparison = compare_models(narrow, wide, groups[believable])
         notes.append(comparison.reason)
         if comparison.better:
@@ -284,8 +296,8 @@ def _choose_breaks(
             best = _errors_with_breaks(fits, folds, ())
         errors = _errors_with_breaks(fits, folds, candidate)
         comparison = compare_models(
-            (f"{len(chosen)} breaks", best),
-            (f"{len(candidate)} breaks", errors),
+            (make_message("{break_count} breaks", break_count=len(chosen)), best),
+            (make_message("{break_count} breaks", break_count=len(candidate)), errors),
             grouping.groups,
             least_gain=_BREAK_GAIN,
         )

@@ -5,13 +5,13 @@ from typing import TYPE_CHECKING
 from cellcal.service.cli.identify_report import (
     COLOURS,
     HEADING,
-    LEARNT,
     MOST_ROWS_SHOWN,
     SCALES,
     print_dh,
     print_offsets,
     print_unknown,
 )
+from cellcal.service.engineering.identification.identify_findings import LEARNT
 
 if TYPE_CHECKING:
     from rich.console import Console

@@ -4,6 +4,12 @@ from typing import TYPE_CHECKING
 
 from rich.markup import escape
 
+from cellcal.service.engineering.identification.identify_findings import (
+    identified_rows,
+    unknown_by_cure,
+    unknown_of,
+)
+
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
@@ -19,7 +25,6 @@ if TYPE_CHECKING:
     from cellcal.service.engineering.measured.measurements import RejectedRow
 
 MOST_ROWS_SHOWN = 12
-_WIDER = "these postures hardly show them: measure over a wider range of these joints"
 SCALES = {
     "rad": ("deg", 57.29577951308232),
     "m": ("mm", 1e3),
@@ -28,7 +33,6 @@ SCALES = {
 }
 COLOURS = {"pass": "green", "fail": "red", "undecided": "yellow"}
 HEADING = "RMSE of groups held out, and whether it is surely smaller:"
-LEARNT = 0.5  # of the prior deviation
 _ENDLESS = 1e6  # degrees of freedom: a number of them tells a reader nothing
 
 
@@ -131,7 +135,7 @@ def _print_parameters(console: "Console", report: "IdentifyReport") -> None:
 
     from cellcal.service.cli.printing import PlainTable
 
-    shown, ripple = _identified_rows(report)
+    shown, ripple = identified_rows(report)
     if shown:
         table = PlainTable("identified", "off nominal", "sigma", "unit")
         for name, value, sigma, kind in shown:
@@ -146,7 +150,7 @@ def _print_parameters(console: "Console", report: "IdentifyReport") -> None:
     console.print(f"[dim]{_coverage_sentence(report)}[/]")
     if report.identification.group_effect.said:
         console.print(f"[yellow]note[/] {escape(report.identification.group_effect.said)}")
-    _print_unknown(console, report)
+    print_unknown(console, unknown_of(report))
     _print_correlated(console, report)
 
 
@@ -158,44 +162,13 @@ def _coverage_sentence(report: "IdentifyReport") -> str:
     return f"95 % is {report.coverage:.2f} sigma ({why})."
 
 
-def _identified_rows(report: "IdentifyReport") -> "tuple[list[tuple[str, float, float, str]], int]":
-    """Return name, value, sigma and unit of what is known, geometry as `--dh` has it; and how much ripple is."""
-    determined = [p for p in report.parameters if not p.held and p.sigma < LEARNT * p.prior]
-    prior = {p.name: p.prior for p in report.parameters if not p.held}
-    table = {} if report.dh is None else {entry.name: entry for entry in report.dh.entries}
-    shown = [
-        (name, entry.value - entry.nominal, entry.sigma, entry.unit)
-        for name, entry in table.items()
-        if name in prior and entry.sigma < LEARNT * prior[name]
-    ]
-    geometry = {"offset", "d", "a", "alpha", "beta"} if table else set()
-    rest = [p for p in determined if p.name.split()[-1] not in geometry]
-    shown += [(p.name, p.value, p.sigma, p.unit) for p in rest if " ripple " not in p.name]
-    return shown, sum(" ripple " in p.name for p in rest)
-
-
-def _print_unknown(console: "Console", report: "IdentifyReport") -> None:
-    determined = {name for name, *_ in _identified_rows(report)[0]}
-    print_unknown(console, [i for i in report.identification.not_identified if i.parameter not in determined])
-
-
 def print_unknown(console: "Console", items: "Iterable[NotIdentified]") -> None:
     """Print what is not identified, by cure, each with what it hides behind; equal answers need no cure."""
-    import re
-
     from rich.markup import escape
     from rich.padding import Padding
 
-    together: dict[str, list[NotIdentified]] = {}
-    for item in items:
-        if not item.cure.startswith("none needed"):
-            alone = not item.partner and re.match(r"(.* )?J\d+ ", item.parameter)
-            together.setdefault(_WIDER if alone else item.cure, []).append(item)
-    for cure, some in together.items():
+    for cure, behind in unknown_by_cure(items).items():
         console.print(f"[bold]not identified[/]; cure: {escape(cure)}")
-        behind: dict[str, list[str]] = {}
-        for item in some:
-            behind.setdefault(item.partner, []).append(item.parameter)
         for partner, names in behind.items():
             hidden = f", hidden behind {partner}" if partner else ""
             console.print(Padding(escape(", ".join(names) + hidden), (0, 0, 0, 2)))

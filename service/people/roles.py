@@ -12,7 +12,8 @@ from cellcal.service.cell_process.messages import AnswerPrompt, HoldOrder, Order
 class Role(StrEnum):
     """A person's role at this cell. An administrator runs no procedure: the two are kept apart.
 
-    Programs are made by engineers and administrators: they are files to take away, and nothing is written to a robot.
+    Engineers and administrators make programs and identify robots from files: nothing is written to a robot.
+    An identification is saved by those who may write master data.
     """
 
     VIEWER = "viewer"
@@ -30,6 +31,7 @@ class Right(StrEnum):
     CHANGE_LIMITS = "change limits or go on against a verdict"
     WRITE_ALONE = "let master data be written alone"
     MAKE_PROGRAMS = "make robot programs"
+    IDENTIFY = "identify robots from measurements"
 
 
 _EVERYBODY = frozenset({Right.SEE, Right.STOP})
@@ -37,8 +39,9 @@ RIGHTS: Mapping[Role, frozenset[Right]] = MappingProxyType(
     {
         Role.VIEWER: _EVERYBODY,
         Role.TECHNICIAN: _EVERYBODY | {Right.RUN},
-        Role.ENGINEER: _EVERYBODY | {Right.RUN, Right.CHANGE_LIMITS, Right.WRITE_ALONE, Right.MAKE_PROGRAMS},
-        Role.ADMIN: _EVERYBODY | {Right.MAKE_PROGRAMS},
+        Role.ENGINEER: _EVERYBODY
+        | {Right.RUN, Right.CHANGE_LIMITS, Right.WRITE_ALONE, Right.MAKE_PROGRAMS, Right.IDENTIFY},
+        Role.ADMIN: _EVERYBODY | {Right.MAKE_PROGRAMS, Right.IDENTIFY},
     }
 )
 

@@ -16,7 +16,17 @@ from cellcal.service.people.authentication import Authenticator
 from cellcal.service.people.authorization import OrderAuthorizer
 from cellcal.service.people.session_control import SessionControl
 from cellcal.service.session_documents import EventContent, OnCellEvent
-from cellcal.service.web import commands, exports, history, metrics, models, points, programs, sign_in
+from cellcal.service.web import (
+    commands,
+    exports,
+    history,
+    measurements,
+    metrics,
+    models,
+    points,
+    programs,
+    sign_in,
+)
 from cellcal.service.web import procedures as outlook
 from cellcal.service.web import session_control as control
 from cellcal.service.web import websocket as screen
@@ -80,7 +90,19 @@ def create_app(settings: ServiceSettings) -> FastAPI:
     describe_messages(app)
     app.add_exception_handler(CellError, respond_to_error)
     app.add_exception_handler(RequestValidationError, not_understood)
-    rooms = (screen, commands, control, outlook, history, exports, sign_in, models, points, programs)
+    rooms = (
+        screen,
+        commands,
+        control,
+        outlook,
+        history,
+        exports,
+        sign_in,
+        models,
+        points,
+        programs,
+        measurements,
+    )
     for router in (room.router for room in rooms):
         app.include_router(router, prefix="/api")
     if settings.extension is not None:

@@ -29,8 +29,11 @@ from cellcal.service.web.dependencies import app_context, token_of
 _log = logging.getLogger(__name__)
 MOST_BYTES = 256 * 1024
 BODY_S = 10.0
-PROGRAMS = "/api/programs/jobs"  # brings program files along
-MOST_PROGRAM_BYTES, PROGRAMS_S = 9 * 1024 * 1024, 60.0
+UPLOADS: Mapping[str, Right] = {  # bring files along, for those who have the right
+    "/api/programs/jobs": Right.MAKE_PROGRAMS,
+    "/api/measurements/jobs": Right.IDENTIFY,
+}
+MOST_UPLOAD_BYTES, UPLOAD_S = 9 * 1024 * 1024, 60.0
 _SAFE = frozenset({"GET", "HEAD"})
 _POLICY = (
     "default-src 'self'; base-uri 'none'; form-action 'self'; frame-ancestors 'none'; object-src 'none'; "
@@ -158,11 +161,12 @@ class RequestFilter:
 
     @staticmethod
     def _body_limits(connection: HTTPConnection) -> tuple[int, float]:
-        """Return how many bytes a body may have, and how long it may take [s]: files only of whom may make."""
-        if connection.scope["path"] == PROGRAMS:
+        """Return how many bytes a body may have, and how long it may take [s]; files need a right."""
+        right = UPLOADS.get(connection.scope["path"])
+        if right is not None:
             who = app_context(connection).authenticator.authenticate(token_of(connection))
-            if who.has_right(Right.MAKE_PROGRAMS):
-                return MOST_PROGRAM_BYTES, PROGRAMS_S
+            if who.has_right(right):
+                return MOST_UPLOAD_BYTES, UPLOAD_S
         return MOST_BYTES, BODY_S
 
     def _refuse_other_hosts(self, connection: HTTPConnection) -> None:

@@ -60,6 +60,11 @@ ROUTES: dict[tuple[str, str], set[str]] = {
     ("POST", "/api/programs/jobs/{job_id}/stop"): KNOWN,  # who may make: test_programs_api
     ("GET", "/api/programs/jobs/{job_id}/points"): KNOWN,
     ("GET", "/api/programs/jobs/{job_id}/programs.zip"): KNOWN,  # who may make: test_programs_api
+    ("GET", "/api/measurements"): KNOWN,
+    ("POST", "/api/measurements/jobs"): KNOWN,  # who may begin and save: test_measurements_api
+    ("GET", "/api/measurements/jobs/{job_id}"): KNOWN,
+    ("POST", "/api/measurements/jobs/{job_id}/stop"): KNOWN,
+    ("POST", "/api/measurements/jobs/{job_id}/save"): KNOWN,
     ("GET", "/api/models/{robot}/frames"): KNOWN,
     ("GET", "/api/models/{robot}/uncertainty"): KNOWN,
     ("GET", "/api/models/{robot}.urdf"): KNOWN,
@@ -81,6 +86,8 @@ BODIES: dict[str, dict[str, Any]] = {  # each is understood, so that only the do
     "/api/runs/{run_id}/what-if": {"used": []},
     "/api/parameters/{robot_serial}/rollback": {"id": "1", "to": 1, "newest": 2},
     "/api/programs/jobs": {"do": "compensate", "cell": {"kind": "here"}},
+    "/api/measurements/jobs": {"file": {"name": "a.csv", "content_base64": "AAAA"}, "robot": "none"},
+    "/api/measurements/jobs/{job_id}/save": {"id": "1", "newest": 0},
     "/api/runs/{run_id}/pictures": {"content_base64": "AAAA"},
     "/api/sign-in/person": {"name": "Tom", "secret": "314159"},
     "/api/sign-in/confirm": {"secret": "314159"},

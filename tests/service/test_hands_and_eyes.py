@@ -34,7 +34,15 @@ from tests.service.step_page_actions import (
 pytestmark = [pytest.mark.asyncio(loop_scope="module"), pytest.mark.xdist_group("hands_and_eyes")]
 FRAME = {"frame_number": 3, "tip_in_flange_m": TIP_IN_FLANGE_M.tolist()}
 OF_FRAME_M = {"touch_origin": (0.0, 0.0, 0.0), "touch_on_x": (0.25, 0.0, 0.0), "touch_on_xy": (0.0, 0.2, 0.0)}
-PLACES = ("#/", "#/procedure/three_point_frame", "#/history", "#/devices", "#/parameters", "#/programs")
+PLACES = (
+    "#/",
+    "#/procedure/three_point_frame",
+    "#/history",
+    "#/devices",
+    "#/parameters",
+    "#/programs",
+    "#/measurements",
+)
 ISO = re.compile(r"\d{4}-\d\d-\d\dT\d\d:\d\d")
 # What has the focus, by its test id or that of what it is in, and how thick the line around it is.
 FOCUSED = """() => { const one = document.activeElement, seen = getComputedStyle(one);

@@ -17,6 +17,7 @@ PLACES = (
     "#/",
     "#/history",
     "#/programs",
+    "#/measurements",
     "#/devices",
     "#/procedure/three_point_frame",
     "#/procedure/drift_check",

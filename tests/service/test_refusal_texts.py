@@ -99,6 +99,8 @@ WHOLE = (
     "service/web/overlays.py",
     "service/web/pictures.py",
     "service/web/programs.py",
+    "service/web/measurements.py",
+    "service/engineering/identification/jobs",
     "service/engineering/programs/jobs/files.py",
     "service/engineering/programs/jobs/jobs.py",
     "service/engineering/programs/jobs/work.py",

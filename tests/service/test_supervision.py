@@ -70,7 +70,9 @@ SHORT_LIVED = {
         "_start_worker",
     ): "the solver: one that ends is begun anew with the next question",
     ("service/engineering/programs/jobs/jobs.py", "begin_job"): "one job: its end is its state",
-    ("service/engineering/programs/jobs/jobs.py", "_run_process"): "the process of one job, awaited",
+    ("service/engineering/identification/jobs/jobs.py", "begin_job"): "one job: its end is its state",
+    ("service/engineering/identification/jobs/work.py", "identify_upload"): "ends a job with the service",
+    ("service/engineering/job_processes.py", "run_job_process"): "the process of one job, awaited",
     ("service/engineering/programs/jobs/work.py", "main"): "ends the job's process with the service's",
     ("service/engineering/forked_processes.py", "prepare_process"): "ends a process with the command's",
     (

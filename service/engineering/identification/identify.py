@@ -30,6 +30,7 @@ from cellcal.calibration.identification.series_breaks import mounting_of
 from cellcal.calibration.identification.temperature import temperature_effect
 from cellcal.calibration.identification.tip_uncertainty import HayatiTable, hayati_table
 from cellcal.calibration.identification.work_parts import SERIAL, PartRunner
+from cellcal.calibration.message import make_message
 from cellcal.calibration.uncertainty import coverage_factor
 from cellcal.service.engineering.identification.identify_check import (
     CheckedFile,
@@ -347,8 +348,12 @@ def _rejected_rows(measurements: Measurements, found: Identification, train: Row
     standing = [
         RejectedRow(
             int(measurements.rows[train[row]]),
-            f"off model and neighbours by {found.fit_m[row] * 1e3:.2f} mm, "
-            f"{found.robust.deviations[row]:.1f} deviations (limit {found.robust.threshold:.1f})",
+            make_message(
+                "off model and neighbours by {distance_mm:.2f} mm, {deviations:.1f} deviations (limit {limit:.1f})",
+                distance_mm=found.fit_m[row] * 1e3,
+                deviations=found.robust.deviations[row],
+                limit=found.robust.threshold,
+            ),
             OUTLIER,
         )
         for row in found.rejected

@@ -6,6 +6,7 @@ import numpy as np
 from matplotlib.figure import FigureBase
 
 from cellcal.calibration.geometry import Array
+from cellcal.calibration.message import make_message
 from cellcal.service.engineering.plots.plotted_residuals import PlottedResiduals
 from cellcal.service.engineering.plots.style import AFTER, BEFORE, tidy_axes, title_of
 
@@ -43,7 +44,7 @@ def draw_shares(panel: "Axes", evidence: PlottedResiduals) -> None:
     before, after, top = _error_sizes(evidence)
     for errors, colour, style, word in (
         (before, BEFORE, "--", "before"),
-        (after, AFTER, "-", f"level {evidence.model_level}"),
+        (after, AFTER, "-", make_message("level {level}", level=evidence.model_level)),
     ):
         size = float(np.percentile(errors, 95))
         steps = np.linspace(0.0, 1.0, 401)

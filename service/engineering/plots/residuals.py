@@ -7,6 +7,7 @@ from matplotlib.figure import FigureBase
 from matplotlib.ticker import MaxNLocator
 
 from cellcal.calibration.geometry import Array
+from cellcal.calibration.message import make_message
 from cellcal.service.engineering.plots.evidence import thin_rows
 from cellcal.service.engineering.plots.plotted_residuals import PlottedResiduals
 from cellcal.service.engineering.plots.style import AFTER, BEFORE, QUIET, WARNING, tidy_axes, title_of
@@ -52,7 +53,13 @@ def held_out_by_row(panel: "Axes", evidence: PlottedResiduals) -> None:
     size = 3.0 if len(rows) > _FEW else 6.0
     panel.plot(at, before, "x", color=QUIET, ms=size, label="before", rasterized=fast)
     panel.plot(
-        at, after, ".", color=AFTER, ms=size + 0.5, label=f"level {evidence.model_level}", rasterized=fast
+        at,
+        after,
+        ".",
+        color=AFTER,
+        ms=size + 0.5,
+        label=make_message("level {level}", level=evidence.model_level),
+        rasterized=fast,
     )
     beyond = after > top
     if beyond.any():

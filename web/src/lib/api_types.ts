@@ -115,6 +115,13 @@ export interface DeclinePrompt {
   prompt_id: string;
 }
 
+export interface DeterminedParameter {
+  name: string;
+  unit: string;
+  deviation: number;
+  standard_uncertainty: number;
+}
+
 export interface DeviceEnrolment {
   token: string;
   public_key: string;
@@ -215,10 +222,77 @@ export interface FrameSeen {
   messages?: TextMessages;
 }
 
+export interface HiddenParameters {
+  names: string[];
+  behind: string;
+}
+
 export interface HoldOrder {
   op: "hold";
   held: boolean;
   at_s?: number | null;
+}
+
+export interface IdentifyFault {
+  message: string;
+  remedy: string;
+}
+
+export interface IdentifyJob {
+  id: string;
+  file: string;
+  robot: string;
+  serial: string;
+  model: string;
+  who: string;
+  at_utc: string;
+  state: "waiting" | "running" | "done" | "failed" | "stopped";
+  stage: string;
+  done: number;
+  total: number;
+  fault: IdentifyFault | null;
+  saved_version: number | null;
+  messages?: TextMessages;
+}
+
+export interface IdentifyJobWithResult {
+  id: string;
+  file: string;
+  robot: string;
+  serial: string;
+  model: string;
+  who: string;
+  at_utc: string;
+  state: "waiting" | "running" | "done" | "failed" | "stopped";
+  stage: string;
+  done: number;
+  total: number;
+  fault: IdentifyFault | null;
+  saved_version: number | null;
+  result: IdentifyResult | null;
+  newest_version: number;
+  messages?: TextMessages;
+}
+
+export interface IdentifyOverview {
+  robots: RobotToIdentify[];
+  jobs: IdentifyJob[];
+  most_bytes: number;
+  messages?: TextMessages;
+}
+
+export interface IdentifyRequest {
+  file: UploadedFile;
+  robot?: string;
+}
+
+export interface IdentifyResult {
+  report: Record<string, unknown>;
+  parameters: DeterminedParameter[];
+  ripple_count: number;
+  unknown: UnknownParameters[];
+  row_errors: RowErrors;
+  not_savable: IdentifyFault | null;
 }
 
 export interface JobPreview {
@@ -611,11 +685,26 @@ export interface RobotSeen {
   serial: string;
 }
 
+export interface RobotToIdentify {
+  robot: string;
+  serial: string;
+  model: string;
+  version: number | null;
+}
+
 export interface RollbackRequest {
   id: string;
   to: number;
   newest: number;
   note?: string;
+}
+
+export interface RowErrors {
+  rows: number[];
+  before_m: number[];
+  held_out_m: number[];
+  rejected: boolean[];
+  rows_per_point: number;
 }
 
 export interface RunDetail {
@@ -696,6 +785,12 @@ export interface RunsCompared {
   settings: SettingChange[];
   figures: FigureChange[];
   messages?: TextMessages;
+}
+
+export interface SaveRequest {
+  id: string;
+  newest: number;
+  note?: string;
 }
 
 export interface SecondApproval {
@@ -869,6 +964,11 @@ export interface TroubleSeen {
   remedy: string;
   failures: number;
   running: boolean;
+}
+
+export interface UnknownParameters {
+  cure: string;
+  hidden: HiddenParameters[];
 }
 
 export interface UploadedFile {

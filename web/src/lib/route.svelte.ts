@@ -1,8 +1,8 @@
 // Pages by the part of the address after "#": a link can be kept, and the back button works.
 
-export type Page = "home" | "procedure" | "history" | "devices" | "parameters" | "programs" | "tablet" | "sign-in" | "enrol";
+export type Page = "home" | "procedure" | "history" | "devices" | "parameters" | "programs" | "measurements" | "tablet" | "sign-in" | "enrol";
 
-const PAGES: Page[] = ["procedure", "history", "devices", "parameters", "programs", "tablet", "sign-in", "enrol"];
+const PAGES: Page[] = ["procedure", "history", "devices", "parameters", "programs", "measurements", "tablet", "sign-in", "enrol"];
 
 class Route {
   page = $state<Page>("home");

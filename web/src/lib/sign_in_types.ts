@@ -1,7 +1,7 @@
 // Who is signed in, as the service describes it.
 
 export type Role = "viewer" | "technician" | "engineer" | "admin";
-export type Right = "see" | "stop" | "run" | "change_limits" | "write_alone" | "make_programs";
+export type Right = "see" | "stop" | "run" | "change_limits" | "write_alone" | "make_programs" | "identify";
 
 export interface Person {
   name: string;

@@ -4,16 +4,15 @@ The web's loop only starts them and listens. What was made is kept until the ser
 """
 
 import asyncio
-import contextlib
 import datetime
 import json
 import logging
 import os
 import secrets
-import sys
 import tempfile
 from collections import OrderedDict
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
@@ -22,6 +21,7 @@ from cellcal.calibration.documents.plain_files import read_plain_bytes
 from cellcal.calibration.errors import CellError
 from cellcal.calibration.message_table import remember_table, take_table
 from cellcal.service.configuration.cell_file import CellConfig
+from cellcal.service.engineering.job_processes import run_job_process
 from cellcal.service.engineering.parameters.parameter_sets import FOLDER
 from cellcal.service.engineering.programs.jobs.files import (
     ALL,
@@ -50,8 +50,6 @@ _WORK_MODULE = "cellcal.service.engineering.programs.jobs.work"
 _log = logging.getLogger(__name__)
 _MOST_JOBS, _MOST_OPEN = 6, 4
 _LONGEST_S = 900.0
-_LONGEST_LINE = 1 << 20
-_LEAVE_S = 5.0
 State = Literal["waiting", "running", "done", "failed", "stopped"]
 _OPEN = ("waiting", "running")
 
@@ -222,29 +220,11 @@ class Jobs:
             )
 
     async def _run_process(self, work: TransferJob) -> None:
-        process = await asyncio.create_subprocess_exec(
-            sys.executable, "-m", _WORK_MODULE, os.fspath(self._config.path), os.fspath(work.folder),
-            *self._limits.as_words(),
-            stdin=asyncio.subprocess.PIPE, stdout=asyncio.subprocess.PIPE,
-            limit=_LONGEST_LINE, start_new_session=True,  # Ctrl-C is for the service
-            env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},
-        )  # fmt: skip
-        assert process.stdout is not None
-        try:
-            while line := await process.stdout.readline():
-                _apply_message(work, parse_json(line))
-            with contextlib.suppress(TimeoutError):
-                async with asyncio.timeout(
-                    _LEAVE_S
-                ):  # how it ended by itself must not be taken for our own kill
-                    await process.wait()
-        finally:
-            with contextlib.suppress(ProcessLookupError):
-                process.kill()
-            await process.wait()
+        arguments = (os.fspath(self._config.path), os.fspath(work.folder), *self._limits.as_words())
+        code = await run_job_process(_WORK_MODULE, arguments, partial(_apply_message, work))
         if work.state == "running":
             work.state = "failed"
-            message, remedy = self._limits.words_of_end(process.returncode or 0)
+            message, remedy = self._limits.words_of_end(code)
             work.fault = ProgramsFault(message=message, remedy=remedy)
 
 

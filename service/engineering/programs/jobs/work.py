@@ -3,7 +3,6 @@
 It ends with its job, or when the service does, however that ends: its input closes.
 """
 
-import json
 import logging
 import os
 import sys
@@ -18,11 +17,11 @@ from cellcal.calibration.documents.json_text import parse_json
 from cellcal.calibration.documents.plain_files import read_plain_bytes, read_plain_text
 from cellcal.calibration.errors import CellError
 from cellcal.calibration.message import make_message
-from cellcal.calibration.message_table import with_messages
 from cellcal.drivers.program_registry import brand_named
 from cellcal.drivers.programs.brands import ConfigurationRule
 from cellcal.drivers.programs.positions import ProgramFile
 from cellcal.service.configuration.cell_file import CellConfig, read_cell_file
+from cellcal.service.engineering.job_processes import leave_with_the_service, write_message
 from cellcal.service.engineering.programs.clone import clone_transfer
 from cellcal.service.engineering.programs.compensate import compensation_transfer
 from cellcal.service.engineering.programs.files import FilesError, FoundPrograms, ProgramSource, find_programs
@@ -208,24 +207,12 @@ def _small_groups(programs: Sequence[ProgramFile]) -> Iterator[list[ProgramFile]
         yield batch
 
 
-def write_message(**words: Any) -> None:
-    """Write one line to the service."""
-    sys.stdout.write(json.dumps(with_messages(words)) + "\n")
-    sys.stdout.flush()
-
-
-def _leave_with_the_service() -> None:
-    while os.read(0, 4096):  # past Python's own buffer, which must be free when the interpreter ends
-        pass
-    os._exit(1)
-
-
 def main() -> None:
     """Make one job: the cell file and the job's folder are named, and the limits of this process."""
     log_in_lines()
     limits = Limits(*map(int, sys.argv[3:5]))
     limits.impose()
-    threading.Thread(target=_leave_with_the_service, daemon=True).start()
+    threading.Thread(target=leave_with_the_service, daemon=True).start()
     config = read_cell_file(Path(sys.argv[1]).resolve())
     os.chdir(sys.argv[2])
     try:

@@ -1,0 +1,281 @@
+"""Identifications that pages have begun: one after the other, each in a process and a folder of its own.
+
+A job that no page asks about any more is stopped. Results are kept until the service ends or newer jobs come.
+"""
+
+import asyncio
+import datetime
+import json
+import logging
+import os
+import secrets
+import tempfile
+from collections import OrderedDict
+from dataclasses import dataclass, field, replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from cellcal.calibration.documents.json_text import parse_json
+from cellcal.calibration.documents.plain_files import read_plain_bytes
+from cellcal.calibration.errors import CellError
+from cellcal.calibration.message import make_message
+from cellcal.calibration.message_table import remember_table, take_table
+from cellcal.service.configuration.cell_file import CellConfig
+from cellcal.service.engineering.identification.jobs.limits import IdentifyProcessLimits
+from cellcal.service.engineering.identification.jobs.shapes import (
+    DRAFTS,
+    REQUEST_FILE,
+    RESULT_FILE,
+    SOURCES,
+    IdentifyFault,
+    IdentifyJob,
+    IdentifyRequest,
+    IdentifyResult,
+    JobState,
+)
+from cellcal.service.engineering.job_processes import run_job_process
+from cellcal.service.engineering.measured.embedded_files import content_of, plain_name
+from cellcal.service.engineering.parameters.parameter_sets import FOLDER, ParameterSet, ParameterSets
+from cellcal.service.engineering.programs.jobs.limits import Limits
+from cellcal.service.engineering.programs.jobs.shapes import MOST_FILE_BYTES
+from cellcal.service.path_redaction import without_paths
+
+_WORK_MODULE = "cellcal.service.engineering.identification.jobs.work"
+_MOST_JOBS, _MOST_OPEN = 4, 2
+_PATIENCE_S = 150.0  # a browser lets the timers of a page in the background run once a minute
+_OPEN = ("waiting", "running")
+_log = logging.getLogger(__name__)
+
+
+class IdentifyJobError(CellError):
+    """A robot cannot be identified as asked."""
+
+    code = "usage"
+
+
+@dataclass(eq=False)
+class IdentificationJob:
+    """One job and its folder."""
+
+    file: str
+    robot: str
+    serial: str
+    model: str
+    who: str
+    id: str = field(default_factory=lambda: secrets.token_hex(6))
+    at: datetime.datetime = field(default_factory=lambda: datetime.datetime.now(datetime.UTC))
+    state: JobState = "waiting"
+    stage: str = ""
+    done: int = 0
+    total: int = 0
+    fault: IdentifyFault | None = None
+    saved_version: int | None = None
+    task: asyncio.Task[None] | None = None
+    patience: asyncio.Timeout | None = None
+    saving: asyncio.Lock = field(default_factory=asyncio.Lock)  # one save at a time
+    _place: tempfile.TemporaryDirectory[str] = field(
+        default_factory=lambda: tempfile.TemporaryDirectory(prefix="cellcal-", ignore_cleanup_errors=True)
+    )
+
+    @property
+    def folder(self) -> Path:
+        """Return where its files are."""
+        return Path(self._place.name)
+
+    def to_response(self) -> IdentifyJob:
+        """Return how it stands."""
+        return IdentifyJob(
+            id=self.id, file=self.file, robot=self.robot, serial=self.serial, model=Path(self.model).name,
+            who=self.who, at_utc=self.at.isoformat(timespec="seconds"), state=self.state, stage=self.stage,
+            done=self.done, total=self.total, fault=self.fault, saved_version=self.saved_version,
+        )  # fmt: skip
+
+    def read_result(self) -> IdentifyResult | None:
+        """Return what was found, None while nothing is."""
+        if self.state != "done":
+            return None
+        document = parse_json(read_plain_bytes(self.folder / RESULT_FILE))
+        return IdentifyResult.model_validate(take_table(document))
+
+    def read_draft(self) -> ParameterSet:
+        """Return the parameters that were found, as a set that is not saved yet.
+
+        Raises
+        ------
+        IdentifyJobError
+            There is none.
+        """
+        result = self.read_result()
+        if result is None:
+            raise IdentifyJobError("that is not computed.", remedy="Wait for it, or look at what is there.")
+        if result.not_savable is not None:
+            raise IdentifyJobError(result.not_savable.message, remedy=result.not_savable.remedy)
+        return ParameterSets(self.folder / DRAFTS).load_set(self.serial)
+
+    def delete_files(self) -> None:
+        """Remove its files."""
+        self._place.cleanup()
+
+
+class IdentificationJobs:
+    """All identifications of one service."""
+
+    def __init__(
+        self, config: CellConfig, limits: Limits | None = None, patience_s: float = _PATIENCE_S
+    ) -> None:
+        self._config, self._limits = config, limits or IdentifyProcessLimits()
+        self._patience_s = patience_s  # between two questions of pages about a job
+        self._turn = asyncio.Lock()
+        self._jobs: OrderedDict[str, IdentificationJob] = OrderedDict()
+
+    def newest_first(self) -> list[IdentifyJob]:
+        """Return every job that is kept."""
+        return [job.to_response() for job in reversed(self._jobs.values())]
+
+    def find_job(self, job_id: str) -> IdentificationJob:
+        """Return a job; while pages ask for it, it goes on.
+
+        Raises
+        ------
+        IdentifyJobError
+            It is not there, or not any more.
+        """
+        if job_id not in self._jobs:
+            raise IdentifyJobError(
+                "there is no such identification any more.", remedy="Bring the file along again."
+            )
+        job = self._jobs[job_id]
+        if job.patience is not None and job.state in _OPEN and not job.patience.expired():
+            job.patience.reschedule(asyncio.get_running_loop().time() + self._patience_s)
+        return job
+
+    async def begin_job(self, request: IdentifyRequest, who: str) -> IdentificationJob:
+        """Take the file and start.
+
+        Raises
+        ------
+        CellError
+            Too many wait; there is no such robot; the file did not arrive, or is too large.
+        """
+        if sum(job.state in _OPEN for job in self._jobs.values()) >= _MOST_OPEN:
+            raise IdentifyJobError(
+                "other measurements are being computed just now.",
+                remedy="Ask again in a moment.",
+                code="measurements.busy",
+            )
+        robot = self._config.robot_named(request.robot or None)
+        name = plain_name(request.file.name, "measurements")
+        content = content_of(request.file.content_base64, name)
+        if len(content) > MOST_FILE_BYTES:
+            raise IdentifyJobError(
+                make_message(
+                    "the file is larger than {most_file_bytes} MB.", most_file_bytes=MOST_FILE_BYTES >> 20
+                ),
+                remedy="Take fewer rows, or use `cellcal identify` at the service's computer.",
+            )
+        job = IdentificationJob(name, robot.name, robot.serial, robot.model, who)
+        try:
+            await asyncio.to_thread(_write_files, job, content)
+        except BaseException:
+            job.delete_files()
+            raise
+        self._jobs[job.id] = job
+        self._forget_old()
+        job.task = asyncio.create_task(self._carry_out(job), name=f"identification {job.id}")
+        return job
+
+    async def stop_job(self, job: IdentificationJob) -> None:
+        """End a job that is not done."""
+        if job.task is not None and job.state in _OPEN:
+            if not job.task.cancelling():  # a second one would not wait for the process to end
+                job.task.cancel()
+            await asyncio.wait([job.task])  # continues after the client has left
+
+    async def close_all(self) -> None:
+        """End every job and forget what was found."""
+        for job in self._jobs.values():
+            await self.stop_job(job)
+            await asyncio.to_thread(job.delete_files)
+        self._jobs.clear()
+
+    def _forget_old(self) -> None:
+        old = [name for name, job in self._jobs.items() if job.state not in _OPEN]
+        for name in old[: max(0, len(self._jobs) - _MOST_JOBS)]:
+            self._jobs.pop(name).delete_files()
+
+    async def _carry_out(self, job: IdentificationJob) -> None:
+        try:
+            async with asyncio.timeout(self._patience_s) as job.patience, self._turn:
+                job.state = "running"
+                await self._run_process(job)
+        except asyncio.CancelledError:
+            job.state = "stopped"
+            raise
+        except TimeoutError:
+            job.state = "stopped"
+            job.fault = IdentifyFault(
+                message="no page waited for it any more.", remedy="Bring the file along again."
+            )
+        except OSError:
+            _log.exception("the identification %s could not be started", job.id)
+            job.state = "failed"
+            job.fault = IdentifyFault(
+                message="The job could not be started.", remedy="The service's log has the cause."
+            )
+
+    async def _run_process(self, job: IdentificationJob) -> None:
+        arguments = (os.fspath(job.folder), *self._limits.as_words())
+        code = await run_job_process(_WORK_MODULE, arguments, partial(_apply_message, job))
+        if job.state == "running":
+            job.state = "failed"
+            message, remedy = self._limits.words_of_end(code)
+            job.fault = IdentifyFault(message=message, remedy=remedy)
+
+
+def save_result(job: IdentificationJob, config: CellConfig, name: str, note: str) -> ParameterSet:
+    """Save what a job found as the newest version of its robot's parameters, in a person's name.
+
+    Raises
+    ------
+    CellError
+        There is nothing to save, or another version was written at the same moment.
+    """
+    now = datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds")
+    draft = replace(job.read_draft(), version=0, previous_sha256="", made_by=name, made_at=now, note=note)
+    saved = ParameterSets(Path(config.path).parent / FOLDER).save_draft(draft)
+    job.saved_version = saved.version
+    return saved
+
+
+def newest_version(config: CellConfig, serial: str) -> int:
+    """Return the newest version of a robot's parameters, 0 where none were saved."""
+    sets = ParameterSets(Path(config.path).parent / FOLDER)
+    return sets.load_set(serial).version if serial in sets.robot_serials() else 0
+
+
+def _apply_message(job: IdentificationJob, message: dict[str, Any]) -> None:
+    remember_table(message)
+    if "end" in message:
+        job.state = message["end"]
+        if job.state == "failed":
+            job.fault = IdentifyFault(
+                message=without_paths(message["message"]), remedy=without_paths(message["remedy"])
+            )
+    elif "stage" in message:
+        job.stage, job.done, job.total = message["stage"], 0, 0
+    elif "done" in message:
+        job.done, job.total = message["done"], message["total"]
+
+
+def _write_files(job: IdentificationJob, content: bytes) -> None:
+    (job.folder / SOURCES).mkdir()
+    (job.folder / SOURCES / job.file).write_bytes(content)
+    request = {
+        "file": job.file,
+        "model": job.model,
+        "serial": job.serial,
+        "who": job.who,
+        "at_utc": job.at.isoformat(timespec="seconds"),
+    }
+    (job.folder / REQUEST_FILE).write_text(json.dumps(request), encoding="utf-8")

@@ -1,0 +1,153 @@
+"""The process that identifies a robot from an uploaded file: one job, in a folder of its own, progress line by line.
+
+The file is read here and nowhere else, within limits of memory and processor time.
+"""
+
+import json
+import logging
+import os
+import sys
+import threading
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cellcal.calibration.documents.json_text import parse_json
+from cellcal.calibration.documents.plain_files import read_plain_text
+from cellcal.calibration.errors import CellError
+from cellcal.calibration.message_table import with_messages
+from cellcal.service.engineering.identification.forked_parts import share_parts
+from cellcal.service.engineering.identification.identify import IdentifyReport, identify_file
+from cellcal.service.engineering.identification.identify_findings import (
+    identified_rows,
+    unknown_by_cure,
+    unknown_of,
+)
+from cellcal.service.engineering.identification.identify_outputs import save_identification
+from cellcal.service.engineering.identification.jobs.limits import IdentifyProcessLimits
+from cellcal.service.engineering.identification.jobs.shapes import DRAFTS, REQUEST_FILE, RESULT_FILE, SOURCES
+from cellcal.service.engineering.job_processes import leave_with_the_service, write_message
+from cellcal.service.engineering.measured.measurements import OUTLIER
+from cellcal.service.engineering.parameters.parameter_files import SetOrigin
+from cellcal.service.unexpected_errors import log_in_lines, run_guarded
+
+_MOST_POINTS = 1500  # of the plot
+_NICENESS = 10  # the cell's own processes come first
+_BROKEN = {"message": "The computation failed; the service's log has the cause.", "remedy": ""}
+_log = logging.getLogger(__name__)
+
+
+class _MessageDisplay:
+    """Writes progress to the service."""
+
+    def __init__(self) -> None:
+        self._written: tuple[int, int] | None = None
+
+    def show_stage(self, text: str) -> None:
+        """Write what is being done from now on."""
+        write_message(stage=text)
+
+    def show_parts(self, done: int, begun: int) -> None:
+        """Write how many parts are done, where that has changed."""
+        if (done, begun) != self._written:
+            self._written = (done, begun)
+            write_message(done=done, total=begun)
+
+
+def identify_upload(folder: Path) -> None:
+    """Identify as the request in a folder says, and write the result and a draft of the parameter set beside it.
+
+    Raises
+    ------
+    CellError
+        The file cannot be read, or does not fit the robot.
+    """
+    request = parse_json(read_plain_text(folder / REQUEST_FILE))
+    file = folder / SOURCES / request["file"]
+    display = _MessageDisplay()
+    display.show_stage("reading the measurements")
+    with share_parts(display) as runner:  # before any thread begins: it forks
+        threading.Thread(target=leave_with_the_service, daemon=True).start()
+        report = identify_file(file, request["model"], runner=runner)
+    result = result_document(report) | {"not_savable": _write_draft(report, file, folder, request)}
+    text = json.dumps(with_messages(result), allow_nan=False)
+    (folder / RESULT_FILE).write_text(text, encoding="utf-8")
+
+
+def result_document(report: IdentifyReport) -> dict[str, Any]:
+    """Return what a page is shown of a report, without what is said of saving it."""
+    shown, ripple_count = identified_rows(report)
+    return {
+        "report": report.as_document(),
+        "parameters": [
+            {
+                "name": row.name,
+                "unit": row.unit,
+                "deviation": row.deviation,
+                "standard_uncertainty": row.sigma,
+            }
+            for row in shown
+        ],
+        "ripple_count": ripple_count,
+        "unknown": [
+            {"cure": cure, "hidden": [{"names": names, "behind": one} for one, names in behind.items()]}
+            for cure, behind in unknown_by_cure(unknown_of(report)).items()
+        ],
+        "row_errors": _row_errors(report),
+    }
+
+
+def _row_errors(report: IdentifyReport) -> dict[str, Any]:
+    """Return the errors of rows in their order; of many rows, in each few the row with the largest."""
+    order = np.argsort(report.held_out_rows, kind="stable")
+    per_point = -(-len(order) // _MOST_POINTS)
+    chosen = [
+        max(some, key=lambda row: float(report.held_out_m[row]))
+        for some in (order[at : at + per_point] for at in range(0, len(order), per_point))
+    ]
+    outliers = {row.row for row in report.rejected if row.kind == OUTLIER}
+    rows = [int(report.held_out_rows[row]) for row in chosen]
+    return {
+        "rows": rows,
+        "before_m": [float(report.before_m[row]) for row in chosen],
+        "held_out_m": [float(report.held_out_m[row]) for row in chosen],
+        "rejected": [row in outliers for row in rows],
+        "rows_per_point": per_point,
+    }
+
+
+def _write_draft(
+    report: IdentifyReport, file: Path, folder: Path, request: dict[str, Any]
+) -> dict[str, str] | None:
+    """Write the parameters as a set that only this job has; return why there is nothing to save, if so."""
+    origin = SetOrigin(request["serial"], request["who"], request["at_utc"])
+    try:
+        save_identification(report, file, folder / DRAFTS, origin)
+    except CellError as error:
+        return {"message": error.message, "remedy": error.remedy}
+    return None
+
+
+def main() -> None:
+    """Carry out one job: its folder is named, and the limits of this process."""
+    log_in_lines()
+    limits = IdentifyProcessLimits(*map(int, sys.argv[2:4]))
+    limits.impose()
+    if hasattr(os, "nice"):
+        os.nice(_NICENESS)
+    try:
+        identify_upload(Path(sys.argv[1]))
+    except CellError as error:
+        write_message(end="failed", message=error.message, remedy=error.remedy)
+    except MemoryError:
+        write_message(end="failed", message=limits.too_large, remedy=limits.remedy)
+    except Exception:  # noqa: BLE001  whatever it was, the page is told
+        _log.exception("an identification broke")
+        write_message(end="failed", **_BROKEN)
+    else:
+        write_message(end="done")
+
+
+if __name__ == "__main__":
+    sys.exit(run_guarded(main))

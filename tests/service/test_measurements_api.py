@@ -1,0 +1,208 @@
+"""Robots identified by the service from files of measurements: the figures of the command line, and who may save them."""
+
+import asyncio
+import base64
+import json
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from cellcal.service.cli.app import run_command_line
+from cellcal.service.configuration.cell_file import read_cell_file
+from cellcal.service.engineering.identification.jobs.jobs import IdentificationJobs
+from cellcal.service.engineering.identification.jobs.limits import IdentifyProcessLimits
+from cellcal.service.engineering.parameters.parameter_sets import ParameterSets
+from cellcal.service.people.roles import RIGHTS, Right, Role
+from cellcal.service.web.middleware import MOST_BYTES
+from tests.machine_speed import stretched_s
+from tests.service.service_client import PINS, ROLES, ServiceClient, open_service_client
+from tests.unit.helpers.simulated_arm import tracker_points
+from tests.unit.test_identify_report import file_of
+
+PATIENCE_S = stretched_s(120.0)
+JOBS = "/api/measurements/jobs"
+CHANGING = ("seconds",)  # all else of a report is the same at every run
+
+
+@pytest.fixture(scope="module")
+def points_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path: Path = file_of(tracker_points("fanuc_m6ib", 60), tmp_path_factory.mktemp("measured") / "points.csv")
+    return path
+
+
+def bytes_of(file: Path) -> bytes:
+    return file.read_bytes()
+
+
+def uploaded_file(name: str, content: bytes) -> dict[str, str]:
+    return {"name": name, "content_base64": base64.b64encode(content).decode()}
+
+
+@asynccontextmanager
+async def an_engineer(folder: Path) -> AsyncIterator[ServiceClient]:
+    async with open_service_client(folder) as service_client:
+        assert (await service_client.from_console()).status_code == 303
+        assert (await service_client.sign_in("Emil")).status_code == 200
+        yield service_client
+
+
+async def wait_for_end(service_client: ServiceClient, job_id: str) -> dict[str, Any]:
+    async with asyncio.timeout(PATIENCE_S):
+        while True:
+            answer = await service_client.client.get(f"{JOBS}/{job_id}")
+            assert answer.status_code == 200, answer.text
+            job: dict[str, Any] = answer.json()
+            if job["state"] not in ("waiting", "running"):
+                return job
+            await asyncio.sleep(0.05)
+
+
+async def run_job(service_client: ServiceClient, name: str, content: bytes) -> dict[str, Any]:
+    begun = await service_client.post_json(JOBS, {"file": uploaded_file(name, content)})
+    assert begun.status_code == 202, begun.text
+    return await wait_for_end(service_client, begun.json()["id"])
+
+
+async def test_a_file_is_told_as_by_the_command_line_and_saved_by_an_engineer(
+    tmp_path: Path, points_file: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run_command_line(["identify", str(points_file), "--robot", "fanuc_m6ib", "--json"]) == 0
+    printed = json.loads(capsys.readouterr().out)
+    async with an_engineer(tmp_path) as service_client:
+        job = await run_job(service_client, points_file.name, bytes_of(points_file))
+        assert job["state"] == "done", job
+        report = job["result"]["report"]
+        for key in CHANGING:
+            assert printed.pop(key) > 0
+            assert report.pop(key) > 0
+        assert _same(report, printed)
+        errors = job["result"]["row_errors"]
+        assert errors["rows"] == list(range(60))
+        assert max(errors["held_out_m"]) == pytest.approx(printed["held_out"]["max_m"])
+        assert job["result"]["unknown"], "a tracker's place hides J1"
+        assert str(tmp_path) not in json.dumps(job)
+
+        await _is_saved_once(service_client, job, tmp_path)
+
+
+def _same(found: Any, printed: Any) -> bool:
+    """Tell whether two reports are equal but for rounding."""
+    if isinstance(printed, dict):
+        return found.keys() == printed.keys() and all(_same(found[key], printed[key]) for key in printed)
+    if isinstance(printed, list):
+        return len(found) == len(printed) and all(map(_same, found, printed))
+    if isinstance(printed, float):
+        return bool(found == pytest.approx(printed, rel=1e-6, abs=1e-12))
+    return bool(found == printed)
+
+
+async def _is_saved_once(service_client: ServiceClient, job: dict[str, Any], folder: Path) -> None:
+    sets = ParameterSets(folder / "parameter_sets")
+    save = f"{JOBS}/{job['id']}/save"
+    request = {"id": "1", "newest": job["newest_version"], "note": "new gear"}
+    assert job["newest_version"] == 0
+    refused = await service_client.post_json(save, {**request, "newest": 3})
+    assert (refused.status_code, refused.json()["code"]) == (409, "parameters.newer")
+    service_client.clock.pass_by(150.0)
+    locked = await service_client.post_json(save, request)
+    assert (locked.status_code, locked.json()["code"]) == (401, "people.pin")
+    assert sets.robot_serials() == ()
+    assert (await service_client.post_json("/api/sign-in/confirm", {"secret": PINS["Emil"]})).is_success
+    for _ in range(2):  # sent again after a lost answer, it saves nothing more
+        saved = await service_client.post_json(save, request)
+        assert saved.status_code == 200, saved.text
+        head = saved.json()
+        assert (head["version"], head["made_by"], head["note"]) == (1, "Emil", "new gear")
+    found = sets.load_set(job["serial"])
+    assert found.version == 1
+    assert found.source.startswith("identification: points.csv, sha256 ")
+    assert {value.name for value in found.values} >= {"J2 offset", "J3 offset"}
+    assert (await service_client.client.get(f"{JOBS}/{job['id']}")).json()["saved_version"] == 1
+    overview = (await service_client.client.get("/api/measurements")).json()
+    assert [robot["version"] for robot in overview["robots"] if robot["serial"] == job["serial"]] == [1]
+
+
+async def test_a_file_that_cannot_be_used_is_refused_in_the_words_of_the_command_line(
+    tmp_path: Path, points_file: Path
+) -> None:
+    lines = bytes_of(points_file).decode().splitlines()
+    mirrored = [lines[0], *(_with_other_sign(line, column=6) for line in lines[1:])]
+    async with an_engineer(tmp_path) as service_client:
+        unreadable = await run_job(service_client, "points.csv", b"\x00\x01 no table")
+        misfit = await run_job(service_client, "points.csv", "\n".join(mirrored).encode())
+        few = await run_job(service_client, "few.csv", "\n".join(lines[:4]).encode())
+        for job in (unreadable, misfit, few):
+            assert job["state"] == "failed", job
+            assert job["result"] is None
+            assert job["fault"]["message"]
+            assert job["fault"]["remedy"]
+            assert "/" not in job["fault"]["message"], "a path"
+            refused = await service_client.post_json(f"{JOBS}/{job['id']}/save", {"id": "1", "newest": 0})
+            assert refused.status_code == 422
+        assert "mirror" in misfit["fault"]["message"] + misfit["fault"]["remedy"]
+
+
+def _with_other_sign(line: str, column: int) -> str:
+    cells = line.split(",")
+    cells[column] = str(-float(cells[column]))
+    return ",".join(cells)
+
+
+async def test_engineers_and_administrators_begin_and_all_others_look(
+    tmp_path: Path, points_file: Path
+) -> None:
+    request = {"file": uploaded_file("points.csv", bytes_of(points_file))}
+    async with an_engineer(tmp_path) as service_client:
+        begun = (await service_client.post_json(JOBS, request)).json()
+        at = f"{JOBS}/{begun['id']}"
+        assert (await service_client.post_json(f"{at}/stop", {})).json()["state"] == "stopped"
+        for name, role in ROLES.items():
+            assert (await service_client.sign_in(name)).status_code == 200
+            may = role in (Role.ENGINEER, Role.ADMIN)
+            assert (Right.IDENTIFY in RIGHTS[role]) == may
+            for path in ("/api/measurements", at):
+                assert (await service_client.client.get(path)).status_code == 200
+            answers = [
+                await service_client.post_json(JOBS, {**request, "robot": "none of that name"}),
+                await service_client.post_json(f"{at}/stop", {}),
+            ]
+            statuses = [answer.status_code for answer in answers]
+            assert statuses == ([422, 200] if may else [403, 403]), name
+
+
+async def test_large_files_need_permission_and_have_a_limit(tmp_path: Path) -> None:
+    async with an_engineer(tmp_path) as service_client:
+        large = {"file": uploaded_file("a.csv", b"x" * (MOST_BYTES + 1)), "robot": "none"}
+        assert "no robot" in (await service_client.post_json(JOBS, large)).json()["message"]
+        larger = {"file": uploaded_file("a.csv", b"x" * ((6 << 20) + 2))}
+        answer = await service_client.post_json(JOBS, larger)
+        assert (answer.status_code, "larger than 6 MB" in answer.text) == (422, True)
+        await service_client.sign_in("Tom")
+        assert (await service_client.post_json(JOBS, large)).status_code == 413
+
+
+async def test_a_job_ends_when_no_page_asks_for_it(tmp_path: Path, points_file: Path) -> None:
+    async with an_engineer(tmp_path) as service_client:
+        config = read_cell_file(service_client.app.state.context.settings.cell_file)
+        jobs = service_client.app.state.identifications = IdentificationJobs(config, patience_s=0.05)
+        request = {"file": uploaded_file("points.csv", bytes_of(points_file))}
+        job = jobs.find_job((await service_client.post_json(JOBS, request)).json()["id"])
+        await asyncio.wait([job.task])
+        answer = (await service_client.client.get(f"{JOBS}/{job.id}")).json()
+        assert (answer["state"], answer["result"]) == ("stopped", None)
+        assert answer["fault"]["message"] == "no page waited for it any more."
+
+
+async def test_a_file_that_takes_too_much_is_told_in_one_sentence(tmp_path: Path, points_file: Path) -> None:
+    async with an_engineer(tmp_path) as service_client:
+        config = read_cell_file(service_client.app.state.context.settings.cell_file)
+        service_client.app.state.identifications = IdentificationJobs(config, IdentifyProcessLimits(cpu_s=1))
+        many = bytes_of(points_file).decode().splitlines()
+        content = "\n".join([many[0], *(many[1:] * 400)]).encode()
+        job = await run_job(service_client, "points.csv", content)
+        assert job["state"] == "failed"
+        assert "more than 1 s of computing" in job["fault"]["message"], job["fault"]
+        assert job["fault"]["remedy"]

@@ -1,0 +1,143 @@
+"""The page of measurements in a real browser: a file is dropped, its result read and saved; a viewer looks."""
+
+import base64
+from collections.abc import AsyncIterator
+from pathlib import Path
+
+import pytest
+import pytest_asyncio
+from playwright.async_api import Page, expect
+
+from cellcal.service.demo.fake_cell import write_cell_file
+from cellcal.service.engineering.parameters.parameter_sets import ParameterSets
+from tests.service.browser_pages import LOCALES, hold_to_rules, wait_for_language
+from tests.service.service_client import ServiceClock
+from tests.service.service_with_tablets import (
+    ServiceWithTablets,
+    open_service_with_tablets,
+)
+from tests.service.test_measurements_api import bytes_of
+from tests.service.test_programs_pages import IdleProcess
+from tests.unit.helpers.simulated_arm import tracker_points
+from tests.unit.test_identify_report import file_of
+
+pytestmark = [pytest.mark.asyncio(loop_scope="module"), pytest.mark.xdist_group("measurements_pages")]
+DROP = """([place, name, content]) => {
+    const bytes = Uint8Array.from(atob(content), (letter) => letter.charCodeAt(0));
+    const data = new DataTransfer();
+    data.items.add(new File([bytes], name));
+    for (const kind of ['dragover', 'drop'])
+        place.dispatchEvent(new DragEvent(kind, {dataTransfer: data, bubbles: true, cancelable: true})); }"""
+
+
+@pytest.fixture(scope="module")
+def points_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path: Path = file_of(tracker_points("fanuc_m6ib", 60), tmp_path_factory.mktemp("measured") / "points.csv")
+    return path
+
+
+@pytest_asyncio.fixture(scope="module", loop_scope="module")
+async def tablet_service(tmp_path_factory: pytest.TempPathFactory) -> AsyncIterator[ServiceWithTablets]:
+    path = write_cell_file(tmp_path_factory.mktemp("cell"), "127.0.0.1", seed=1, time_factor=1.0)
+    async with open_service_with_tablets(path, process_double=IdleProcess, clock=ServiceClock()) as opened:
+        yield opened
+        await opened.app.state.identifications.close_all()
+        assert opened.complaints == []
+
+
+async def _drop_file(page: Page, name: str, content: bytes) -> None:
+    place = await page.get_by_test_id("drop").element_handle()
+    await page.evaluate(DROP, [place, name, base64.b64encode(content).decode()])
+
+
+async def _hold_to_rules_in_every_language(page: Page, where: str) -> None:
+    for locale in (*LOCALES[1:], LOCALES[0]):
+        await page.get_by_test_id("language").select_option(locale)
+        await wait_for_language(page, locale)
+        await hold_to_rules(page, f"{where} in {locale}")
+
+
+async def test_an_engineer_drops_a_file_reads_what_it_says_and_saves_it(
+    tablet_service: ServiceWithTablets, points_file: Path
+) -> None:
+    async with tablet_service.signed_in_tablet("Emil") as page:
+        await page.evaluate("location.hash = '#/programs'")
+        await page.get_by_test_id("to-measurements").click()
+        await expect(page.get_by_test_id("drop")).to_be_visible()
+        await _hold_to_rules_in_every_language(page, "the empty page")
+        await _drop_file(page, points_file.name, bytes_of(points_file))
+        await _is_read(page)
+        await _hold_to_rules_in_every_language(page, "the result")
+        result = await page.evaluate("location.hash")
+        await _is_saved(page, tablet_service)
+    async with tablet_service.signed_in_tablet("Vera", size=(390, 844)) as page:
+        await page.evaluate("location.hash = '#/measurements'")
+        await expect(page.get_by_test_id("may-look")).to_be_visible()
+        await expect(page.get_by_test_id("drop")).to_have_count(0)
+        await page.evaluate("(place) => (location.hash = place)", result)
+        await expect(page.get_by_test_id("saved")).to_contain_text("version 1")
+        await hold_to_rules(page, "the result on a phone")
+
+
+async def _is_read(page: Page) -> None:
+    await expect(page.get_by_test_id("found")).to_be_visible()
+    before = await page.get_by_test_id("error-before").inner_text()
+    held_out = await page.get_by_test_id("error-held-out").inner_text()
+    assert float(held_out.split()[0]) < float(before.split()[0]) / 3, (before, held_out)
+    plot = page.get_by_test_id("row-errors")
+    await expect(plot).to_have_attribute("data-count", "60")
+    await expect(plot.locator("svg[role=img] circle.after")).to_have_count(60)
+    await expect(plot.locator("svg[role=img]")).to_contain_text(f"identified {held_out}")
+    await expect(page.get_by_test_id("unknown")).to_contain_text("J1 offset")
+    rows = page.get_by_test_id("parameters").locator("tbody tr")
+    await expect(rows.first).to_be_hidden()
+    await page.get_by_test_id("parameters").locator("summary").click()
+    await expect(rows.filter(has_text="J2 offset")).to_contain_text("°")
+    for part in ("errors", "reasons"):
+        await page.get_by_test_id(part).locator("summary").click()
+    await expect(page.get_by_test_id("reasons")).to_contain_text("mastering offsets")
+    await page.get_by_test_id("language").select_option("de")
+    await wait_for_language(page, "de")
+    await expect(page.get_by_test_id("reasons")).to_contain_text("Kreuzvalidierung über 40 Blöcke")
+    await expect(page.get_by_test_id("reasons")).to_contain_text("vollständige Geometrie")
+    await expect(page.get_by_test_id("found").locator("[lang=en]")).to_have_count(0)
+    await page.get_by_test_id("language").select_option("en")
+    await wait_for_language(page, "en")
+
+
+async def _is_saved(page: Page, tablet_service: ServiceWithTablets) -> None:
+    folder = Path(tablet_service.app.state.context.config.path).parent / "parameter_sets"
+    assert not folder.exists()
+    await page.get_by_test_id("save-note").fill("after the new gear")
+    button = page.get_by_test_id("yes")
+    await expect(button).to_be_enabled()
+    await button.focus()
+    await page.keyboard.down("Enter")
+    await expect(page.get_by_test_id("saved")).to_contain_text("version 1")
+    await page.keyboard.up("Enter")
+    found = ParameterSets(folder).load_set(ParameterSets(folder).robot_serials()[0])
+    assert (found.version, found.made_by, found.note) == (1, "Emil", "after the new gear")
+    await page.get_by_test_id("to-parameters").click()
+    await expect(page.get_by_test_id("versions")).to_contain_text("points.csv")
+
+
+async def test_a_file_that_does_not_fit_is_told_with_its_cause_and_cure(
+    tablet_service: ServiceWithTablets, points_file: Path
+) -> None:
+    head, *rows = bytes_of(points_file).decode().splitlines()
+    cells = [row.split(",") for row in rows]
+    mirrored = [",".join([*row[:6], str(-float(row[6])), *row[7:]]) for row in cells]
+    async with tablet_service.signed_in_tablet("Ada") as page:
+        await page.evaluate("location.hash = '#/measurements'")
+        choice = page.get_by_test_id("measured-file")
+        await choice.set_input_files(
+            {"name": "mirrored.csv", "mimeType": "text/csv", "buffer": "\n".join([head, *mirrored]).encode()}
+        )
+        refusal = page.get_by_test_id("not-identified")
+        await expect(refusal).to_contain_text("mirror")
+        await expect(refusal).to_contain_text("What to do:")
+        await page.get_by_test_id("language").select_option("de")
+        await wait_for_language(page, "de")
+        await expect(refusal).to_contain_text("Was zu tun ist:")
+        await expect(refusal.locator("[lang=en]")).to_have_count(0)
+        await hold_to_rules(page, "a misfit in de")

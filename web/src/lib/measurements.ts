@@ -1,0 +1,39 @@
+// Robots identified from files of measurements: what the service tells of it. Numbers are SI.
+
+import type * as Api from "./api_types";
+
+export type Identification = Api.IdentifyJobWithResult;
+export type Found = Api.IdentifyResult;
+
+export interface ErrorSummary {
+  n: number;
+  rmse_m: number;
+  mean_m: number;
+  p95_m: number;
+  max_m: number;
+}
+
+/** The parts of a report (`cellcal identify --json`) that the page shows. */
+export interface Report {
+  rows: number;
+  usable: number;
+  level: number;
+  level_name: string;
+  before: ErrorSummary;
+  fit: ErrorSummary;
+  held_out: ErrorSummary;
+  held_out_by: string;
+  rejected: { row: number; reason: string }[];
+  level_reasons: string[];
+  break_reasons: string[];
+  breaks: number[];
+  lints: { code: string; message: string }[];
+  guesses: string[];
+  group_effect: { said: string };
+}
+
+export const reportOf = (found: Found): Report => found.report as unknown as Report;
+
+/** What an approval of saving is named by; the service asks with the same words. */
+export const saveQuestion = (job: Identification): string =>
+  `${job.serial}: identification ${job.id} after version ${job.newest_version}`;
