@@ -12,6 +12,7 @@ from cellcal.drivers.kuka.variables.motion_server import MotionServer as KukaMot
 from cellcal.fake_devices.abb.controller import AbbController
 from cellcal.fake_devices.kuka.controller import KukaController
 from cellcal.fake_devices.kuka.variables import VariableTable
+from cellcal.fake_devices.shown_joints import ShownJoints
 from cellcal.fake_devices.world import World
 
 MODEL = "fanuc_m6ib"  # the program does not care
@@ -26,13 +27,14 @@ class SimulatedProgram:
         world = World(hidden=False)
         self.arm = world.add_arm("robot", MODEL)
         self.motion: Any
+        shown = ShownJoints(self.arm, (100.0,) * 6, np.random.default_rng(1))
         self._clock, self._exchanges, self._each = world.clock, 0, exchanges_per_cycle
         if brand == "abb":
-            abb = AbbController(self.arm, "0", lambda: 0.0)
+            abb = AbbController(self.arm, "0", lambda: 0.0, shown)
             self._run_cycle: Callable[[], None] = abb.run_program
             self.motion = AbbMotionServer(AbbLink(self, abb))  # type: ignore[arg-type]
         else:
-            kuka = KukaController(self.arm, "0", "KR", lambda: 0.0)
+            kuka = KukaController(self.arm, ("0", "KR"), lambda: 0.0, shown)
             self._run_cycle = kuka.run_programs
             self.motion = KukaMotionServer(KukaLink(self, VariableTable(kuka)))  # type: ignore[arg-type]
 

@@ -146,7 +146,8 @@ async def test_a_loss_is_seen_on_every_controller_and_nothing_starts_where_a_per
         assert await watch.look_once() is None  # told once
         assert [alarm.axis for alarm in loss.alarms if alarm.axis is not None] == axes
         answer = prepare_answer(cell, loss)
-        assert answer.procedure is None
+        assert answer.procedure == (None if name == "rmi" else "position_cure")
+        assert answer.reasons
         assert "its mastering is set at the pendant only" in answer.reasons
         assert not await watch.is_mended()
         await case.heal(fake_client, robot)
