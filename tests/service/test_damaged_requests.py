@@ -6,6 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 from urllib.parse import quote
 
+import httpx
 import pytest
 
 from tests.service.service_client import another_browser, open_service_client
@@ -31,12 +32,17 @@ async def test_no_damaged_request_breaks_the_service(tmp_path: Path, who: str) -
                 for seed in range(CASES):
                     answer = await _send_damaged(browser, method, path, seed + 1000 * number)
                     if (
-                        answer.status_code >= 500
+                        (answer.status_code >= 500 and not _is_stop_without_cell(answer))
                         or str(tmp_path) in answer.text
                         or "Traceback" in answer.text
                     ):
                         wrong.append((method, path, seed, answer.status_code, answer.text[:200]))
     assert wrong == []
+
+
+def _is_stop_without_cell(answer: httpx.Response) -> bool:
+    """Tell whether a damaged order was still a stop: no cell's process runs here, and that must be said."""
+    return answer.status_code == 503 and answer.json()["code"] == "desk.stop_unconfirmed"
 
 
 async def _send_damaged(browser, method: str, path: str, seed: int):
