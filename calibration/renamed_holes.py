@@ -4,12 +4,14 @@ Journals, signed certificates and messages between computers keep template and a
 same with either names.
 """
 
-import json
 from collections.abc import Mapping
 from functools import cache
-from importlib.resources import files
+from pathlib import Path
 from string import Formatter
 from typing import TypeVar, cast
+
+from cellcal.calibration.documents.json_text import parse_json
+from cellcal.calibration.documents.plain_files import read_plain_text
 
 Value = TypeVar("Value")
 
@@ -19,8 +21,8 @@ _NUMBERED = "_2}"  # each of these sentences has a hole of this name
 @cache
 def renamed_holes() -> Mapping[str, Mapping[str, str]]:
     """Return the new names of holes by the old ones, by the sentence that was recorded."""
-    text = files("cellcal.calibration").joinpath("renamed_holes.json").read_text(encoding="utf-8")
-    return cast(Mapping[str, Mapping[str, str]], json.loads(text))
+    text = read_plain_text(Path(__file__).with_name("renamed_holes.json"))
+    return cast(Mapping[str, Mapping[str, str]], parse_json(text))
 
 
 def rename_holes(template: str, arguments: Mapping[str, Value]) -> tuple[str, Mapping[str, Value]]:

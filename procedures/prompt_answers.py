@@ -55,6 +55,9 @@ _PATTERNS: tuple[tuple[str, PromptAnswers], ...] = (
     ("reset_alarms_by_hand", PromptAnswers("The alarms are reset", "An alarm stays", "pendant")),
     ("clear_mastered_by_hand", PromptAnswers("It is cleared", "I cannot clear it", "pendant")),
     ("type_mastering", PromptAnswers("The six numbers are typed", "I cannot type them", "pendant")),
+    ("near_record_pose", PromptAnswers("The arm stands there", _HERE, "pendant")),
+    ("bring_back_.*", PromptAnswers("The axis is brought back", _HERE, "pendant")),
+    ("position_still_lost", PromptAnswers("It is brought back", "An alarm stays", "pendant")),
     ("jog_by_hand", PromptAnswers("The arm stands there", _HERE, "pendant")),
     (
         "accept_mastering",

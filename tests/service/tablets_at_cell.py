@@ -15,6 +15,7 @@ from tests.service.cell_process_session import a_cell
 from tests.service.service_client import ServiceClock
 from tests.service.service_with_tablets import ServiceWithTablets, open_service_with_tablets
 from tests.service.silent_link import SilentLink, open_silent_link
+from tests.wire.driver_cases import wait_until
 
 
 class TabletsAtCell(ServiceWithTablets):
@@ -72,9 +73,13 @@ class TabletsAtCell(ServiceWithTablets):
         now, before = (int(prompt["id"].rpartition(":")[2]) for prompt in (session["prompt"], first))
         return now == before + 1
 
+    async def _is_standing(self) -> bool:
+        return not (await self.fake_client.read_truth())["robots"]["fanuc"]["moving"]
+
     async def wait_for_standstill(self) -> None:
         """Wait until the move waits for the button again, and see that the robot stays where it is."""
         await self.wait_until(lambda session: session["waits_for_hold"])
+        await wait_until(self._is_standing)  # it brakes first
         before = (await self.fake_client.read_truth())["robots"]["fanuc"]["counts_read"]
         await asyncio.sleep(0.3)
         session = self.last_session()
