@@ -73,19 +73,20 @@ class TabletsAtCell(ServiceWithTablets):
         now, before = (int(prompt["id"].rpartition(":")[2]) for prompt in (session["prompt"], first))
         return now == before + 1
 
-    async def _is_standing(self) -> bool:
-        return not (await self.fake_client.read_truth())["robots"]["fanuc"]["moving"]
+    async def _stays(self) -> bool:
+        """Tell whether the motors count the same for a while."""
+        before = (await self.fake_client.read_truth())["robots"]["fanuc"]["counts_read"]
+        await asyncio.sleep(0.3)
+        return bool((await self.fake_client.read_truth())["robots"]["fanuc"]["counts_read"] == before)
 
     async def wait_for_standstill(self) -> None:
         """Wait until the move waits for the button again, and see that the robot stays where it is."""
         await self.wait_until(lambda session: session["waits_for_hold"])
-        await wait_until(self._is_standing)  # it brakes first
-        before = (await self.fake_client.read_truth())["robots"]["fanuc"]["counts_read"]
-        await asyncio.sleep(0.3)
+        await wait_until(self._stays)  # it brakes, and a move that was just ordered is taken back
+        assert await self._stays()
         session = self.last_session()
         assert session is not None
         assert session["waits_for_hold"]
-        assert (await self.fake_client.read_truth())["robots"]["fanuc"]["counts_read"] == before
 
 
 @asynccontextmanager
