@@ -45,7 +45,7 @@ from cellcal.procedures.recovery.shown_position import (
     with_shown_motors,
 )
 from cellcal.procedures.run import RefusalError, Run
-from cellcal.procedures.setting_texts import MAX_CAPTURES, ROOM, SAMPLES, describe_setting
+from cellcal.procedures.setting_texts import FIRST_CAPTURES, MAX_CAPTURES, ROOM, SAMPLES, describe_setting
 from cellcal.procedures.steps.mastering import check_same_epoch, read_motors
 from cellcal.procedures.steps.motion import CountsToJoints
 
@@ -93,16 +93,7 @@ class PositionCureSpec:
             basic=True,
         ),
     ] = 0.0087266
-    first_captures: Annotated[
-        int,
-        Field(ge=6, le=200),
-        describe_setting(
-            "Poses of the first look",
-            "So many poses are measured before the offsets are worked out for the first time.",
-            "effort",
-            unit="1",
-        ),
-    ] = 12
+    first_captures: Annotated[int, Field(ge=6, le=200), FIRST_CAPTURES] = 12
     max_captures: Annotated[int, Field(ge=6, le=200), MAX_CAPTURES] = 30
     samples: Annotated[int, Field(ge=1, le=1000), SAMPLES] = 5
     room: Annotated[MotionBounds, ROOM] = field(default_factory=MotionBounds)

@@ -199,6 +199,12 @@ ARM_SIGMA = describe_setting(
 MIN_CAPTURES = describe_setting(
     "Fewest poses", "At least so many poses are measured before the result may be enough.", "effort", unit="1"
 )
+FIRST_CAPTURES = describe_setting(
+    "Poses of the first look",
+    "So many poses are measured before the offsets are worked out for the first time.",
+    "effort",
+    unit="1",
+)
 MAX_CAPTURES = describe_setting(
     "Most poses",
     "No more poses than these are measured; what is not enough then is said so.",

@@ -15,6 +15,7 @@ from cellcal.procedures.run import RefusalError
 from cellcal.procedures.setting_texts import (
     ACCURACY_CLASS,
     EVIDENCE,
+    FIRST_CAPTURES,
     MAX_CAPTURES,
     OWN_LIMITS,
     ROOM,
@@ -50,16 +51,7 @@ class MasteringRecoverySpec:
             basic=True,
         ),
     ] = ()
-    first_captures: Annotated[
-        int,
-        Field(ge=6, le=200),
-        describe_setting(
-            "Poses of the first look",
-            "So many poses are measured before the offsets are worked out for the first time.",
-            "effort",
-            unit="1",
-        ),
-    ] = 12
+    first_captures: Annotated[int, Field(ge=6, le=200), FIRST_CAPTURES] = 12
     max_captures: Annotated[int, Field(ge=6, le=200), MAX_CAPTURES] = 30
     wanted_u_rad: Annotated[
         float,
