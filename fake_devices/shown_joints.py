@@ -36,11 +36,11 @@ class ShownJoints:
         self.turn_rad: Array = np.abs(2.0 * np.pi / np.array(ratios, dtype=float))
         self.error_rad: Array = np.zeros(len(self.turn_rad))
 
-    def shown(self, joints_rad: Array) -> Array:
+    def to_shown_joints(self, joints_rad: Array) -> Array:
         """Return what is shown for true joints."""
         return np.asarray(joints_rad + self.error_rad)
 
-    def true(self, joints_rad: Array) -> Array:
+    def to_true_joints(self, joints_rad: Array) -> Array:
         """Return the true joints of shown ones."""
         return np.asarray(joints_rad - self.error_rad)
 

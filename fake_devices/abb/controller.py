@@ -43,7 +43,7 @@ class AbbController:
         self, arm: SimulatedArm, serial: str, real_s: Callable[[], float], counters: ShownJoints
     ) -> None:
         self.arm, self.serial, self.counters = arm, serial, counters
-        arm.perceive = counters.shown
+        arm.perceive = counters.to_shown_joints
         self.title = arm.model.name.removeprefix("abb_").upper()
         self.mode, self.motors, self.speed_percent = "AUTO", "motoron", 100
         self.axis_states = ["Synchronized"] * 6
@@ -150,7 +150,7 @@ class AbbController:
 
     def _begin_move(self) -> None:
         shown = np.radians(self.target_deg)
-        target = self.counters.true(shown)
+        target = self.counters.to_true_joints(shown)
         if (shown < self.arm.lower_rad).any() or (shown > self.arm.upper_rad).any():
             self.program_runs = False
             self.note_event(50027, 3, "Joint Out of Range")

@@ -37,7 +37,7 @@ class KukaController:
     ) -> None:
         self.arm, self.zeros = arm, zeros
         self.serial, self.title = names
-        arm.perceive = zeros.shown
+        arm.perceive = zeros.to_shown_joints
         self.mastering_deg = [0.0] * 6  # the angle at each notch
         self.mode, self.override_percent = "AUT", 100
         self.safety_closed, self.stop_message, self.drives_on = True, False, True
@@ -106,7 +106,7 @@ class KukaController:
 
     def _begin_move(self) -> None:
         shown = np.radians(self.target_deg)
-        target = self.zeros.true(shown)
+        target = self.zeros.to_true_joints(shown)
         percent = self.counters["CC_VEL"]
         if (
             not 1 <= percent <= 100

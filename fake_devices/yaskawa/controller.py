@@ -63,7 +63,7 @@ class YaskawaController:
         return tuple(int(count) for count in self._pulses_at(self.arm.joints_rad))
 
     def _pulses_at(self, joints_rad: Array) -> Array:
-        return np.rint(self.homes.shown(joints_rad) * self.pulses_per_rad)
+        return np.rint(self.homes.to_shown_joints(joints_rad) * self.pulses_per_rad)
 
     def base_tip(self) -> Array:
         """Return the pose (4, 4) of the active tool's tip that the controller computes."""
@@ -80,7 +80,7 @@ class YaskawaController:
         """Begin a move to pulses, each axis at no more than this share of its own largest speed."""
         self._refuse_unless_free()
         shown = np.array(pulses, dtype=float) / self.pulses_per_rad
-        target = self.homes.true(shown)
+        target = self.homes.to_true_joints(shown)
         if (shown < self.arm.lower_rad).any() or (shown > self.arm.upper_rad).any():
             raise CommandRefusal(0x1F, 0xB005)  # a position beyond the soft limit
         way = np.abs(target - self.arm.joints_rad)

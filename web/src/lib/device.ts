@@ -52,7 +52,7 @@ export async function enrol(token: string): Promise<Answer> {
   const pair = await crypto.subtle.generateKey({ name: "ECDSA", namedCurve: "P-256" }, false, ["sign", "verify"]);
   const spki = await crypto.subtle.exportKey("spki", pair.publicKey);
   const answer = await post("sign-in/devices", { token, public_key: url64(spki) });
-  if (answer.ok) await keep({ id: String(answer.content.device), key: pair.privateKey });
+  if (answer.ok) await storeKey({ id: String(answer.content.device), key: pair.privateKey });
   return answer;
 }
 
@@ -88,5 +88,5 @@ function store<T>(mode: IDBTransactionMode, ask: (store: IDBObjectStore) => IDBR
 }
 
 // One browser may be enrolled at several cells: each address has its own key.
-const keep = (deviceKey: Kept) => store("readwrite", (at) => at.put(deviceKey, location.origin));
+const storeKey = (deviceKey: Kept) => store("readwrite", (at) => at.put(deviceKey, location.origin));
 const read = () => store<Kept | undefined>("readonly", (at) => at.get(location.origin)).catch(() => undefined);
