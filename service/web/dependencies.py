@@ -6,7 +6,7 @@ from fastapi import Depends
 from starlette.requests import HTTPConnection
 
 from cellcal.service.people.authentication import Person
-from cellcal.service.people.errors import NotSignedInError
+from cellcal.service.people.errors import NotAllowedError, NotSignedInError, PinAgainError
 from cellcal.service.people.roles import Right
 
 if TYPE_CHECKING:
@@ -42,6 +42,23 @@ def person_of(connection: HTTPConnection) -> Person:
         The session is unknown.
     """
     return app_context(connection).authenticator.authenticate(token_of(connection))
+
+
+def require_right(who: Person, right: Right) -> None:
+    """Refuse a person whose role does not include something, and a screen that was left alone.
+
+    Raises
+    ------
+    PinAgainError, NotAllowedError
+        What is wanted first.
+    """
+    if who.locked:
+        raise PinAgainError("this screen was left alone for a while:")
+    if not who.has_right(right):
+        remedy = "Let an engineer sign in."
+        if right is Right.RUN:
+            remedy = "Let a technician or an engineer sign in."
+        raise NotAllowedError(who.name, who.role, right.value, remedy)
 
 
 def sign_in_state(connection: HTTPConnection) -> dict[str, object]:

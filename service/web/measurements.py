@@ -32,11 +32,9 @@ from cellcal.service.engineering.identification.jobs.shapes import (
 )
 from cellcal.service.engineering.parameters.parameter_sets import FOLDER, ParameterSets
 from cellcal.service.engineering.programs.jobs.shapes import MOST_FILE_BYTES
-from cellcal.service.people.authentication import Person
-from cellcal.service.people.errors import NotAllowedError, PinAgainError
 from cellcal.service.people.roles import Right
 from cellcal.service.session_documents import OtherQuestion
-from cellcal.service.web.dependencies import Who, app_context
+from cellcal.service.web.dependencies import Who, app_context, require_right
 from cellcal.service.web.error_responses import RefusalResponse
 from cellcal.service.web.parameters import SetHead
 from cellcal.service.web.rollback import NewerVersionError
@@ -92,7 +90,7 @@ async def get_identify_overview(request: Request, who: Who) -> IdentifyOverview:
 )
 async def begin_identification(identify_request: IdentifyRequest, request: Request, who: Who) -> IdentifyJob:
     """Begin to identify a robot; ``/jobs/{id}`` tells how far it is. A job about which no page asks is stopped."""
-    _may_identify(who)
+    require_right(who, Right.IDENTIFY)
     return (await identifications_of(request).begin_job(identify_request, who.name)).to_response()
 
 
@@ -114,7 +112,7 @@ async def get_identification(job_id: JobId, request: Request, who: Who) -> Ident
 )
 async def stop_identification(job_id: JobId, request: Request, who: Who) -> IdentifyJob:
     """Stop an identification that is not done yet."""
-    _may_identify(who)
+    require_right(who, Right.IDENTIFY)
     job = identifications_of(request).find_job(job_id)
     await identifications_of(request).stop_job(job)
     return job.to_response()
@@ -148,13 +146,6 @@ async def save_identification(job_id: JobId, requested: SaveRequest, request: Re
     name = await authorize_order(context, who, f"{requested.id} {question}", requested.newest, order, shown)
     async with job.saving:
         return await asyncio.to_thread(_save_once, job, context.config, name, requested)
-
-
-def _may_identify(who: Person) -> None:
-    if who.locked:
-        raise PinAgainError("this screen was left alone for a while:")
-    if not who.has_right(Right.IDENTIFY):
-        raise NotAllowedError(who.name, who.role, Right.IDENTIFY.value, "Let an engineer sign in.")
 
 
 def _list_robots(config: CellConfig) -> list[RobotToIdentify]:

@@ -9,9 +9,8 @@ from pydantic import BaseModel, ConfigDict, StringConstraints
 
 from cellcal.service.configuration.cell_file import CellConfig
 from cellcal.service.engineering.measured.embedded_files import content_of
-from cellcal.service.people.errors import NotAllowedError, PinAgainError
 from cellcal.service.people.roles import Right
-from cellcal.service.web.dependencies import Who, app_context
+from cellcal.service.web.dependencies import Who, app_context, require_right
 from cellcal.service.web.error_responses import RefusalResponse
 from cellcal.service.web.worker import open_journal
 
@@ -57,10 +56,7 @@ async def upload_picture(run_id: str, taken: PhotoUpload, request: Request, who:
     """Keep a photo with a run that is under way."""
     from cellcal.service.runs.photos import store_picture  # noqa: PLC0415  not while the service starts
 
-    if who.locked:
-        raise PinAgainError("this screen was left alone for a while:")
-    if not who.has_right(Right.RUN):
-        raise NotAllowedError(who.name, who.role, Right.RUN.value, "Let a technician or an engineer sign in.")
+    require_right(who, Right.RUN)
     raw, config = content_of(taken.content_base64, "the picture"), app_context(request).config
     stored = await asyncio.to_thread(store_picture, config, run_id, raw, what=taken.what, who=who.name)
     return PhotoInfo.model_validate(stored)

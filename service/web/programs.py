@@ -26,10 +26,8 @@ from cellcal.service.engineering.programs.jobs.shapes import (
     RobotOfCell,
     StoredProject,
 )
-from cellcal.service.people.authentication import Person
-from cellcal.service.people.errors import NotAllowedError, PinAgainError
 from cellcal.service.people.roles import Right
-from cellcal.service.web.dependencies import Who, app_context
+from cellcal.service.web.dependencies import Who, app_context, require_right
 from cellcal.service.web.error_responses import RefusalResponse
 from cellcal.service.web.overlays import frames_of
 
@@ -75,7 +73,7 @@ async def get_overview(request: Request, who: Who) -> ProgramsOverview:
 )
 async def begin_job(programs_request: ProgramsRequest, request: Request, who: Who) -> ProgramsJob:
     """Begin to make programs; `/jobs/{id}` tells how far it is, and shows what came of it."""
-    _may_make(who)
+    require_right(who, Right.MAKE_PROGRAMS)
     return (await jobs_of(request).begin_job(programs_request, who.name)).to_response()
 
 
@@ -97,7 +95,7 @@ async def get_job(job_id: JobId, request: Request, who: Who) -> JobWithPreview:
 )
 async def stop_job(job_id: JobId, request: Request, who: Who) -> ProgramsJob:
     """Stop a job that is not done yet."""
-    _may_make(who)
+    require_right(who, Right.MAKE_PROGRAMS)
     work = jobs_of(request).find_job(job_id)
     await jobs_of(request).stop_job(work)
     return work.to_response()
@@ -119,18 +117,11 @@ async def get_points(
 @router.get("/jobs/{job_id}/programs.zip", response_class=Response, responses=_ARCHIVE)
 async def get_archive(job_id: JobId, request: Request, who: Who) -> Response:
     """Return the new programs below a folder of their own, and the reports beside it."""
-    _may_make(who)
+    require_right(who, Right.MAKE_PROGRAMS)
     work = jobs_of(request).find_job(job_id)
     content = await asyncio.to_thread(work.read_archive)
     headers = {"content-disposition": f'attachment; filename="{work.archive_name}.zip"'}
     return Response(content, media_type="application/zip", headers=headers)
-
-
-def _may_make(who: Person) -> None:
-    if who.locked:
-        raise PinAgainError("this screen was left alone for a while:")
-    if not who.has_right(Right.MAKE_PROGRAMS):
-        raise NotAllowedError(who.name, who.role, Right.MAKE_PROGRAMS.value, "Let an engineer sign in.")
 
 
 def _list_cells(config: CellConfig) -> tuple[list[RobotOfCell], list[StoredProject]]:

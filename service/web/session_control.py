@@ -9,12 +9,11 @@ from pydantic import BaseModel, ConfigDict
 
 from cellcal.service.cell_process.messages import HoldOrder, Order
 from cellcal.service.people.authentication import Person
-from cellcal.service.people.errors import NotAllowedError, PinAgainError
 from cellcal.service.people.roles import Right, need_of
 from cellcal.service.people.session_control import SessionControl, SessionHolder
 from cellcal.service.session_documents import QuestionContext
 from cellcal.service.web.cell_client import CellProcessGoneError
-from cellcal.service.web.dependencies import Who, app_context
+from cellcal.service.web.dependencies import Who, app_context, require_right
 from cellcal.service.web.response_models import ControlSeen, response_options
 from cellcal.service.web.websocket_hub import OpenScreen, encode_message
 
@@ -38,20 +37,13 @@ async def change_control(requested: ControlRequest, request: Request, who: Who) 
     context = app_context(request)
     async with control_changes(context) as control:
         if requested.do == "ask":
-            _refuse_viewers(who)
+            require_right(who, Right.RUN)
             control.request_control(SessionHolder(who.session_id, who.name))
         elif requested.do == "withdraw":
             control.withdraw_request(who.session_id)
         else:
             control.answer_request(who.session_id, give=requested.do == "give")
     return _control_to_json(context, who.session_id)
-
-
-def _refuse_viewers(who: Person) -> None:
-    if who.locked:
-        raise PinAgainError("this screen was left alone for a while:")
-    if not who.has_right(Right.RUN):
-        raise NotAllowedError(who.name, who.role, Right.RUN.value, "Let a technician or an engineer sign in.")
 
 
 async def authorize_order(

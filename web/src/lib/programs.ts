@@ -96,7 +96,7 @@ export const SIGN: Record<Verdict, string> = {
   collision: "■",
   unknown: "?",
 };
-export const isOpen = (job: Job): boolean => job.state === "waiting" || job.state === "running";
+export const isOpen = (job: { state: string }): boolean => job.state === "waiting" || job.state === "running";
 
 /** Pack a file as it is sent. */
 export function packed(file: File): Promise<Carried> {

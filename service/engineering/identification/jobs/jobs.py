@@ -1,18 +1,11 @@
-"""Identifications that pages have begun: one after the other, each in a process and a folder of its own.
-
-A job that no page asks about any more is stopped. Results are kept until the service ends or newer jobs come.
-"""
+"""Identifications that pages have begun. A job that no page asks about any more is stopped."""
 
 import asyncio
 import datetime
 import json
 import logging
 import os
-import secrets
-import tempfile
-from collections import OrderedDict
 from dataclasses import dataclass, field, replace
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +13,7 @@ from cellcal.calibration.documents.json_text import parse_json
 from cellcal.calibration.documents.plain_files import read_plain_bytes
 from cellcal.calibration.errors import CellError
 from cellcal.calibration.message import make_message
-from cellcal.calibration.message_table import remember_table, take_table
+from cellcal.calibration.message_table import take_table
 from cellcal.service.configuration.cell_file import CellConfig
 from cellcal.service.engineering.identification.jobs.limits import IdentifyProcessLimits
 from cellcal.service.engineering.identification.jobs.shapes import (
@@ -32,19 +25,16 @@ from cellcal.service.engineering.identification.jobs.shapes import (
     IdentifyJob,
     IdentifyRequest,
     IdentifyResult,
-    JobState,
 )
-from cellcal.service.engineering.job_processes import run_job_process
+from cellcal.service.engineering.job_limits import JobLimits
 from cellcal.service.engineering.measured.embedded_files import content_of, plain_name
+from cellcal.service.engineering.page_jobs import PageJob, PageJobs
 from cellcal.service.engineering.parameters.parameter_sets import FOLDER, ParameterSet, ParameterSets
-from cellcal.service.engineering.programs.jobs.limits import Limits
 from cellcal.service.engineering.programs.jobs.shapes import MOST_FILE_BYTES
-from cellcal.service.path_redaction import without_paths
 
 _WORK_MODULE = "cellcal.service.engineering.identification.jobs.work"
 _MOST_JOBS, _MOST_OPEN = 4, 2
 _PATIENCE_S = 150.0  # a browser lets the timers of a page in the background run once a minute
-_OPEN = ("waiting", "running")
 _log = logging.getLogger(__name__)
 
 
@@ -55,33 +45,26 @@ class IdentifyJobError(CellError):
 
 
 @dataclass(eq=False)
-class IdentificationJob:
-    """One job and its folder."""
+class IdentificationJob(PageJob):
+    """One identification."""
 
     file: str
     robot: str
     serial: str
     model: str
-    who: str
-    id: str = field(default_factory=lambda: secrets.token_hex(6))
-    at: datetime.datetime = field(default_factory=lambda: datetime.datetime.now(datetime.UTC))
-    state: JobState = "waiting"
     stage: str = ""
-    done: int = 0
-    total: int = 0
     fault: IdentifyFault | None = None
     saved_version: int | None = None
-    task: asyncio.Task[None] | None = None
     patience: asyncio.Timeout | None = None
     saving: asyncio.Lock = field(default_factory=asyncio.Lock)  # one save at a time
-    _place: tempfile.TemporaryDirectory[str] = field(
-        default_factory=lambda: tempfile.TemporaryDirectory(prefix="cellcal-", ignore_cleanup_errors=True)
-    )
 
-    @property
-    def folder(self) -> Path:
-        """Return where its files are."""
-        return Path(self._place.name)
+    def set_fault(self, message: str, remedy: str) -> None:
+        self.fault = IdentifyFault(message=message, remedy=remedy)
+
+    def take_message(self, message: dict[str, Any]) -> None:
+        super().take_message(message)
+        if "stage" in message:
+            self.stage, self.done, self.total = message["stage"], 0, 0
 
     def to_response(self) -> IdentifyJob:
         """Return how it stands."""
@@ -113,21 +96,16 @@ class IdentificationJob:
             raise IdentifyJobError(result.not_savable.message, remedy=result.not_savable.remedy)
         return ParameterSets(self.folder / DRAFTS).load_set(self.serial)
 
-    def delete_files(self) -> None:
-        """Remove its files."""
-        self._place.cleanup()
 
-
-class IdentificationJobs:
+class IdentificationJobs(PageJobs[IdentificationJob]):
     """All identifications of one service."""
 
     def __init__(
-        self, config: CellConfig, limits: Limits | None = None, patience_s: float = _PATIENCE_S
+        self, config: CellConfig, limits: JobLimits | None = None, patience_s: float = _PATIENCE_S
     ) -> None:
+        super().__init__(_MOST_JOBS, _MOST_OPEN)
         self._config, self._limits = config, limits or IdentifyProcessLimits()
         self._patience_s = patience_s  # between two questions of pages about a job
-        self._turn = asyncio.Lock()
-        self._jobs: OrderedDict[str, IdentificationJob] = OrderedDict()
 
     def newest_first(self) -> list[IdentifyJob]:
         """Return every job that is kept."""
@@ -146,7 +124,7 @@ class IdentificationJobs:
                 "there is no such identification any more.", remedy="Bring the file along again."
             )
         job = self._jobs[job_id]
-        if job.patience is not None and job.state in _OPEN and not job.patience.expired():
+        if job.patience is not None and job.is_open and not job.patience.expired():
             job.patience.reschedule(asyncio.get_running_loop().time() + self._patience_s)
         return job
 
@@ -158,7 +136,7 @@ class IdentificationJobs:
         CellError
             Too many wait; there is no such robot; the file did not arrive, or is too large.
         """
-        if sum(job.state in _OPEN for job in self._jobs.values()) >= _MOST_OPEN:
+        if self.is_full:
             raise IdentifyJobError(
                 "other measurements are being computed just now.",
                 remedy="Ask again in a moment.",
@@ -174,41 +152,20 @@ class IdentificationJobs:
                 ),
                 remedy="Take fewer rows, or use `cellcal identify` at the service's computer.",
             )
-        job = IdentificationJob(name, robot.name, robot.serial, robot.model, who)
+        job = IdentificationJob(name, robot.name, robot.serial, robot.model, who=who)
         try:
             await asyncio.to_thread(_write_files, job, content)
         except BaseException:
             job.delete_files()
             raise
-        self._jobs[job.id] = job
-        self._forget_old()
-        job.task = asyncio.create_task(self._carry_out(job), name=f"identification {job.id}")
+        self._start_job(job, self._carry_out(job), f"identification {job.id}")
         return job
-
-    async def stop_job(self, job: IdentificationJob) -> None:
-        """End a job that is not done."""
-        if job.task is not None and job.state in _OPEN:
-            if not job.task.cancelling():  # a second one would not wait for the process to end
-                job.task.cancel()
-            await asyncio.wait([job.task])  # continues after the client has left
-
-    async def close_all(self) -> None:
-        """End every job and forget what was found."""
-        for job in self._jobs.values():
-            await self.stop_job(job)
-            await asyncio.to_thread(job.delete_files)
-        self._jobs.clear()
-
-    def _forget_old(self) -> None:
-        old = [name for name, job in self._jobs.items() if job.state not in _OPEN]
-        for name in old[: max(0, len(self._jobs) - _MOST_JOBS)]:
-            self._jobs.pop(name).delete_files()
 
     async def _carry_out(self, job: IdentificationJob) -> None:
         try:
             async with asyncio.timeout(self._patience_s) as job.patience, self._turn:
                 job.state = "running"
-                await self._run_process(job)
+                await job.run_process(_WORK_MODULE, (os.fspath(job.folder),), self._limits)
         except asyncio.CancelledError:
             job.state = "stopped"
             raise
@@ -223,14 +180,6 @@ class IdentificationJobs:
             job.fault = IdentifyFault(
                 message="The job could not be started.", remedy="The service's log has the cause."
             )
-
-    async def _run_process(self, job: IdentificationJob) -> None:
-        arguments = (os.fspath(job.folder), *self._limits.as_words())
-        code = await run_job_process(_WORK_MODULE, arguments, partial(_apply_message, job))
-        if job.state == "running":
-            job.state = "failed"
-            message, remedy = self._limits.words_of_end(code)
-            job.fault = IdentifyFault(message=message, remedy=remedy)
 
 
 def save_result(job: IdentificationJob, config: CellConfig, name: str, note: str) -> ParameterSet:
@@ -252,20 +201,6 @@ def newest_version(config: CellConfig, serial: str) -> int:
     """Return the newest version of a robot's parameters, 0 where none were saved."""
     sets = ParameterSets(Path(config.path).parent / FOLDER)
     return sets.load_set(serial).version if serial in sets.robot_serials() else 0
-
-
-def _apply_message(job: IdentificationJob, message: dict[str, Any]) -> None:
-    remember_table(message)
-    if "end" in message:
-        job.state = message["end"]
-        if job.state == "failed":
-            job.fault = IdentifyFault(
-                message=without_paths(message["message"]), remedy=without_paths(message["remedy"])
-            )
-    elif "stage" in message:
-        job.stage, job.done, job.total = message["stage"], 0, 0
-    elif "done" in message:
-        job.done, job.total = message["done"], message["total"]
 
 
 def _write_files(job: IdentificationJob, content: bytes) -> None:

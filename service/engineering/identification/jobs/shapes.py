@@ -1,14 +1,14 @@
 """What a page sends to identify a robot from a file of measurements, and what it is answered: numbers are SI."""
 
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field, StringConstraints
 
+from cellcal.service.engineering.page_jobs import JobState
 from cellcal.service.engineering.programs.jobs.shapes import UploadedFile
 
 REQUEST_FILE, RESULT_FILE = "request.json", "result.json"  # of a job's folder
 SOURCES, DRAFTS = "sources", "drafts"
-JobState = Literal["waiting", "running", "done", "failed", "stopped"]
 
 
 class IdentifyRequest(BaseModel):

@@ -1,27 +1,19 @@
-"""Jobs that make programs: each a process of its own with a folder of its own, one after the other.
-
-The web's loop only starts them and listens. What was made is kept until the service ends or newer jobs need the room.
-"""
+"""Jobs that make programs: what is asked of them, and what was made."""
 
 import asyncio
-import datetime
 import json
 import logging
 import os
-import secrets
-import tempfile
-from collections import OrderedDict
-from dataclasses import dataclass, field
-from functools import partial
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 from cellcal.calibration.documents.json_text import parse_json
 from cellcal.calibration.documents.plain_files import read_plain_bytes
 from cellcal.calibration.errors import CellError
-from cellcal.calibration.message_table import remember_table, take_table
+from cellcal.calibration.message_table import take_table
 from cellcal.service.configuration.cell_file import CellConfig
-from cellcal.service.engineering.job_processes import run_job_process
+from cellcal.service.engineering.page_jobs import PageJob, PageJobs
 from cellcal.service.engineering.parameters.parameter_sets import FOLDER
 from cellcal.service.engineering.programs.jobs.files import (
     ALL,
@@ -43,15 +35,12 @@ from cellcal.service.engineering.programs.jobs.shapes import (
     ProgramsRequest,
     request_to_json,
 )
-from cellcal.service.path_redaction import without_paths
 from cellcal.service.record.stored_results import list_stored_results
 
 _WORK_MODULE = "cellcal.service.engineering.programs.jobs.work"
 _log = logging.getLogger(__name__)
 _MOST_JOBS, _MOST_OPEN = 6, 4
 _LONGEST_S = 900.0
-State = Literal["waiting", "running", "done", "failed", "stopped"]
-_OPEN = ("waiting", "running")
 
 
 class ProgramsError(CellError):
@@ -61,26 +50,14 @@ class ProgramsError(CellError):
 
 
 @dataclass(eq=False)
-class TransferJob:
-    """One job and its folder."""
+class TransferJob(PageJob):
+    """One job that makes programs."""
 
     request: ProgramsRequest
-    who: str
-    id: str = field(default_factory=lambda: secrets.token_hex(6))
-    at: datetime.datetime = field(default_factory=lambda: datetime.datetime.now(datetime.UTC))
-    state: State = "waiting"
-    done: int = 0
-    total: int = 0
     fault: ProgramsFault | None = None
-    task: asyncio.Task[None] | None = None
-    _place: tempfile.TemporaryDirectory[str] = field(
-        default_factory=lambda: tempfile.TemporaryDirectory(prefix="cellcal-", ignore_cleanup_errors=True)
-    )
 
-    @property
-    def folder(self) -> Path:
-        """Return where its files are."""
-        return Path(self._place.name)
+    def set_fault(self, message: str, remedy: str) -> None:
+        self.fault = ProgramsFault(message=message, remedy=remedy)
 
     @property
     def archive_name(self) -> str:
@@ -126,22 +103,17 @@ class TransferJob:
             raise ProgramsError("that is not made.", remedy="Wait for it, or look at what is there.")
         return read_plain_bytes(file)
 
-    def delete_files(self) -> None:
-        """Remove its files."""
-        self._place.cleanup()
 
-
-class Jobs:
-    """All jobs of one service."""
+class Jobs(PageJobs[TransferJob]):
+    """All jobs of one service that make programs."""
 
     def __init__(self, config: CellConfig, limits: Limits | None = None) -> None:
+        super().__init__(_MOST_JOBS, _MOST_OPEN)
         self._config, self._limits = config, limits or Limits()
-        self._turn = asyncio.Lock()
-        self._works: OrderedDict[str, TransferJob] = OrderedDict()
 
     def newest_first(self) -> list[ProgramsJob]:
         """Return every job that is kept."""
-        return [work.to_response() for work in reversed(self._works.values())]
+        return [work.to_response() for work in reversed(self._jobs.values())]
 
     def find_job(self, job_id: str) -> TransferJob:
         """Return a job.
@@ -151,9 +123,9 @@ class Jobs:
         ProgramsError
             It is not there, or not any more.
         """
-        if job_id not in self._works:
+        if job_id not in self._jobs:
             raise ProgramsError("there is no such job any more.", remedy="Make the programs again.")
-        return self._works[job_id]
+        return self._jobs[job_id]
 
     async def begin_job(self, request: ProgramsRequest, who: str) -> TransferJob:
         """Take the files of a job and start it.
@@ -163,49 +135,29 @@ class Jobs:
         CellError
             Too many wait; what is asked for does not fit together; what came along cannot be used.
         """
-        if sum(work.state in _OPEN for work in self._works.values()) >= _MOST_OPEN:
+        if self.is_full:
             raise ProgramsError(
                 "other programs are being made just now.",
                 remedy="Ask again in a moment.",
                 code="programs.busy",
             )
         check_request(request)
-        work = TransferJob(request, who)
+        work = TransferJob(request, who=who)
         try:
             await asyncio.to_thread(_unpack_files, work, self._config)
         except BaseException:
             work.delete_files()
             raise
-        self._works[work.id] = work
-        self._forget_old()
-        work.task = asyncio.create_task(self._make_programs(work), name=f"programs {work.id}")
+        self._start_job(work, self._make_programs(work), f"programs {work.id}")
         return work
-
-    async def stop_job(self, work: TransferJob) -> None:
-        """End a job that is not done; what it had made is forgotten."""
-        if work.task is not None and work.state in _OPEN:
-            if not work.task.cancelling():  # a second one would not wait for the process to end
-                work.task.cancel()
-            await asyncio.wait([work.task])  # continues after the client has left
-
-    async def close_all(self) -> None:
-        """End every job and forget what was made."""
-        for work in self._works.values():
-            await self.stop_job(work)
-            await asyncio.to_thread(work.delete_files)
-        self._works.clear()
-
-    def _forget_old(self) -> None:
-        old = [name for name, work in self._works.items() if work.state not in _OPEN]
-        for name in old[: max(0, len(self._works) - _MOST_JOBS)]:
-            self._works.pop(name).delete_files()
 
     async def _make_programs(self, work: TransferJob) -> None:
         try:
             async with self._turn:
                 work.state = "running"
                 async with asyncio.timeout(_LONGEST_S):
-                    await self._run_process(work)
+                    arguments = os.fspath(self._config.path), os.fspath(work.folder)
+                    await work.run_process(_WORK_MODULE, arguments, self._limits)
         except asyncio.CancelledError:
             work.state = "stopped"
             raise
@@ -218,26 +170,6 @@ class Jobs:
             work.fault = ProgramsFault(
                 message="The job could not be started.", remedy="The service's log has the cause."
             )
-
-    async def _run_process(self, work: TransferJob) -> None:
-        arguments = (os.fspath(self._config.path), os.fspath(work.folder), *self._limits.as_words())
-        code = await run_job_process(_WORK_MODULE, arguments, partial(_apply_message, work))
-        if work.state == "running":
-            work.state = "failed"
-            message, remedy = self._limits.words_of_end(code)
-            work.fault = ProgramsFault(message=message, remedy=remedy)
-
-
-def _apply_message(work: TransferJob, message: dict[str, Any]) -> None:
-    remember_table(message)
-    if "end" in message:
-        work.state = message["end"]
-        if work.state == "failed":
-            work.fault = ProgramsFault(
-                message=without_paths(message["message"]), remedy=without_paths(message["remedy"])
-            )
-    elif "done" in message:
-        work.done, work.total = message["done"], message["total"]
 
 
 def check_request(request: ProgramsRequest) -> None:

@@ -4,6 +4,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, StringConstraints
 
+from cellcal.service.engineering.page_jobs import JobState
 from cellcal.service.engineering.programs.joint_points import JointPoints
 from cellcal.service.translation import Locale
 
@@ -118,7 +119,7 @@ class ProgramsJob(ResponseModel):
     do: str
     who: str
     at_utc: str
-    state: Literal["waiting", "running", "done", "failed", "stopped"]
+    state: JobState
     done: int
     total: int
     fault: ProgramsFault | None

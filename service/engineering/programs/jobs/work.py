@@ -220,7 +220,7 @@ def main() -> None:
     except CellError as error:
         write_message(end="failed", message=error.message, remedy=error.remedy)
     except MemoryError:
-        write_message(end="failed", message=limits.too_large, remedy="Make fewer programs at once.")
+        write_message(end="failed", message=limits.too_large, remedy=limits.remedy)
     except Exception:  # noqa: BLE001  whatever it was, the page is told
         _log.exception("a job of programs broke")
         write_message(end="failed", **_BROKEN)
