@@ -43,6 +43,12 @@ async def unfold_intentions(page: Page) -> None:
         await page.get_by_test_id(f"intention-{intention}").locator("summary").first.click()
 
 
+async def expect_five_answers_in_viewport(page: Page) -> None:
+    for intention in INTENTIONS:
+        summary = page.get_by_test_id(f"intention-{intention}").locator("summary").first
+        await expect(summary).to_be_in_viewport(ratio=0.5)
+
+
 async def test_home_shows_the_robot_in_one_glance_and_five_answers_on_one_screen(
     pendant: FakePendant,
 ) -> None:
@@ -50,9 +56,7 @@ async def test_home_shows_the_robot_in_one_glance_and_five_answers_on_one_screen
         for tile in TILES:
             await expect(page.get_by_test_id(f"glance-{tile}")).to_be_in_viewport()
         await expect(page.get_by_test_id("glance-record")).to_have_attribute("data-tone", "warn")  # none yet
-        for intention in INTENTIONS:
-            summary = page.get_by_test_id(f"intention-{intention}").locator("summary").first
-            await expect(summary).to_be_in_viewport(ratio=0.5)
+        await expect_five_answers_in_viewport(page)
         await hold_to_rules_in_every_language(page, "home")
 
 
@@ -144,6 +148,21 @@ async def test_a_person_who_left_half_way_finds_where_the_robot_stands_on_every_
         await page.get_by_test_id("dismiss").click()
         await page.get_by_test_id("leave-half-way").click()
         await expect(stands).to_have_count(0)
+    pendant.release_control()
+
+
+async def test_five_answers_are_on_one_screen_below_the_banner_of_a_run_that_was_left(
+    pendant: FakePendant,
+) -> None:
+    await pendant.viewer.send_order(op="start", procedure="three_point_frame", settings=FRAME)
+    async with pendant.viewer.open_page() as page:
+        await wait_for_question(page, "pointer_is_mounted")
+        await page.get_by_test_id("no").click()
+        await page.get_by_test_id("dismiss").click()
+        await go_to_page(page, "#/")
+        await expect(page.get_by_test_id("where-stands")).to_be_visible()
+        await expect_five_answers_in_viewport(page)
+        await page.get_by_test_id("leave-half-way").click()
     pendant.release_control()
 
 
