@@ -31,23 +31,23 @@ def described_schemas() -> dict[str, Schema]:
 
 def write_types(schemas: Mapping[str, Schema]) -> str:
     """Return the TypeScript declarations of schemas, in the order of their names."""
-    return _HEAD + "\n".join(_declaration(name, schemas[name]) for name in sorted(schemas))
+    return _HEAD + "\n".join(_type_declaration(name, schemas[name]) for name in sorted(schemas))
 
 
-def _declaration(name: str, schema: Schema) -> str:
+def _type_declaration(name: str, schema: Schema) -> str:
     if schema.get("type") != "object" or "properties" not in schema:
-        return f"export type {_identifier(name)} = {_type_of(schema)};\n"
+        return f"export type {_quoted_identifier(name)} = {_type_of(schema)};\n"
     required = set(schema.get("required", ()))
     lines = [
         f"  {key if key.isidentifier() else json.dumps(key)}{'' if key in required else '?'}: {_type_of(each)};"
         for key, each in schema["properties"].items()
     ]
-    return "\n".join([f"export interface {_identifier(name)} {{", *lines, "}\n"])
+    return "\n".join([f"export interface {_quoted_identifier(name)} {{", *lines, "}\n"])
 
 
 def _type_of(schema: Schema) -> str:
     if "$ref" in schema:
-        return _identifier(schema["$ref"].rpartition("/")[2])
+        return _quoted_identifier(schema["$ref"].rpartition("/")[2])
     if "const" in schema or "enum" in schema:
         return " | ".join(json.dumps(value) for value in schema.get("enum", [schema.get("const")]))
     choices = schema.get("anyOf", schema.get("oneOf"))
@@ -69,7 +69,7 @@ def _record_of(schema: Schema) -> str:
     return f"Record<string, {'unknown' if isinstance(values, bool) else _type_of(values)}>"
 
 
-def _identifier(name: str) -> str:
+def _quoted_identifier(name: str) -> str:
     return "".join(part[:1].upper() + part[1:] for part in name.replace(".", "_").split("-"))
 
 

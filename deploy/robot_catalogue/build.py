@@ -50,7 +50,7 @@ def main() -> None:
         document = tomllib.loads(path.read_text(encoding="utf-8"))
         maker = document["maker"]
         taken = [catalogue_robot(maker, robot) for robot in document["robot"] if robot["id"] not in reasons]
-        _write(CATALOGUE / f"{path.stem}.json", maker, taken)
+        _write_maker(CATALOGUE / f"{path.stem}.json", maker, taken)
         rows += [_index_row(path.stem, robot) for robot in taken]
     rows += [_withheld_row(entry) for entry in withheld]
     rows.sort(key=lambda row: row[0])
@@ -60,47 +60,47 @@ def main() -> None:
 
 def catalogue_robot(maker: str, robot: Mapping[str, Any]) -> dict[str, Any]:
     """Return one robot as the keys of a model file, and where it comes from."""
-    own_base = _pose(robot["controller_base"]) if "controller_base" in robot else np.eye(4)
-    base = inverse_transform(own_base) @ _pose(robot.get("dh_base", {}))
+    own_base = _read_pose(robot["controller_base"]) if "controller_base" in robot else np.eye(4)
+    base = inverse_transform(own_base) @ _read_pose(robot.get("dh_base", {}))
     rows = [list(map(float, row)) for row in robot["dh"]]
     base = _carried_into_first_row(base, rows)
     found: dict[str, Any] = {
         "name": OWN_FILES.get(robot["id"], robot["id"]),
-        "title": _title(maker, robot["model"]),
+        "title": _robot_title(maker, robot["model"]),
         "maker": maker,
         "family": robot.get("family", ""),
         "kind": robot["kind"],
         "joints": [joint["name"] for joint in robot["joint"]],
         "joint_types": [joint["type"] for joint in robot["joint"]],
-        **dict(zip(("theta_deg", "d_mm", "a_mm", "alpha_deg"), _columns(rows), strict=True)),
+        **dict(zip(("theta_deg", "d_mm", "a_mm", "alpha_deg"), _table_columns(rows), strict=True)),
     }
     if "dh_sign" in robot:
         found["sign"] = robot["dh_sign"]
     if not np.allclose(base, np.eye(4), atol=_SMALL, rtol=0):
-        found["base"] = _written(base)
+        found["base"] = _pose_table(base)
     if "dh_flange" in robot:
-        found["flange"] = _written(_pose(robot["dh_flange"]))
-    found |= _limits(robot)
-    tip = _pose(robot["tip"])
+        found["flange"] = _pose_table(_read_pose(robot["dh_flange"]))
+    found |= _joint_limits(robot)
+    tip = _read_pose(robot["tip"])
     found["tips"] = {
-        name: _written(inverse_transform(tip) @ _pose(place))
+        name: _pose_table(inverse_transform(tip) @ _read_pose(place))
         for name, place in robot.get("other_tips", {}).items()
     }
-    found["bases"] = {robot["frames"]["base"]: _written(inverse_transform(own_base))}
-    found |= {"tip": robot["frames"]["tip"], "source": robot["source"], "doubts": _doubts(robot)}
+    found["bases"] = {robot["frames"]["base"]: _pose_table(inverse_transform(own_base))}
+    found |= {"tip": robot["frames"]["tip"], "source": robot["source"], "doubts": _stated_doubts(robot)}
     if "reach" in robot:
         found["reach_mm"] = robot["reach"]["in_limits_mm"]
     return found
 
 
-def _title(maker: str, model: str) -> str:
+def _robot_title(maker: str, model: str) -> str:
     short = {"Techman (Omron)": "Techman", "Yaskawa Motoman": "Yaskawa", "Mitsubishi Electric": "Mitsubishi"}
     first = short.get(maker, maker)
     return model if model.lower().startswith(first.lower()) else f"{first} {model}"
 
 
-def _columns(rows: list[list[float]]) -> list[list[float]]:
-    return [[_short(row[i]) for row in rows] for i in range(4)]
+def _table_columns(rows: list[list[float]]) -> list[list[float]]:
+    return [[_round_value(row[i]) for row in rows] for i in range(4)]
 
 
 def _carried_into_first_row(base: Array, rows: list[list[float]]) -> Array:
@@ -113,7 +113,7 @@ def _carried_into_first_row(base: Array, rows: list[list[float]]) -> Array:
     return np.eye(4)
 
 
-def _limits(robot: Mapping[str, Any]) -> dict[str, Any]:
+def _joint_limits(robot: Mapping[str, Any]) -> dict[str, Any]:
     """Return limits and speeds of the controller's joints, the coupling, and limits that two joints share."""
     joints = robot["joint"]
     slides = [joint["type"] == "prismatic" for joint in joints]
@@ -122,16 +122,18 @@ def _limits(robot: Mapping[str, Any]) -> dict[str, Any]:
         np.array([joint.get(side, turn * np.pi) for joint in joints]) * scale
         for side, turn in (("lower", -1.0), ("upper", 1.0))
     )
-    found = _coupled(robot, lower, upper) if "coupling" in robot else {}
+    found = _coupling_and_limits(robot, lower, upper) if "coupling" in robot else {}
     unit = "" if any(slides) else "_deg"
-    found |= {f"{key}{unit}": [_limit(v) for v in side] for key, side in (("lower", lower), ("upper", upper))}
+    found |= {
+        f"{key}{unit}": [_round_limit(v) for v in side] for key, side in (("lower", lower), ("upper", upper))
+    }
     if all("speed" in joint for joint in joints):
-        speeds = [_limit(joint["speed"] * factor) for joint, factor in zip(joints, scale, strict=True)]
+        speeds = [_round_limit(joint["speed"] * factor) for joint, factor in zip(joints, scale, strict=True)]
         found["speed" if unit == "" else "speed_deg_s"] = speeds
     return found
 
 
-def _coupled(robot: Mapping[str, Any], lower: Array, upper: Array) -> dict[str, Any]:
+def _coupling_and_limits(robot: Mapping[str, Any], lower: Array, upper: Array) -> dict[str, Any]:
     """Return the coupling of two joints; where a limit is of their sum, widen the joint's own to what that allows."""
     coupled, other, factor = (robot["coupling"][key] for key in ("angle", "joint", "factor"))
     k, j = coupled - 1, other - 1
@@ -140,7 +142,7 @@ def _coupled(robot: Mapping[str, Any], lower: Array, upper: Array) -> dict[str, 
     if _limits_are_of_angles(robot):
         weights = [0.0] * len(lower)
         weights[k], weights[j] = 1.0, float(factor)
-        ends = {"lower_deg": _limit(lower[k]), "upper_deg": _limit(upper[k])}
+        ends = {"lower_deg": _round_limit(lower[k]), "upper_deg": _round_limit(upper[k])}
         found["combined_limits"] = [{"weights": weights, **ends}]
         most = sorted((factor * lower[j], factor * upper[j]))
         lower[k], upper[k] = lower[k] - most[1], upper[k] - most[0]
@@ -152,7 +154,7 @@ def _limits_are_of_angles(robot: Mapping[str, Any]) -> bool:
     return bool(robot["source"]["repo"].startswith("FANUC-CORPORATION/"))
 
 
-def _doubts(robot: Mapping[str, Any]) -> list[str]:
+def _stated_doubts(robot: Mapping[str, Any]) -> list[str]:
     doubts = list(robot.get("doubts", []))
     if "tip_note" in robot:
         doubts.append(robot["tip_note"])
@@ -165,7 +167,7 @@ def _doubts(robot: Mapping[str, Any]) -> list[str]:
     return doubts
 
 
-def _pose(table: Mapping[str, Any]) -> Array:
+def _read_pose(table: Mapping[str, Any]) -> Array:
     rpy = np.array(table.get("rpy", [0.0] * 3), dtype=float)
     quarters = rpy / (np.pi / 12)  # the tables write multiples of 15 degrees with twelve digits
     rounded = np.round(quarters)
@@ -173,23 +175,23 @@ def _pose(table: Mapping[str, Any]) -> Array:
     return homogeneous(rotation_from("ros_rpy", exact), np.array(table.get("xyz", [0.0] * 3), dtype=float))
 
 
-def _written(pose: Array) -> dict[str, list[float]]:
+def _pose_table(pose: Array) -> dict[str, list[float]]:
     angles = np.degrees(values_from("ros_rpy", pose[:3, :3]))
     return {
-        "xyz_mm": [_short(v * 1e3) for v in pose[:3, 3]],
-        "rpy_deg": [_short(v) for v in angles],
+        "xyz_mm": [_round_value(v * 1e3) for v in pose[:3, 3]],
+        "rpy_deg": [_round_value(v) for v in angles],
     }
 
 
-def _short(value: float) -> float:
+def _round_value(value: float) -> float:
     return round(float(value), 9) + 0.0
 
 
-def _limit(value: float) -> float:
+def _round_limit(value: float) -> float:
     return round(float(value), 5) + 0.0
 
 
-def _write(path: Path, maker: str, robots: list[dict[str, Any]]) -> None:
+def _write_maker(path: Path, maker: str, robots: list[dict[str, Any]]) -> None:
     lines = ",\n".join(json.dumps(robot, ensure_ascii=False, separators=(",", ":")) for robot in robots)
     path.write_text(f'{{"maker":{json.dumps(maker)},"robots":[\n{lines}\n]}}\n', encoding="utf-8")
 
@@ -201,7 +203,7 @@ def _index_row(file: str, robot: Mapping[str, Any]) -> list[Any]:
 
 
 def _withheld_row(entry: Mapping[str, Any]) -> list[Any]:
-    title = _title(entry["maker"], entry["model"])
+    title = _robot_title(entry["maker"], entry["model"])
     return [
         entry["id"],
         title,

@@ -84,10 +84,10 @@ def make_technician(fake_client: FakeCellClient, model: RobotModel, robot: str) 
     """Return an operator who moves the arm by hand through the fakes' control port and then confirms."""
 
     def make_hand_move(joints_rad: Array) -> Callable[[], Awaitable[None]]:
-        async def drive() -> None:
+        async def drive_to_pose() -> None:
             await fake_client.inject_fault("hand_moves", device=robot, joints=joints_rad.tolist())
 
-        return drive
+        return drive_to_pose
 
     hooks = {key: make_hand_move(solve_joints(model, flange)) for key, flange in flange_poses(model).items()}
     return ScriptedOperator(

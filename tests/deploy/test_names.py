@@ -93,11 +93,11 @@ def test_bare_participles_and_metaphors_are_rare_as_names(package: str, words: f
     assert 1000 * len(faults) / len(names) <= MOST_PLAIN_FAULTS, sorted(set(faults))
 
 
-@pytest.mark.parametrize("package", [*PACKAGES, "tests"])
+@pytest.mark.parametrize("package", [*PACKAGES, "deploy", "tests"])
 def test_function_names_have_more_than_one_word(package: str) -> None:
     names = [name for tree in trees(package) for name in function_names(tree)]
     one_word = [name for name in names if "_" not in name.strip("_")]
-    assert len(names) > 100
+    assert len(names) > 20
     assert len(one_word) / len(names) <= MOST_ONE_WORD, sorted(set(one_word))
 
 
