@@ -39,7 +39,7 @@ _SAG_RAD_PER_M = float(np.deg2rad(0.1))
 _BENDING_RAD_PER_M = float(np.deg2rad(0.05))
 _PLAY_RAD = float(np.deg2rad(0.02))
 _WANDER_M = 3e-4  # of device and target, over the whole series
-_ORDERS = (1, 2)
+_ORDERS = (1, 2, 3, 4)
 _ABOUT_X = ("alpha", "rx")
 _PLACES = ("base", "anchor", "tool")
 

@@ -44,7 +44,6 @@ from cellcal.calibration.identification.parameters import (
 from cellcal.calibration.identification.residual_model import ResidualModel, residual_of
 from cellcal.calibration.identification.robust import RobustFit
 from cellcal.calibration.identification.selection import (
-    FEW_ROWS,
     LEVELS,
     IdentificationOptions,
     LevelSelection,
@@ -52,6 +51,7 @@ from cellcal.calibration.identification.selection import (
     select_level,
 )
 from cellcal.calibration.identification.series_breaks import SeriesBreak
+from cellcal.calibration.identification.term_priors import AVERAGED_ROWS
 from cellcal.calibration.identification.work_parts import SERIAL, PartRunner
 
 _FEWEST_ROWS = {"length": 12, "point": 8, "pose": 6}
@@ -197,7 +197,7 @@ def _state_uncertainty(
     wide, effect = widen_fit(robust, grouping.groups)
     kept_count = len(robust.problem.observations) - len(robust.rejected)
     nothing_free = not len(robust.fit.layout)
-    if kept_count > FEW_ROWS or nothing_free or options.start.covariance is not None:
+    if kept_count > AVERAGED_ROWS or nothing_free or options.start.covariance is not None:
         return wide, effect, None
     misfit = average_over_misfits(robust, choice.mounted_observations)
     averaged = replace(robust.fit, covariance=misfit.covariance)
