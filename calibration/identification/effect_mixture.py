@@ -1,9 +1,10 @@
 """What few rows say about what a model lacks: deviations averaged over what may be behind the residuals.
 
-With 8 to 60 rows a fit bends its parameters until sag, ripple, play of the gears or a target that was put on again
+With 8 to 120 rows a fit bends its parameters until sag, ripple, play of the gears or a target that was put on again
 hardly show in the residuals; scaled by those, deviations promise too much. So the rows are looked at as drawn from
-many models: noise of any size, and beside it each kind of effect, absent, small or large. The probability of the
-rows under each model weighs what it says about the parameters.
+many models: noise of any size, and beside it each kind of effect, absent, small or large, and fitted ripple of the
+usual size or larger. The probability of the rows under each model weighs what it says about
+the parameters.
 """
 
 from collections.abc import Iterator
@@ -28,11 +29,14 @@ from cellcal.calibration.identification.parameters import (
 )
 from cellcal.calibration.identification.robust import RobustFit
 
+AVERAGED_ROWS = 120  # up to here a fit bends its parameters more than its residuals show
 _NOISES = np.geomspace(0.125, 8.0, 13)  # of the deviation that the residuals show
 _LEAST_NOISE = 0.2  # of the stated deviation: fewer rows than unknowns leave no residuals that show one
 KINDS = ("joints", "play", "order")
 # Of each kind of effect, of what is usual; a device that was moved may have been moved by decimetres.
 _SIZES = ((0.0, 0.5, 2.0), (0.0, 0.5, 2.0), (0.0, 0.5, 2.0, 20.0, 200.0))
+# Times the prior of ripple: a tight one predicts other rows of real arms best, and promises too much.
+_RIPPLE_SIZES = (1.0, 5.0)
 _ABSENT = 0.5  # probability beforehand that a kind of effect is not there
 _RIPPLE_RAD = float(np.deg2rad(0.02))
 _SAG_RAD_PER_M = float(np.deg2rad(0.1))
@@ -80,13 +84,17 @@ def average_over_misfits(robust: RobustFit, stated: Observations) -> UnmodelledE
     usual_m = float(np.median(problem.observations.sigma_m))
     raised = max(1.0, _LEAST_NOISE * float(np.median(stated.sigma_m)) / usual_m)
     columns, whitened = place_columns(fit.layout, fit.state, problem)
-    scaled = (columns.reshape(len(columns), -1) * fit.layout.prior_sigmas[:, None]).T
-    away = fit.deviations / fit.layout.prior_sigmas
+    priors = fit.layout.prior_sigmas
+    scaled = (columns.reshape(len(columns), -1) * priors[:, None]).T
+    away = fit.deviations / priors
     effects = _effect_covariances(fit.state, problem, rows, frozenset(p.name for p in fit.layout.parameters))
     posteriors = []
     for sizes in product(*_SIZES):
         turned = _PrincipalAxes.along_effect(scaled, whitened.reshape(-1), _mix_effects(effects, sizes))
-        posteriors += [(sizes, n, *_mixture_posterior(turned, away, (raised * n) ** 2)) for n in _NOISES]
+        posteriors += [
+            (sizes, n, *_mixture_posterior(turned, away, (raised * n) ** 2, widths))
+            for n, widths in product(_NOISES, _prior_widths(fit.layout.parameters))
+        ]
     chances = np.array([each[4] + _log_prior(each[0]) for each in posteriors])
     weights = np.exp(chances - chances.max())
     weights /= weights.sum()
@@ -96,8 +104,16 @@ def average_over_misfits(robust: RobustFit, stated: Observations) -> UnmodelledE
         for k in range(len(KINDS))
     ]
     noise = raised * float(sum(w * e[1] for w, e in zip(weights, posteriors, strict=True)))
-    covariance = np.asarray(moment) * np.outer(fit.layout.prior_sigmas, fit.layout.prior_sigmas)
+    covariance = np.asarray(moment) * np.outer(priors, priors)
     return UnmodelledEffects(covariance, tuple(there), noise * usual_m)
+
+
+def _prior_widths(parameters: tuple[Parameter, ...]) -> list[Array]:
+    """Return how wide priors may be, times those of the fit (p,)."""
+    is_ripple = np.array([parameter.role == "harmonic" for parameter in parameters])
+    return [
+        np.where(is_ripple, size, 1.0) for size in (_RIPPLE_SIZES if is_ripple.any() else _RIPPLE_SIZES[:1])
+    ]
 
 
 def _log_prior(sizes: tuple[float, ...]) -> float:
@@ -132,20 +148,26 @@ class _PrincipalAxes:
         return cls(axes.T @ columns, axes.T @ residuals, np.maximum(variances, 0.0))
 
 
-def _mixture_posterior(turned: _PrincipalAxes, away: Array, noise: float) -> tuple[Array, Array, float]:
+def _mixture_posterior(
+    turned: _PrincipalAxes, away: Array, noise: float, widths: Array
+) -> tuple[Array, Array, float]:
     """Return covariance and shift of the parameters, and the log density of the rows (but for a constant).
 
-    By the determinant lemma of the information of the parameters and the variances of the rows.
+    By the determinant lemma of the information of the parameters and the variances of the rows. All in deviations of
+    the fit's priors; these are as wide as ``widths`` (p,) says.
     """
     weights = 1.0 / (turned.variances + noise)
     white = turned.columns * weights[:, None]
-    information = np.eye(turned.columns.shape[1]) + turned.columns.T @ white
+    information = np.diag(widths**-2.0) + turned.columns.T @ white
     factor = cho_factor(information, lower=True)
-    gradient = white.T @ turned.residuals - away
+    expected = away / widths**2
+    gradient = white.T @ turned.residuals - expected
     covariance = cho_solve(factor, np.eye(len(information)))
     shift = covariance @ gradient
-    square = float(turned.residuals @ (turned.residuals * weights) + away @ away - gradient @ shift)
-    volume = 2.0 * float(np.log(np.diag(factor[0])).sum()) - float(np.log(weights).sum())
+    square = float(turned.residuals @ (turned.residuals * weights) + away @ expected - gradient @ shift)
+    volume = 2.0 * float(np.log(np.diag(factor[0])).sum() + np.log(widths).sum()) - float(
+        np.log(weights).sum()
+    )
     return covariance, shift, -0.5 * (square + volume)
 
 

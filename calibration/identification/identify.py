@@ -20,7 +20,11 @@ from cellcal.calibration.identification.earlier_posterior import (
     contradicted_offsets,
     to_arm_parameters,
 )
-from cellcal.calibration.identification.effect_mixture import UnmodelledEffects, average_over_misfits
+from cellcal.calibration.identification.effect_mixture import (
+    AVERAGED_ROWS,
+    UnmodelledEffects,
+    average_over_misfits,
+)
 from cellcal.calibration.identification.estimator import errors_m
 from cellcal.calibration.identification.free_parameters import StartingPoint, all_joint_terms, normalise_words
 from cellcal.calibration.identification.group_effect import GroupEffect, widen_fit
@@ -51,7 +55,6 @@ from cellcal.calibration.identification.selection import (
     select_level,
 )
 from cellcal.calibration.identification.series_breaks import SeriesBreak
-from cellcal.calibration.identification.term_priors import AVERAGED_ROWS
 from cellcal.calibration.identification.work_parts import SERIAL, PartRunner
 
 _FEWEST_ROWS = {"length": 12, "point": 8, "pose": 6}

@@ -30,13 +30,11 @@ from cellcal.calibration.identification.parameters import (
     with_further,
 )
 from cellcal.calibration.identification.robust import RobustFit, fit_robustly
-from cellcal.calibration.identification.term_priors import AVERAGED_ROWS, widen_term_priors, with_term_priors
 
 _DISTINCT_ANGLES = 20  # of a joint, before its ripple or gear ratio may be asked for
 _ANGLES_PER_PERIOD = 5  # distinct ones, or a wave is read into gaps
 _ROWS_FOR_SHORT_WAVES = 150
 _ANGLE_STEP_RAD = 2e-3
-_MOST_WIDENINGS = 4
 
 
 def terms_of_level(model: RobotModel, joints_rad: Array, level: int) -> tuple[JointTerm, ...]:
@@ -71,37 +69,13 @@ def fit_level(
     priors: Priors,
     start: StartingPoint | None = None,
 ) -> RobustFit:
-    """Fit one level robustly, from the places of devices and tool that any state of the same arm has.
-
-    Priors of joint terms are widened to the size that few rows show.
-    """
-    known = start or StartingPoint()
-    robust = _fit_with_priors(model, observations, places, level, priors, known)
-    if level < GRAVITY or len(observations) > AVERAGED_ROWS or not known.is_nominal:
-        return robust
-    for _ in range(_MOST_WIDENINGS):
-        wider = widen_term_priors(robust.fit, priors)
-        if wider == priors:
-            break
-        priors, fit = wider, robust.fit
-        layout = with_term_priors(fit, priors)
-        robust = fit_robustly(layout, fit.state, FitProblem.from_observations(fit.state, observations))
-    return robust
-
-
-def _fit_with_priors(
-    model: RobotModel,
-    observations: Observations,
-    places: ArmState,
-    level: int,
-    priors: Priors,
-    start: StartingPoint,
-) -> RobustFit:
+    """Fit one level robustly, from the places of devices and tool that any state of the same arm has."""
     terms = terms_of_level(model, observations.joints_rad, level)
     layout = make_layout(
         model, observations.kind, len(places.devices), level=level, terms=terms, priors=priors
     )
     layout = with_further(layout, len(places.further), priors)
+    start = start or StartingPoint()
     layout, state = prepare_fit(layout, terms, model, places, start, priors)
     if start.covariance is not None and not start.free and isinstance(layout, PartLayout):
         layout = decorrelate_layout(layout, EarlierPosterior(start.names, start.covariance))

@@ -41,7 +41,6 @@ from cellcal.calibration.identification.series_breaks import (
     fit_frames,
     mounting_of,
 )
-from cellcal.calibration.identification.term_priors import FEW_ROWS
 from cellcal.calibration.identification.work_parts import SERIAL, PartRunner
 from cellcal.calibration.message import make_message
 
@@ -52,6 +51,7 @@ _FOLDS_FOR_BREAKS = 5
 _BREAK_GAIN = 0.1  # of the held-out RMSE: a mounting costs more trust than a parameter
 _PATIENCE = 2
 _BELIEVABLE = 8.0  # times the median error
+FEW_ROWS = 60  # up to here priors speak beside the rows
 _FEW_GAIN = 0.75
 _MOST_ROWS = 4000  # are looked at to choose; the fit takes all
 
