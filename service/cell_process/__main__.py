@@ -6,6 +6,8 @@ parent does; a run under way is broken off, the robot stands, and the next desk 
 
 import asyncio
 import contextlib
+import logging
+import os
 import sys
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -21,10 +23,13 @@ from cellcal.service.cell_process.lines import LineTooLongError, LineWriter, who
 from cellcal.service.cell_process.messages import ALIVE, BROKEN_OFF, SessionCommand
 from cellcal.service.cell_process.run_in_progress import RunInProgress
 from cellcal.service.configuration.cell_file import read_cell_file
+from cellcal.service.exit_codes import ExitCode
 from cellcal.service.gc_freeze import freeze_startup_objects
 from cellcal.service.session_documents import OrderReply
 from cellcal.service.unexpected_errors import log_in_lines, run_guarded
 
+_log = logging.getLogger(__name__)
+LONGEST_END_S = 30.0  # from the end of standard input until the devices are released
 _COMMAND: TypeAdapter[SessionCommand] = TypeAdapter(SessionCommand)
 
 
@@ -42,15 +47,53 @@ async def _run_controller(path: Path, *, broken_off: bool) -> None:
     controller = CellController(config, lambda kind, content: write({"told": kind, "content": content}))
     freeze_startup_objects()
     at_work = start_task(TASK, controller.stay_connected)
-    lines = await _connect_stdin()
+    try:
+        await _answer_lines(controller, write)
+    finally:
+        await _end_or_exit(at_work)
+
+
+async def _answer_lines(controller: CellController, write: Callable[[Mapping[str, object]], None]) -> None:
+    """Execute the orders of standard input until it ends."""
     orders: set[asyncio.Task[None]] = set()
-    async for line in whole_lines(lines, _name_long_line):
+    async for line in whole_lines(await _connect_stdin(), _name_long_line):
         order = asyncio.create_task(_answer_line(controller, line, write))
         orders.add(order)
         order.add_done_callback(orders.discard)
+
+
+async def _end_or_exit(at_work: asyncio.Task[None]) -> None:
+    """Cancel the work on the devices; leave the process where that does not end, with what it waits for in the log.
+
+    A process without its parent must not keep the lease of the robot. The robot stands: its heartbeat ends with us.
+    """
     at_work.cancel()
-    with contextlib.suppress(asyncio.CancelledError):
-        await at_work
+    await asyncio.wait({at_work}, timeout=LONGEST_END_S)
+    if at_work.done():
+        with contextlib.suppress(asyncio.CancelledError):
+            at_work.result()
+        return
+    _log.error(
+        "the devices were not released within %g s; the process ends: %s", LONGEST_END_S, awaited_by(at_work)
+    )
+    sys.stderr.flush()
+    os._exit(ExitCode.INTERNAL)
+
+
+def awaited_by(task: asyncio.Task[None]) -> str:
+    """Return where a task waits: its coroutines from the outermost inwards, each with its file and line."""
+    found, inner = [], task.get_coro()
+    while inner is not None:
+        for kind in ("cr", "gi", "ag"):
+            frame = getattr(inner, f"{kind}_frame", None)
+            if frame is not None:
+                found.append(f"{frame.f_code.co_qualname} ({frame.f_code.co_filename}:{frame.f_lineno})")
+        inner = (
+            getattr(inner, "cr_await", None)
+            or getattr(inner, "gi_yieldfrom", None)
+            or getattr(inner, "ag_await", None)
+        )
+    return " > ".join(found)
 
 
 async def _answer_line(

@@ -18,6 +18,7 @@ from cellcal.drivers.supervision import SUPERVISOR
 from cellcal.service.cell_process.lines import LineWriter, whole_lines
 from cellcal.service.cell_process.messages import LONGEST_LINE
 from cellcal.service.configuration.cell_file import read_cell_file
+from cellcal.service.exit_codes import ExitCode
 from cellcal.service.web import cell_client
 from cellcal.service.web.cell_client import TASK, CellProcessClient, StopUnconfirmedError
 from cellcal.service.web.liveness import (
@@ -209,3 +210,37 @@ async def test_a_reader_tells_of_each_line_that_it_drops() -> None:
     reader.feed_eof()
     assert [line async for line in whole_lines(reader, lambda: dropped.append(1))] == [b"a", b"b"]
     assert len(dropped) == 2
+
+
+IGNORES_ITS_END = """
+import asyncio, sys
+from cellcal.service.cell_process import __main__ as process
+from cellcal.service.cell_process.cell_controller import CellController
+
+async def wait_for_ever(self):
+    while True:
+        try:
+            await asyncio.Event().wait()
+        except asyncio.CancelledError:
+            pass
+
+CellController.stay_connected = wait_for_ever
+process.LONGEST_END_S = 0.1
+process.main(sys.argv[1])
+"""
+
+
+async def test_a_process_whose_devices_do_not_end_leaves_when_its_parent_is_gone(tmp_path: Path) -> None:
+    async with a_cell(tmp_path) as (path, _):
+        process = await asyncio.create_subprocess_exec(
+            sys.executable,
+            *("-c", IGNORES_ITS_END, str(path)),
+            stdin=subprocess.PIPE,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.PIPE,
+        )
+        async with asyncio.timeout(PATIENCE_S):  # no orders: standard input ends
+            _, said = await process.communicate(b"")
+    assert process.returncode == ExitCode.INTERNAL
+    assert b"the devices were not released within 0.1 s" in said
+    assert b"wait_for_ever" in said
