@@ -82,17 +82,15 @@ async def _end_or_exit(at_work: asyncio.Task[None]) -> None:
 
 def awaited_by(task: asyncio.Task[None]) -> str:
     """Return where a task waits: its coroutines from the outermost inwards, each with its file and line."""
-    found, inner = [], task.get_coro()
+    found: list[str] = []
+    inner: Any = task.get_coro()
     while inner is not None:
-        for kind in ("cr", "gi", "ag"):
-            frame = getattr(inner, f"{kind}_frame", None)
-            if frame is not None:
-                found.append(f"{frame.f_code.co_qualname} ({frame.f_code.co_filename}:{frame.f_lineno})")
-        inner = (
-            getattr(inner, "cr_await", None)
-            or getattr(inner, "gi_yieldfrom", None)
-            or getattr(inner, "ag_await", None)
-        )
+        kind = next((kind for kind in ("cr", "gi", "ag") if hasattr(inner, f"{kind}_frame")), None)
+        frame = None if kind is None else getattr(inner, f"{kind}_frame")
+        if frame is None:  # a future, or a coroutine that has ended
+            break
+        found.append(f"{frame.f_code.co_qualname} ({frame.f_code.co_filename}:{frame.f_lineno})")
+        inner = getattr(inner, "gi_yieldfrom" if kind == "gi" else f"{kind}_await")
     return " > ".join(found)
 
 
