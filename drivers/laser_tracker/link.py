@@ -32,12 +32,14 @@ from cellcal.drivers.laser_tracker.packets import (
 )
 from cellcal.drivers.supervision import message_and_remedy_of, start_link_task
 from cellcal.drivers.wire.backoff import Backoff
+from cellcal.drivers.wire.cancellation import cancel_until_done
 from cellcal.drivers.wire.deadline import answer_deadline
 from cellcal.drivers.wire.tables import CodeEntry, code_table
 from cellcal.drivers.wire.trace import FrameTrace
 
 BUSY = 1  # ES_RS_ServerBusy: an earlier command, of ours or of another program, is under way
 _POLL_S = 0.1
+_CANCEL_AGAIN_S = 0.5
 _CABLE = "Check the network cable and that the tracker's controller is on."
 _BYTES = "The reading was not used. Try again; if it comes back, report it with the trace of the link."
 
@@ -300,8 +302,7 @@ class EmsconLink:
         listener, self._listener = self._listener, None
         closing, self._closing_writer = self._closing_writer, None
         if listener is not None:
-            listener.cancel()
-            await asyncio.wait({listener})
+            await cancel_until_done(listener, every_s=_CANCEL_AGAIN_S)
         if closing is not None:
             closing.transport.abort()
             with suppress(OSError):

@@ -29,6 +29,7 @@ from cellcal.drivers.errors import (
     WireProtocolError,
 )
 from cellcal.drivers.wire.backoff import Backoff
+from cellcal.drivers.wire.cancellation import cancel_until_done
 from cellcal.drivers.wire.deadline import AnswerDeadline
 from cellcal.drivers.wire.tables import CodeEntry, code_table
 from cellcal.drivers.wire.trace import FrameTrace
@@ -40,6 +41,7 @@ _Ask = Callable[[AsyncModbusTcpClient], Awaitable[ModbusPDU]]
 _READ, _WRITE_COIL, _WRITE = 3, 5, 16
 _BUSY_PAUSES_S = (0.02, 0.05, 0.1)
 _NEVER = 10.0  # deadlines: the library's own time-out ends a wait whose answer has come, see Limit
+_CANCEL_AGAIN_S = 0.5
 _CABLE = "Check its power and the network cable; the next call connects again by itself."
 _UNKNOWN = "Report this to the maker of the profile; the reading was not used."
 
@@ -261,8 +263,6 @@ async def _first_result(asking: Awaitable[ModbusPDU], lost: asyncio.Future[None]
             return request.result()
         raise ConnectionResetError("it was closed during a request")
     finally:
-        if not request.done():
-            request.cancel()
-            await asyncio.wait({request})
+        await cancel_until_done(request, every_s=_CANCEL_AGAIN_S)
         if not request.cancelled():
             request.exception()  # consumed, so that nothing is reported about it later

@@ -29,7 +29,7 @@ from cellcal.service.session_documents import OrderReply
 from cellcal.service.unexpected_errors import log_in_lines, run_guarded
 
 _log = logging.getLogger(__name__)
-LONGEST_END_S = 30.0  # from the end of standard input until the devices are released
+LONGEST_END_S = 100.0  # from the end of standard input until the devices are released
 _COMMAND: TypeAdapter[SessionCommand] = TypeAdapter(SessionCommand)
 
 

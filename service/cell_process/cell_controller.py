@@ -22,6 +22,7 @@ from cellcal.drivers.supervision import (
     start_task,
     supervise,
 )
+from cellcal.drivers.wire.cancellation import cancel_until_done
 from cellcal.procedures.cell import Cell
 from cellcal.service.cell_process.hold_to_move import HoldButton, HoldToMoveRobot
 from cellcal.service.cell_process.live_values import LivePoller
@@ -58,6 +59,7 @@ from cellcal.service.session_documents import (
 _log = logging.getLogger(__name__)
 PERIOD_S = 0.1
 _RETRY_S = 2.0
+_CANCEL_AGAIN_S = 1.0
 TASK = "devices of the cell"
 
 
@@ -134,8 +136,7 @@ class CellController:
             await supervise(TASK, self._reconnect_forever)
         finally:
             unlisten()
-            telling.cancel()
-            await asyncio.wait({telling})
+            await cancel_until_done(telling, every_s=_CANCEL_AGAIN_S)
             await self._others.stop_following()
             await self._runs.cancel_run()
 

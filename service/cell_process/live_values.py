@@ -21,6 +21,7 @@ from cellcal.drivers.interfaces import (
     Readiness,
 )
 from cellcal.drivers.supervision import log_failures, message_and_remedy_of
+from cellcal.drivers.wire.cancellation import cancel_until_done
 from cellcal.procedures.cell import Cell
 from cellcal.service.cell_process.recording_check import SETTLE_SIGMAS, ObservedMotion, SettleDetector
 from cellcal.service.runs.instruments import SharedInstrument, share_instruments, shared_instruments
@@ -28,6 +29,7 @@ from cellcal.service.session_documents import DeviceDocument, LiveValues
 
 CONDITION_EVERY_S = 1.0
 STOP_EVERY_S = 0.15  # at every second look: a stopped robot is shown within half a second, in a run, too
+_CANCEL_AGAIN_S = 1.0
 LOOK_S = 0.1  # who has not answered by then is heard at a later look
 
 
@@ -128,8 +130,7 @@ class LivePoller:
     async def cancel_polls(self) -> None:
         """End the looks that are under way."""
         tasks = list(self._looks.values())
-        for task in tasks:
-            task.cancel()
+        await cancel_until_done(*tasks, every_s=_CANCEL_AGAIN_S)
         await asyncio.gather(*tasks, return_exceptions=True)
         self._looks.clear()
 

@@ -13,6 +13,7 @@ from cellcal.calibration.message import make_message
 from cellcal.drivers.supervision import (
     log_failures,
 )
+from cellcal.drivers.wire.cancellation import cancel_until_done
 from cellcal.procedures.catalogue import definition_named
 from cellcal.procedures.cell import Cell
 from cellcal.procedures.procedure_definition import Phase
@@ -50,6 +51,7 @@ from cellcal.service.watching.automatic_operator import AutomaticOperator
 from cellcal.service.watching.loss_response import WATCH, PreparedAnswer
 
 _log = logging.getLogger(__name__)
+_CANCEL_AGAIN_S = 75.0  # longer than a written mastering takes to be undone
 
 
 class RunControl:
@@ -135,8 +137,7 @@ class RunControl:
     async def cancel_run(self) -> None:
         """Cancel the run and wait for its end; it is resumed when the robot can be reached again."""
         if self._task is not None and not self._task.done():
-            self._task.cancel()
-            await asyncio.wait({self._task})
+            await cancel_until_done(self._task, every_s=_CANCEL_AGAIN_S)
 
     async def stop_run(self) -> None:
         """Stop the run, which is not resumed by itself; a disk that fails must not keep the robot moving."""

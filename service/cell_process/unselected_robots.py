@@ -13,6 +13,7 @@ from typing import Any
 from cellcal.drivers.errors import DeviceError
 from cellcal.drivers.interfaces import Condition, Robot
 from cellcal.drivers.supervision import start_task
+from cellcal.drivers.wire.cancellation import cancel_until_done
 from cellcal.service.cell_process.live_values import DeviceStatus
 from cellcal.service.cell_process.loss_watch import LossWatch
 from cellcal.service.configuration.cell_file import CellConfig
@@ -21,6 +22,7 @@ from cellcal.service.watching.follow import RobotListener, follow_robot
 
 _log = logging.getLogger(__name__)
 ROLE = "other_robot"
+_CANCEL_AGAIN_S = 1.0
 ELSEWHERE = "another cellcal is connected to it."
 BROKEN = "the program failed: this robot is not watched until that is started again, by itself."
 
@@ -59,8 +61,7 @@ class UnselectedRobots:
     async def _stop_robot(self, name: str) -> None:
         task = self._tasks.pop(name, None)
         if task is not None:
-            task.cancel()
-            await asyncio.wait({task})
+            await cancel_until_done(task, every_s=_CANCEL_AGAIN_S)
         self._shown.pop(name, None)
 
     async def _follow_entry(self, entry: Any) -> None:

@@ -4,6 +4,7 @@ import asyncio
 import contextlib
 
 from cellcal.drivers.supervision import raise_lost_cancellation, supervise
+from cellcal.drivers.wire.cancellation import cancel_until_done
 
 
 async def test_a_loop_ends_although_a_library_lost_its_cancellation() -> None:
@@ -24,3 +25,23 @@ async def test_a_loop_ends_although_a_library_lost_its_cancellation() -> None:
     await asyncio.wait({task})
     assert task.cancelled()
     assert rounds == 1
+
+
+async def test_a_task_that_loses_cancellations_is_cancelled_until_it_ends() -> None:
+    lost = 0
+
+    async def lose_two_cancellations() -> None:
+        nonlocal lost
+        while True:
+            try:
+                await asyncio.Event().wait()
+            except asyncio.CancelledError:
+                lost += 1
+                if lost > 2:
+                    raise
+
+    task, ended = asyncio.create_task(lose_two_cancellations()), asyncio.create_task(asyncio.sleep(0))
+    await asyncio.sleep(0.01)
+    await cancel_until_done(task, ended, every_s=0.01)
+    assert task.cancelled()
+    assert lost == 3

@@ -17,12 +17,14 @@ from cellcal.calibration.documents.json_text import parse_json
 from cellcal.calibration.message import make_message
 from cellcal.drivers.errors import DeviceError, RefusedError, UnreachableError, WireProtocolError
 from cellcal.drivers.supervision import start_link_task
+from cellcal.drivers.wire.cancellation import cancel_until_done
 from cellcal.drivers.wire.deadline import answer_deadline
 from cellcal.drivers.wire.tables import code_table
 from cellcal.drivers.wire.trace import FrameTrace
 
 _MOST_OCTETS = 65_536
 _ERROR_BASE = 2_556_928
+_CANCEL_AGAIN_S = 0.5
 _CABLE = "Check that the controller is switched on, the network cable plugged in and option R912 installed."
 _OCCUPIED = (
     "End the other client of the Remote Motion Interface; one that hangs keeps it until it is switched off."
@@ -168,9 +170,7 @@ class RmiLink:
 
     async def _drop_connection(self) -> None:
         if self._reading is not None:
-            self._reading.cancel()
-            with contextlib.suppress(asyncio.CancelledError):
-                await self._reading
+            await cancel_until_done(self._reading, every_s=_CANCEL_AGAIN_S)
         if self._writer is not None:
             self._writer.close()
         self._reading = self._writer = None
