@@ -12,6 +12,7 @@ from cellcal.calibration.arm.kinematics import load_model
 from cellcal.calibration.cells.levels import CellOptions
 from cellcal.calibration.compensation.compensate import CompensationLimits, compensate
 from cellcal.calibration.compensation.pose_gap import TipArm
+from cellcal.calibration.compensation.posture_of_pose import postures_of_poses
 from cellcal.calibration.errors import CalibrationError
 from cellcal.calibration.geometry import exp_rotation, homogeneous_matrix
 from cellcal.calibration.identification.lints import rounding_floor
@@ -344,9 +345,14 @@ def test_full_poses_identify_an_arm_on_a_track(tmp_path):
 
 
 def test_four_axes_keep_no_pose_and_say_so():
-    with pytest.raises(CalibrationError, match="six or more") as refused:
-        TipArm(load_model(SCARA))
-    assert "enter them at its controller" in refused.value.remedy
+    arm = TipArm(load_model(SCARA))
+    for keep in (
+        compensate,
+        lambda one, _, joints: postures_of_poses(one, one.model.base_flange(joints), joints),
+    ):
+        with pytest.raises(CalibrationError, match="six or more") as refused:
+            keep(arm, arm, np.zeros((1, 4)))
+        assert "as far as its joints follow" in refused.value.remedy
 
 
 def test_what_is_said_of_a_slide_is_in_millimetres():

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,11 +27,13 @@ from cellcal.service.engineering.programs.cell_of_program import (
 )
 from cellcal.service.engineering.programs.expected_accuracy import Expectation, TransferEnds
 from cellcal.service.engineering.programs.external.carried_points import AxisEnd, carry_points
-from cellcal.service.engineering.programs.postures import PostureSearch
+from cellcal.service.engineering.programs.other_postures import OtherPostureSearch
+from cellcal.service.engineering.programs.postures import PostureSearch, applied_rule, posture_search
 from cellcal.service.engineering.programs.project import Project
 from cellcal.service.engineering.programs.project_poses import ProjectTool
 from cellcal.service.engineering.programs.project_pulses import in_joints
 
+Search: TypeAlias = PostureSearch | OtherPostureSearch
 _ROUNDED_RAD = 1e-6  # a joint may be taught at its limit
 
 
@@ -62,7 +65,8 @@ def reach_of(programs: Sequence[ProgramFile], cell: Project) -> tuple[ProgramRea
     axes = cell.nominal.axis_count
     points = points_of(programs, cell)
     rule = brand_named(programs[0].brand).configurations
-    search = PostureSearch(cell.nominal, cell.controller, rule)
+    search = posture_search(cell, rule)
+    rule = applied_rule(cell, rule)
     found = _ReachColumns.make_empty(len(points), axes)
     for group in groups_of(points, bring_their_own(programs) or rule is None):
         _of_group(group, points, cell, search, found)
@@ -103,7 +107,7 @@ class _ReachColumns:
 
 
 def _of_group(
-    group: PointGroup, points: ProgramPoints, cell: Project, search: PostureSearch, found: _ReachColumns
+    group: PointGroup, points: ProgramPoints, cell: Project, search: Search, found: _ReachColumns
 ) -> None:
     """Fill in the points that share tool and frame."""
     program, rows = points.programs[points.of[group.rows[0]]], group.rows
@@ -126,7 +130,9 @@ def _of_group(
         assert carried.source_frame is not None
         base_flange = carried.source_frame @ points.tips_of(posed) @ inverse_transform(tool.entered)
         texts = [points.texts[i] for i in posed.tolist()]
-        joints, why = search.find_joints(base_flange, texts, points.taught_before(posed))
+        postures = points.taught_before(posed)
+        points.begin_programs(posed, postures, cell.starting)
+        joints, why = search.find_joints(base_flange, texts, postures)
         found.joints_rad[posed] = joints
         _mark_failed(points, posed, why, found)
     _judge_points(rows[np.isfinite(found.joints_rad[rows]).all(axis=1)], points, cell, tool, found)
@@ -154,7 +160,7 @@ def _judge_points(
     of = [*(f"J{j + 1}" for j in range(model.axis_count)), *(each.name for each in model.combined_limits)]
     names = [", ".join(of[j] for j in np.flatnonzero(one)) for one in beyond]
     _mark_failed(points, rows, [f"{name} beyond its limit" if name else "" for name in names], found)
-    near = smallest_sigma(model, joints, cell.smallest_sigma) < cell.smallest_sigma
+    near = smallest_sigma(model, joints, cell.smallest_sigma, cell.held_joints) < cell.smallest_sigma
     _mark_failed(points, rows, ["too near to a singularity" if one else "" for one in near.tolist()], found)
     believed = tip_poses(TipArm(model, tool.entered), joints)
     found.base_place_m[rows] = believed[:, :3, 3]
