@@ -4,6 +4,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from cellcal.calibration.arm.model_references import is_linkage, shown_name
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.message import make_message
 from cellcal.calibration.programs.scara import elbow_side
@@ -20,6 +21,10 @@ CHANGE_LEANS = (
 )
 OWN_LEAN = (
     "up to {lean_deg:.3f} deg of the orientation stay uncorrected: an arm of {joints} joints cannot turn so"
+)
+RODS = (
+    "rods drive axis 3 of {model_name}: what they are off by changes with the posture, is in no parameter and stays "
+    "uncorrected; held_out_rms_mm of the project counts it"
 )
 ELBOW = "the elbow would change its side"
 BORDER = (
@@ -48,6 +53,16 @@ def refuse_another_kind(source: Project, target: Project) -> None:
             ),
             remedy="Clone between robots whose joints are of the same number and kind.",
         )
+
+
+def rods_left_out(source: Project, target: Project) -> list[str]:
+    """Return what is said of identified arms of which rods drive an axis: no parameter holds the errors of these."""
+    found = dict.fromkeys(
+        shown_name(one.nominal.name)
+        for one in (source, target)
+        if one.identified is not None and is_linkage(one.nominal.name)
+    )
+    return [make_message(RODS, model_name=name) for name in found]
 
 
 def own_leans(points: ProgramPoints, left_rad: Array) -> list[str]:

@@ -47,7 +47,12 @@ from cellcal.service.engineering.programs.external.carried_points import (
 from cellcal.service.engineering.programs.external.point_groups import carry_group
 from cellcal.service.engineering.programs.external.standing_tools import standing_change
 from cellcal.service.engineering.programs.external.unconfirmed import unconfirmed_meanings
-from cellcal.service.engineering.programs.other_arm_checks import check_tilts, own_leans, refuse_another_kind
+from cellcal.service.engineering.programs.other_arm_checks import (
+    check_tilts,
+    own_leans,
+    refuse_another_kind,
+    rods_left_out,
+)
 from cellcal.service.engineering.programs.point_checks import TransferChecks
 from cellcal.service.engineering.programs.point_outcomes import PointOutcomes, results_of
 from cellcal.service.engineering.programs.postures import PostureSearch, applied_rule, posture_search
@@ -163,7 +168,10 @@ class ProgramTransfer:
         warnings = [*self._judge.unchecked_shapes(points), *unconfirmed_meanings(points)]
         for group in groups_of(points, bring_their_own(programs) or self._rule is None):
             self._transfer_group(points, group, result, warnings)
-        warnings += own_leans(points, result.left_rad)
+        warnings += [
+            *own_leans(points, result.left_rad),
+            *rods_left_out(self._route.source, self._route.target),
+        ]
         findings = find_turned_shifts(points, self._route, result.carried)
         return results_of(points, result, warnings, findings, source=self._route.source)
 

@@ -19,6 +19,7 @@ from cellcal.drivers.fanuc.program_files.programs import BRAND
 from cellcal.service.cli.app import run_command_line
 from cellcal.service.engineering.programs.clone import CloneRoute
 from cellcal.service.engineering.programs.compensate import compensation_transfer
+from cellcal.service.engineering.programs.other_arm_checks import rods_left_out
 from cellcal.service.engineering.programs.program_transfer import ProgramTransfer
 from cellcal.service.engineering.programs.project import read_project
 from cellcal.service.engineering.programs.project_arms import IdentifiedArm
@@ -512,3 +513,16 @@ def test_joints_without_a_unit_are_left_where_one_slides(tmp_path, capsys):
     assert np.abs([x - moved[0], y - moved[1], z - moved[2]]).max() < 1e-3
     assert abs(a - np.degrees(yaw) - 1.0) < 1e-4
     assert "joints without a unit" in " ".join(capsys.readouterr().out.split())
+
+
+def test_rods_of_an_identified_arm_are_said_to_stay_uncorrected(tmp_path):
+    path = tmp_path / "project.toml"
+    path.write_text(PROJECT.format(model="abb_irb2400", robot=""))
+    plain = read_project(path)
+    assert rods_left_out(plain, plain) == []
+    state = starting_state(plain.nominal, StartingPoint({}), (), np.eye(4), ())
+    identified = replace(plain, identified=IdentifiedArm(state, "0" * 64, 1, None, None, None))
+    (said,) = rods_left_out(identified, plain)
+    assert "rods drive axis 3 of abb_irb2400" in said
+    scara = scara_project(tmp_path, 5)
+    assert rods_left_out(scara, scara) == []
