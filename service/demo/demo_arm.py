@@ -151,7 +151,7 @@ def refuse_unplayable(model: RobotModel) -> None:
         It has not six axes, or one of them slides.
     """
     if model.axis_count != _AXES or model.sliding is not None:
-        slides = "" if model.sliding is None else f", of which {int(model.sliding.sum())} slide"
+        slides = "" if model.sliding is None else f", {int(model.sliding.sum())} of them sliding"
         name = shown_name(model.name)
         raise CellError(
             f"{model.title} has {model.axis_count} axes{slides}: the demo loses and restores the mastering of a "

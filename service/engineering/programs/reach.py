@@ -7,7 +7,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from cellcal.calibration.arm.joint_kinds import beyond_limits
+from cellcal.calibration.arm.joint_kinds import beyond_limits, shown_units
 from cellcal.calibration.compensation.pose_gap import TipArm
 from cellcal.calibration.geometry import Array, inverse_transform
 from cellcal.calibration.programs.transfer import smallest_sigma, tip_poses
@@ -49,6 +49,9 @@ class ProgramReach:
         Array  # (N,) how far the real tip is from where the controller believes it, by the identified model
     )
     expected_m: Array  # (N,) k = 2, how surely the identified model knows the real tip
+    shown_per_joint: (
+        Array  # (n,) what joints are multiplied with to be shown in degrees, or mm where they slide
+    )
 
 
 def reach_of(programs: Sequence[ProgramFile], cell: Project) -> tuple[ProgramReach, ...]:
@@ -71,7 +74,8 @@ def reach_of(programs: Sequence[ProgramFile], cell: Project) -> tuple[ProgramRea
     for group in groups_of(points, bring_their_own(programs) or rule is None):
         _of_group(group, points, cell, search, found)
     return tuple(
-        found.select_rows(np.flatnonzero(points.of == number), points) for number in range(len(programs))
+        found.select_rows(np.flatnonzero(points.of == number), points, shown_units(cell.nominal)[0])
+        for number in range(len(programs))
     )
 
 
@@ -95,7 +99,7 @@ class _ReachColumns:
             np.full(count, np.nan),
         )
 
-    def select_rows(self, rows: NDArray[np.intp], points: ProgramPoints) -> ProgramReach:
+    def select_rows(self, rows: NDArray[np.intp], points: ProgramPoints, shown: Array) -> ProgramReach:
         return ProgramReach(
             self.joints_rad[rows],
             self.base_place_m[rows],
@@ -103,6 +107,7 @@ class _ReachColumns:
             self.failed[rows],
             self.miss_m[rows],
             self.expected_m[rows],
+            shown,
         )
 
 

@@ -1,5 +1,6 @@
 """Programs of a SCARA, of arms of five joints and of seven: judged by formulas of their own and by Pinocchio."""
 
+import json
 import re
 from dataclasses import replace
 from pathlib import Path
@@ -526,3 +527,21 @@ def test_rods_of_an_identified_arm_are_said_to_stay_uncorrected(tmp_path):
     assert "rods drive axis 3 of abb_irb2400" in said
     scara = scara_project(tmp_path, 5)
     assert rods_left_out(scara, scara) == []
+
+
+def test_an_inspection_shows_a_slide_in_millimetres_and_reaches_its_poses(tmp_path, capsys):
+    points = [JOINT_POINT.format(n=1, joints=scara_joints(*POSTURES[0])), scara_pose(2, POSTURES[1])]
+    (tmp_path / "A.LS").write_text(listing(points))
+    (tmp_path / "project.toml").write_text(PROJECT.format(model=SCARA, robot=""))
+    words = [
+        "program",
+        "inspect",
+        "--project",
+        str(tmp_path / "project.toml"),
+        str(tmp_path / "A.LS"),
+        "--json",
+    ]
+    assert run_command_line(words) == 0
+    shown = json.loads(capsys.readouterr().out)["programs"][0]["points"]
+    assert shown[0]["joints_deg"] == list(POSTURES[0])
+    assert [point["reach"] for point in shown] == ["reached", "reached"]
