@@ -15,6 +15,7 @@ from cellcal.calibration.compensation.compensate import ProgramDirection
 from cellcal.calibration.identification.free_parameters import StartingPoint, starting_state
 from cellcal.calibration.identification.parameters import GEOMETRY, make_layout
 from cellcal.calibration.orientation import rotation_from, values_from
+from cellcal.calibration.programs.scara import elbow_side, scara_axes, scara_postures
 from cellcal.drivers.fanuc.program_files.ls_program import read_ls
 from cellcal.drivers.fanuc.program_files.programs import BRAND
 from cellcal.service.cli.app import run_command_line
@@ -545,3 +546,34 @@ def test_an_inspection_shows_a_slide_in_millimetres_and_reaches_its_poses(tmp_pa
     shown = json.loads(capsys.readouterr().out)["programs"][0]["points"]
     assert shown[0]["joints_deg"] == list(POSTURES[0])
     assert [point["reach"] for point in shown] == ["reached", "reached"]
+
+
+WIDE = "lower_deg = [-126, -137, 0, -360]\nupper_deg = [126, 137, 200, 360]"  # mm of the slide
+
+
+@pytest.mark.parametrize(("spline_deg", "code"), [(178.0, 4), (120.0, 0)])
+def test_a_joint_that_passes_a_border_of_an_unread_configuration_leaves_the_point(
+    tmp_path, spline_deg, code, capsys
+):
+    posture = (0.0, 60.0, 30.0, spline_deg)
+    points = [JOINT_POINT.format(n=1, joints=scara_joints(*posture)), scara_pose(2, posture)]
+    done, text = run(tmp_path, SCARA, listing(points), "--frame", "2", "--offset", "0,0,0,0,0,25", robot=WIDE)
+    (written,) = joints_of(text).values()
+    assert (written[3] > 180) == (code == 4)  # joints state their turns themselves
+    assert done == code
+    assert (poses_of(text) == poses_of(listing(points))) == (code == 4)
+    assert ("joint 4 would pass a border" in " ".join(capsys.readouterr().out.split())) == (code == 4)
+
+
+def test_both_sides_of_the_elbow_are_told_apart():
+    arm = scara_axes(load_model("denso_hsr065a1_n32"))
+    postures = np.random.default_rng(1).uniform(-1.5, 1.5, (50, 4)) * [1, 1, 0.05, 1]
+    poses = arm.model.base_flange(postures)
+    found, lean = scara_postures(arm, poses)
+    assert lean.max() < 1e-7
+    for side in found:
+        assert np.abs(arm.model.base_flange(side) - poses).max() < 1e-12
+    assert (elbow_side(arm, found[0]) * elbow_side(arm, found[1]) < 0).all()
+    assert np.abs(found - postures).max(axis=2).min(axis=0).max() < 1e-9
+    assert scara_axes(load_model("ur10e")) is None
+    assert scara_axes(load_model(FIVE)) is None
