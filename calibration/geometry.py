@@ -195,9 +195,7 @@ def log_transform(matrix: Array) -> Array:
     cross = skew_matrix(w)
     small = angle < 1e-3
     safe = np.where(small, 1.0, angle)
-    second = np.where(
-        small, 1 / 12 + angle**2 / 720, 1 / safe**2 - (1 + np.cos(safe)) / (2 * safe * np.sin(safe))
-    )
+    second = np.where(small, 1 / 12 + angle**2 / 720, 1 / safe**2 - 1 / (2 * safe * np.tan(0.5 * safe)))
     inverse_left = np.eye(3) - 0.5 * cross + second * (cross @ cross)
     return np.concatenate([(inverse_left @ matrix[..., :3, 3:])[..., 0], w], axis=-1)
 

@@ -82,6 +82,19 @@ def read_urdf(
     return UrdfArm(model=model, text=text, tip_link=tip, joint_turns=np.array(turns))
 
 
+def fixed_joints_between(text: str, *, base_link: str | None, tip_link: str | None) -> tuple[str, ...]:
+    """Return the names of the fixed joints on the way from base to tip.
+
+    Raises
+    ------
+    CalibrationError
+        As `read_urdf`, for links that are not there.
+    """
+    tree = _Tree.of(parse_description(text))
+    path = tree.path(tree.base(base_link), tree.tip(tip_link))
+    return tuple(joint.get("name", "") for joint in path if joint.get("type") == "fixed")
+
+
 def parse_description(text: str) -> ET.Element:
     """Return the root of a description.
 

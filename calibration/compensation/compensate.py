@@ -19,7 +19,14 @@ from cellcal.calibration.arm.joint_kinds import beyond_limits
 from cellcal.calibration.arm.kinematics import RobotModel
 from cellcal.calibration.compensation.bounded_steps import BoundedSearch
 from cellcal.calibration.compensation.damped_solve import damped_step
-from cellcal.calibration.compensation.pose_gap import Flags, PoseGap, TargetPoses, TipArm, gap_between
+from cellcal.calibration.compensation.pose_gap import (
+    Flags,
+    PoseGap,
+    TargetPoses,
+    TipArm,
+    gap_between,
+    refuse_few_joints,
+)
 from cellcal.calibration.errors import CalibrationError
 from cellcal.calibration.geometry import Array, is_rigid
 
@@ -322,6 +329,7 @@ def _check_input(moved: TipArm, followed: TipArm, joints: Array, limits: Compens
             f"arms of {n} and {followed.model.axis_count} joints cannot stand in for each other"
         )
     held = set(limits.held)
+    refuse_few_joints(moved.model)
     if not held <= set(range(n)) or n - len(held) < _POSE:
         raise CalibrationError(
             f"{moved.model.name}: of {n} joints {sorted(held)} cannot stay: a pose needs six others."

@@ -31,11 +31,6 @@ class TipArm:
     def __post_init__(self) -> None:
         if np.shape(self.flange_tip) != (4, 4) or not is_rigid(self.flange_tip):
             raise CalibrationError(f"{self.model.name}: the tip is not a rigid transform (4, 4)")
-        if self.model.axis_count < 6:
-            raise CalibrationError(
-                f"{self.model.name} has {self.model.axis_count} joints: a pose can be kept by six or more only.",
-                remedy="Its points are not compensated: identify its zeros, and enter them at its controller.",
-            )
 
     @classmethod
     def of_state(cls, state: ArmState) -> Self:
@@ -140,6 +135,21 @@ class PoseGap:
         if arm.joint_coupling is None:
             return columns
         return (arm.joint_coupling.T @ columns.reshape(len(columns), -1)).reshape(columns.shape)
+
+
+def refuse_few_joints(model: RobotModel) -> None:
+    """Refuse an arm that keeps no whole pose: `other_joint_counts.approach_poses` comes as near as it can.
+
+    Raises
+    ------
+    CalibrationError
+        Fewer than six joints.
+    """
+    if model.axis_count < 6:
+        raise CalibrationError(
+            f"{model.name} has {model.axis_count} joints: a whole pose is kept by six or more only.",
+            remedy="Give joints in place of poses. `cellcal program` takes its programs as far as its joints follow.",
+        )
 
 
 def gap_between(arm: TipArm, joints_rad: Array, target: TargetPoses) -> PoseGap:

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from cellcal.calibration.arm.joint_kinds import beyond_limits
 from cellcal.calibration.compensation.bounded_steps import BoundedSearch
 from cellcal.calibration.compensation.compensate import CompensationLimits
-from cellcal.calibration.compensation.pose_gap import LEVER_M, TargetPoses, TipArm
+from cellcal.calibration.compensation.pose_gap import LEVER_M, TargetPoses, TipArm, refuse_few_joints
 from cellcal.calibration.errors import CalibrationError
 from cellcal.calibration.geometry import Array, is_rigid
 
@@ -54,6 +54,7 @@ def postures_of_poses(
     """
     if base_tip.ndim != 3 or not all(is_rigid(pose) for pose in base_tip):
         raise CalibrationError("a pose is a rigid transform (4, 4) of finite numbers")
+    refuse_few_joints(arm.model)
     if not len(known_rad):
         raise CalibrationError("no known posture to start from")
     start_postures = known_rad[:: -(-len(known_rad) // _MOST_KNOWN)]

@@ -22,7 +22,7 @@ from cellcal.calibration.identification.misfit_hypotheses import (
     with_zeros,
 )
 from cellcal.calibration.identification.misfit_ranking import MisfitCandidate, coarse_candidates
-from cellcal.calibration.identification.misfit_slides import slide_readings
+from cellcal.calibration.identification.misfit_slides import slide_readings, turn_readings
 from cellcal.calibration.identification.observations import (
     LengthObservations,
     MeasuredRows,
@@ -64,6 +64,7 @@ _KINDS = (
     "angle unit",
     "slide unit",
     "slide",
+    "turn",
     "mirror",
     "coupling",
     "sign",
@@ -340,9 +341,15 @@ def _explaining_causes(
 def _slides(
     model: RobotModel, some: Observations, limit_m: float, names: FileNames
 ) -> tuple[MisfitCause, ...]:
-    """Return the joints that explain the rows if they slide; asked last, for a long slide fits much."""
+    """Return the joint that explains the rows if it slides in place of turning, or turns in place of sliding.
+
+    Looked at last, for a long slide fits much.
+    """
     found = []
-    for reading in slide_readings(model, some.joints_rad, names):
+    for reading in (
+        *slide_readings(model, some.joints_rad, names),
+        *turn_readings(model, some.joints_rad, names),
+    ):
         if reading.model is None:
             continue
         fitted = fit_quickly(reading.model, replace(some, joints_rad=reading.joints_rad))

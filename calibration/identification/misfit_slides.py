@@ -1,11 +1,11 @@
-"""A joint that slides, described as one that turns: the same rows with that joint along its axis."""
+"""A joint that slides, described as one that turns, or the other way: the same rows with that joint so."""
 
 from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
 
-from cellcal.calibration.arm.joint_kinds import PRISMATIC, rotations_about_z
+from cellcal.calibration.arm.joint_kinds import PRISMATIC, REVOLUTE, rotations_about_z
 from cellcal.calibration.arm.kinematics import RobotModel
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.identification.misfit_hypotheses import FileNames, JointInterpretation
@@ -13,6 +13,7 @@ from cellcal.calibration.identification.misfit_hypotheses import FileNames, Join
 _DEGREES = float(np.degrees(1.0))
 _LENGTHS = (("m", 1.0), ("mm", 1e-3))
 _LONGEST_M = 100.0
+_MOST_TURNED_RAD = 4 * np.pi
 
 
 def slide_readings(model: RobotModel, joints_rad: Array, names: FileNames) -> Iterator[JointInterpretation]:
@@ -37,6 +38,37 @@ def slide_readings(model: RobotModel, joints_rad: Array, names: FileNames) -> It
                     "millimetres (model file).",
                     model=sliding,
                 )
+
+
+def turn_readings(model: RobotModel, joints_rad: Array, names: FileNames) -> Iterator[JointInterpretation]:
+    """Return, for each joint that slides, the rows as if it turned by the numbers of the file."""
+    for joint in range(model.axis_count):
+        if model.kinds[joint] != PRISMATIC:
+            continue
+        turning = with_turn(model, joint)
+        for _, metres in _LENGTHS:
+            for unit, angle in (("deg", 1.0 / _DEGREES), ("rad", 1.0)):
+                moved = joints_rad.copy()
+                moved[:, joint] *= angle / metres
+                if float(np.abs(moved[:, joint]).max()) > _MOST_TURNED_RAD:
+                    continue
+                yield JointInterpretation(
+                    "turn",
+                    1,
+                    moved,
+                    f"{names.joints[joint]} turns, by {unit}, and does not slide",
+                    f"Describe joint {model.joint_names[joint]} as revolute, with limits in radians (URDF) or "
+                    "degrees (model file).",
+                    model=turning,
+                )
+
+
+def with_turn(model: RobotModel, joint: int) -> RobotModel:
+    """Return a model one of whose joints turns about the axis along which it slid."""
+    kinds = tuple(REVOLUTE if i == joint else kind for i, kind in enumerate(model.kinds))
+    lower, upper = model.lower_rad.copy(), model.upper_rad.copy()
+    lower[joint], upper[joint] = -_MOST_TURNED_RAD, _MOST_TURNED_RAD
+    return replace(model, dh=None, joint_types=kinds, lower_rad=lower, upper_rad=upper, combined_limits=())
 
 
 def with_slide(model: RobotModel, joint: int) -> RobotModel:

@@ -45,6 +45,7 @@ class TransferResult:
     target_tip: Array  # (N, 4, 4) real tip in the other base
     reached: Flags  # (N,)
     left_m: Array  # (N,) distance that the nearest posture leaves
+    left_rad: Array  # (N,) turn that it leaves; of an arm of fewer than six joints also where it is reached
 
 
 def transfer_points(
@@ -88,6 +89,7 @@ def transfer_points(
         target_tips,
         found.has_converged,
         found.position_error_m,
+        found.angle_error_rad,
     )
 
 
@@ -129,13 +131,19 @@ def nearest_turns(joints_rad: Array, to_rad: Array) -> Array:
     return near
 
 
-def smallest_sigma(model: RobotModel, joints_rad: Array, enough: float = np.inf) -> Array:
+def smallest_sigma(
+    model: RobotModel, joints_rad: Array, enough: float = np.inf, held: tuple[int, ...] = ()
+) -> Array:
     """Return (N,) the smallest singular value of the flange's Jacobian [m/rad], zero in a singularity.
 
     Where it is surely above ``enough``, a bound below it is returned: the volume over the largest that the other
-    five could be, ``|det J| / (|J|^2 / 5)^(5/2)``.
+    five could be, ``|det J| / (|J|^2 / 5)^(5/2)``. Of an arm of fewer joints, or with some held, it is the least
+    motion of the joints that move.
     """
     _, jacobian = model.flange_jacobian(joints_rad)
+    if jacobian.shape[2] != 6 or held:
+        free = [joint for joint in range(model.axis_count) if joint not in held]
+        return np.asarray(np.linalg.svd(jacobian[:, :, free], compute_uv=False)[:, -1], dtype=np.float64)
     whole = np.einsum("nij,nij->n", jacobian, jacobian)
     found = np.abs(np.linalg.det(jacobian)) / (whole / 5.0) ** 2.5
     near = np.flatnonzero(found <= enough)

@@ -9,5 +9,11 @@ LATER = "its program sets the tool or base below it, or in a branch"
 MOVED_BY_UNIT = "its work object is moved by a mechanical unit, which no program file holds"
 SEEN_FROM_FLANGE = "it is used with a tool in the cell or a held work object"
 TURNED_BASE = "an external axis turns its base, and no program file holds how"
-UNKNOWN_FRAMES = frozenset((SEVERAL, COMPUTED, LATER, CALLED, CALLER))  # of which joint angles do not depend
+EXTERNAL_BASE = (
+    "BAS(#EX_BASE) lets an external axis turn its base, with data that no program file holds: set the base as "
+    "EK(…, BASE_DATA[n]), and state the axis in the project as [[positioner]]"
+)
+UNKNOWN_FRAMES = frozenset(
+    (SEVERAL, COMPUTED, LATER, CALLED, CALLER, EXTERNAL_BASE)
+)  # of which joint angles do not depend
 MOVED_FRAMES = frozenset((MOVED_BY_UNIT, TURNED_BASE))  # a project may state what these lack

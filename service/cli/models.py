@@ -29,7 +29,7 @@ def models(
     Parameters
     ----------
     words
-        Parts of a name: kr210, irb 120, crx. The whole name, or a file, shows that robot.
+        Parts of a name: kr210, irb 120, crx, panda, scara, 7 axis. The whole name, or a file, shows that robot.
     maker
         Only robots of this maker.
     every
@@ -40,7 +40,7 @@ def models(
     from rich.console import Console
 
     from cellcal.calibration.arm.robot_models import known_names
-    from cellcal.calibration.arm.robot_models.catalogue_index import find_robots
+    from cellcal.calibration.arm.robot_models.catalogue_index import find_robots, is_called
     from cellcal.service.cli.printing import print_json
 
     text = " ".join(words)
@@ -49,15 +49,24 @@ def models(
     found = [entry for entry in find_robots(text, maker) if every or entry.usable]
     if not found:
         _refuse(text, maker)
+    nearly = bool(text) and not is_called(found[0], text)
     if as_json:
-        print_json({"models": [_as_row(entry) for entry in found]})
+        print_json({"models": [_as_row(entry) for entry in found], "nearly": nearly})
     else:
+        if nearly:
+            Console(emoji=False, highlight=False).print(
+                f"No robot is called {text!r}; these names are near to it."
+            )
         _print_list(Console(emoji=False, highlight=False), found)
     return 0
 
 
 def _refuse(text: str, maker: str) -> None:
-    from cellcal.calibration.arm.robot_models.catalogue_index import catalogue_entries, find_robots
+    from cellcal.calibration.arm.robot_models.catalogue_index import (
+        catalogue_entries,
+        find_robots,
+        least_unlike,
+    )
     from cellcal.calibration.errors import CalibrationError
 
     withheld = find_robots(text, maker)
@@ -70,9 +79,11 @@ def _refuse(text: str, maker: str) -> None:
         )
     makers = ", ".join(sorted({entry.maker for entry in catalogue_entries() if entry.usable}))
     of_maker = f" of a maker {maker!r}" if maker else ""
+    near = least_unlike(text) if text and not maker else []
+    nearest = f"The nearest names: {', '.join(near)}. " if near else ""
     raise CalibrationError(
         f"no robot{of_maker} fits {text!r}." if text else f"no robot{of_maker} ships.",
-        remedy=f"Makers: {makers}. A model file (.toml) or a description (.urdf?tip=LINK) does as well.",
+        remedy=f"{nearest}Makers: {makers}. A model file (.toml) or a description (.urdf?tip=LINK) does as well.",
         code="usage",
     )
 

@@ -148,9 +148,7 @@ def _make_technician(fake_cell: FakeCellClient, scenario: DemoScenario) -> Simul
 
 async def _reach_everything(config: CellConfig, scenario: DemoScenario) -> None:
     if scenario.arm is not None:
-        scenario.say(
-            f"The arm is a {scenario.arm.title}; gears, masses and stiffness are generic, no maker's."
-        )
+        scenario.say(f"The arm: {scenario.arm.title}; gears, masses and stiffness are generic, no maker's.")
     scenario.say("The fake cell is up; every device is asked who it is.")
     report = await check_cell(config)
     for _ in range(_BUSY_TRIES):  # a busy machine answers late; a real cell gets no second look

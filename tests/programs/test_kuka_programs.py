@@ -11,6 +11,7 @@ from cellcal.calibration.geometry import homogeneous_matrix
 from cellcal.calibration.orientation import rotation_from
 from cellcal.drivers.kuka.program_files.configuration import KukaConfigurations
 from cellcal.drivers.kuka.program_files.programs import BRAND, writes_program
+from cellcal.drivers.program_registry import read_program
 from cellcal.drivers.programs.barred import COMPUTED
 from cellcal.drivers.programs.brands import DeclaringProgram
 from cellcal.drivers.programs.errors import ProgramFileError
@@ -153,7 +154,7 @@ def test_a_declaration_without_value_is_untaught_unless_the_value_comes_later():
         (("$BASE=BASE_DATA[2]", "OTHER()"), (), ""),
         (("$BASE=BASE_DATA[1]", "FAR()"), (), ""),
         ((), ("BAS(#BASE,1)",), "below it"),
-        (("BAS(#BASE,1)", "BAS(#EX_BASE,2)"), (), "while the program runs"),
+        (("BAS(#BASE,1)", "BAS(#EX_BASE,2)"), (), "lets an external axis turn its base"),
         (("BAS (#INITMOV,0 )", "BAS(#BASE,1)"), (), ""),
         (("BAS(#BASE,1)", "BAS (#INITMOV,0 )"), (), "different places"),
         (("BAS(#BASE,1)", "FIFTH()"), (), "calls"),
@@ -397,3 +398,9 @@ def test_positions_written_into_a_computed_target_are_left(line, count):
     file = src_text("DECL FRAME OFS", line)
     assert file.positions.kinds == (UNREAD,) * count
     assert set(file.positions.barred) == set(range(count))
+
+
+def test_a_base_that_is_coupled_to_an_external_axis_is_remarked():
+    text = "DEF k()\n$TOOL=TOOL_DATA[1]\n$BASE=BASE_DATA[2]\n$ACT_EX_AX=2\nLIN {X 1,Y 20,Z 130,A 0,B 180,C 0}\nEND\n"
+    (remark,) = [one for one in read_program("k.src", text.encode()).remarks if one.line == 4]
+    assert "[[positioner]]" in remark.text

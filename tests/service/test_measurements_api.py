@@ -8,8 +8,10 @@ from contextlib import asynccontextmanager
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
+from cellcal.calibration.arm.kinematics import load_model
 from cellcal.service.cli.app import run_command_line
 from cellcal.service.configuration.cell_file import read_cell_file
 from cellcal.service.engineering.identification.jobs.jobs import IdentificationJobs
@@ -19,6 +21,8 @@ from cellcal.service.people.roles import RIGHTS, Right, Role
 from cellcal.service.web.middleware import MOST_BYTES
 from tests.machine_speed import stretched_s
 from tests.service.service_client import PINS, ROLES, ServiceClient, open_service_client
+from tests.service.source_sentences import ROOT
+from tests.unit.helpers.hidden_arm import NOISE_M, HiddenArm
 from tests.unit.helpers.simulated_arm import tracker_points
 from tests.unit.test_identify_report import file_of
 
@@ -143,6 +147,44 @@ async def test_a_file_that_cannot_be_used_is_refused_in_the_words_of_the_command
             refused = await service_client.post_json(f"{JOBS}/{job['id']}/save", {"id": "1", "newest": 0})
             assert refused.status_code == 422
         assert "mirror" in misfit["fault"]["message"] + misfit["fault"]["remedy"]
+
+
+async def test_an_arm_on_a_track_is_identified_from_its_description(tmp_path: Path) -> None:
+    text = (ROOT / "tests/data/descriptions/arm_on_track.urdf").read_bytes()
+    hidden = HiddenArm(load_model(f"{ROOT}/tests/data/descriptions/arm_on_track.urdf?base=world&tip=tool0"))
+    joints = hidden.postures(60)
+    shown = np.where(hidden.slides(), joints * 1e3, np.degrees(joints))
+    heads = [f"J{i + 1} ({'mm' if slides else 'deg'})" for i, slides in enumerate(hidden.slides())]
+    lines = [",".join([*heads, "x (mm)", "y (mm)", "z (mm)"])]
+    table = np.column_stack([shown, hidden.measured(joints) * 1e3])
+    lines += [",".join(f"{value:.5f}" for value in row) for row in table.tolist()]
+    request = {"file": uploaded_file("points.csv", "\n".join(lines).encode())}
+    track = {"file": uploaded_file("a&b?.urdf", text), "base": "world", "tip": "tool0"}
+    async with an_engineer(tmp_path) as service_client:
+
+        async def end_of(described: dict[str, Any]) -> dict[str, Any]:
+            begun = await service_client.post_json(JOBS, {**request, "description": described})
+            assert begun.status_code == 202, begun.text
+            return await wait_for_end(service_client, begun.json()["id"])
+
+        job = await end_of(track)
+        assert job["state"] == "done", job
+        report = job["result"]["report"]
+        assert report["held_out"]["rmse_m"] < 1.3 * NOISE_M * np.sqrt(3.0) < report["before"]["rmse_m"]
+        assert "its parameters belong to that description" in job["result"]["not_savable"]["message"]
+        saved = await service_client.post_json(f"{JOBS}/{job['id']}/save", {"id": "1", "newest": 0})
+        assert saved.status_code == 422
+        assert str(tmp_path) not in json.dumps(job)
+        other = await end_of({**track, "tip": "no_such_link"})
+        assert other["state"] == "failed"
+        assert "no_such_link" in other["fault"]["message"]
+        for wrong in (
+            {"base": "a&tip=b"},
+            {"file": uploaded_file("arm.csv", text)},
+            {"file": uploaded_file("", text)},
+        ):
+            answer = await service_client.post_json(JOBS, {**request, "description": {**track, **wrong}})
+            assert answer.status_code == 422
 
 
 def _with_other_sign(line: str, column: int) -> str:

@@ -12,6 +12,7 @@ from cellcal.calibration.arm.kinematics import load_model
 from cellcal.calibration.cells.levels import CellOptions
 from cellcal.calibration.compensation.compensate import CompensationLimits, compensate
 from cellcal.calibration.compensation.pose_gap import TipArm
+from cellcal.calibration.compensation.posture_of_pose import postures_of_poses
 from cellcal.calibration.errors import CalibrationError
 from cellcal.calibration.geometry import exp_rotation, homogeneous_matrix
 from cellcal.calibration.identification.lints import rounding_floor
@@ -344,9 +345,14 @@ def test_full_poses_identify_an_arm_on_a_track(tmp_path):
 
 
 def test_four_axes_keep_no_pose_and_say_so():
-    with pytest.raises(CalibrationError, match="six or more") as refused:
-        TipArm(load_model(SCARA))
-    assert "enter them at its controller" in refused.value.remedy
+    arm = TipArm(load_model(SCARA))
+    for keep in (
+        compensate,
+        lambda one, _, joints: postures_of_poses(one, one.model.base_flange(joints), joints),
+    ):
+        with pytest.raises(CalibrationError, match="six or more") as refused:
+            keep(arm, arm, np.zeros((1, 4)))
+        assert "as far as its joints follow" in refused.value.remedy
 
 
 def test_what_is_said_of_a_slide_is_in_millimetres():
@@ -389,3 +395,52 @@ def test_a_cell_of_several_devices_around_an_arm_on_a_track(tmp_path):
     layout.write_text(layout.read_text().replace(', "J7"', ""))
     with pytest.raises(MeasurementError, match="7 joints"):
         identify_cell_file(path, layout, TRACK, CellOptions())
+
+
+@pytest.mark.parametrize(
+    ("written", "cause", "cure"),
+    [
+        (
+            ('"j2" type="revolute"', '"j2" type="fixed"'),
+            "joint j2 turns, which the description has as fixed",
+            "as revolute",
+        ),
+        (
+            ('"z" type="prismatic"', '"z" type="fixed"'),
+            "joint z slides, which the description has as fixed",
+            "as prismatic",
+        ),
+        (
+            ('"j2" type="revolute"', '"j2" type="prismatic"'),
+            "J2 turns, by deg, and does not slide",
+            "as revolute",
+        ),
+        (
+            ('"z" type="prismatic"', '"z" type="revolute"'),
+            "J3 slides, by mm, and does not turn",
+            "as prismatic",
+        ),
+    ],
+)
+def test_a_joint_that_is_described_as_another_kind_is_named(tmp_path, written, cause, cure):
+    hidden = HiddenArm(load_model(SCARA))
+    joints = hidden.postures(60)
+    shown = np.where(hidden.slides(), joints * 1e3, np.degrees(joints))
+    table = np.column_stack([shown, hidden.measured(joints) * 1e3])
+    path, text = tmp_path / "measured.csv", Path(SCARA.partition("?")[0]).read_text()
+    np.savetxt(path, table, delimiter=",", header="J1,J2,J3,J4,X,Y,Z", comments="", fmt="%.5f")
+    (tmp_path / "arm.urdf").write_text(text.replace(*written))
+    with pytest.raises(MisfitError) as refused:
+        identify_file(path, f"{tmp_path}/arm.urdf?tip=flange")
+    assert cause in refused.value.message
+    assert cure in refused.value.remedy
+
+
+def test_rows_that_no_fixed_joint_explains_are_refused_as_before(tmp_path):
+    dice = np.random.default_rng(2)
+    table = np.column_stack([dice.uniform(-90, 90, (60, 3)), dice.uniform(-500, 500, (60, 4))])
+    path, text = tmp_path / "measured.csv", Path(SCARA.partition("?")[0]).read_text()
+    np.savetxt(path, table, delimiter=",", header="J1,J2,J3,J4,X,Y,Z", comments="", fmt="%.5f")
+    (tmp_path / "arm.urdf").write_text(text.replace('"j2" type="revolute"', '"j2" type="fixed"'))
+    with pytest.raises(MisfitError, match="no known cause fits"):
+        identify_file(path, f"{tmp_path}/arm.urdf?tip=flange")

@@ -18,6 +18,7 @@ from cellcal.calibration.arm.robot_models.catalogue_index import (
     find_robots,
     usable_names,
 )
+from cellcal.calibration.arm.robot_models.common_names import COMMON_NAMES
 from cellcal.calibration.arm.robot_models.model_text import model_of_data
 from cellcal.calibration.arm.urdf import bare_urdf, read_urdf
 from cellcal.calibration.errors import CalibrationError
@@ -187,10 +188,62 @@ def test_frames_of_the_source_can_be_chosen():
         ("yaskawa gp25", "yaskawa_gp25"),
         ("kr21o", "kuka_kr210l150"),
         ("tx2-90l", "staubli_tx2_90l"),
+        ("panda", "franka_fer"),
+        ("Franka Emika Panda", "franka_fer"),
+        ("panda arm", "franka_fer"),
+        ("pnada", "franka_fer"),
+        ("pand", "franka_fer"),
+        ("FR-3", "franka_fr3"),
+        ("iiwa", "kuka_lbr_iiwa14_r820"),
+        ("LBR iiwa", "kuka_lbr_iiwa14_r820"),
+        ("iiwaa", "kuka_lbr_iiwa14_r820"),
+        ("KR-210", "kuka_kr210l150"),
+        ("IRB_120", "abb_irb120"),
+        ("irb12o", "abb_irb120"),
+        ("UR-10 e", "ur10e"),
+        ("motman gp25", "yaskawa_gp25"),
+        ("omron tm5 700", "techman_tm5_700"),
+        ("kuka 7 axis", "kuka_lbr_iiwa14_r820"),
+        ("mitsubishi scara", "mitsubishi_rh6crh6020"),
     ],
 )
 def test_words_find_robots_in_any_spelling(words, first):
     assert find_robots(words)[0].name == first
+
+
+@pytest.mark.parametrize(
+    ("words", "every"),
+    [
+        ("scara", lambda entry: entry.kind == "scara"),
+        ("7 axis", lambda entry: entry.axes == 7),
+        ("5-axis", lambda entry: entry.axes == 5),
+        ("parallelogram", lambda entry: entry.kind == "linkage"),
+        ("melfa", lambda entry: entry.maker.startswith("Mitsubishi")),
+    ],
+)
+def test_kinds_and_numbers_of_axes_are_words(words, every):
+    found = find_robots(words)
+    assert found
+    assert set(found) == {entry for entry in catalogue_entries() if every(entry)}
+
+
+def test_every_common_name_means_a_robot_that_ships():
+    for word in COMMON_NAMES:
+        assert any(entry.usable for entry in find_robots(word)), word
+
+
+def test_words_that_fit_nothing_name_the_nearest_robots(capsys):
+    assert run_command_line(["models", "hc99dtp"]) != 0
+    assert "The nearest names: yaskawa_hc" in " ".join(capsys.readouterr().err.split())
+
+
+def test_names_that_are_only_near_are_not_listed_as_if_they_were_meant(capsys):
+    assert run_command_line(["models", "m410ic"]) == 0
+    assert "No robot is called 'm410ic'; these names are near to it." in capsys.readouterr().out
+    assert run_command_line(["models", "m410ic", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["nearly"] is True
+    assert run_command_line(["models", "M-710iC", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["nearly"] is False
 
 
 def test_a_search_of_a_maker_leaves_out_the_others():

@@ -5,19 +5,29 @@
 """
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from difflib import SequenceMatcher, get_close_matches
 from functools import cache
 from pathlib import Path
 from typing import Any
 
+from cellcal.calibration.arm.robot_models.common_names import (
+    COMMON_NAMES,
+    UNSAYING,
+    axes_meant,
+    kind_meant,
+)
 from cellcal.calibration.documents.json_text import parse_json
 from cellcal.calibration.documents.plain_files import read_plain_text
 
 _FOLDER = Path(__file__).parent / "catalogue"
 _WORD = re.compile(r"[a-z]+|\d+")
+_PART = re.compile(r"[\s_/()-]+")
 _NEAR = 0.75
+_NEAREST = 0.6  # of a name that is worth a suggestion
+_FEWEST_LETTERS = 3  # of a name that is begun
+_ALIKE_WORDS = 3  # that a mistyped one may stand for
 LINKAGE = "linkage"  # kind of an arm of which rods drive an axis
 
 
@@ -79,19 +89,33 @@ def find_robots(words: str, maker: str = "") -> tuple[CatalogueEntry, ...]:
     """Return the robots that fit all words, best first, then those whose names are nearly so written.
 
     A word fits where its letters and digits stand in the name, title, maker or family, in any spelling: ``kr210``,
-    ``KR 210`` and ``kr-210`` are the same.
+    ``KR 210`` and ``kr-210`` are the same. Common names (``panda``), kinds (``scara``) and numbers of axes
+    (``7 axis``) fit, too.
     """
     entries = [entry for entry in catalogue_entries() if _plain(maker) in _plain(entry.maker)]
-    wanted = [_plain(word) for word in words.split() if _plain(word)]
+    wanted = _wanted_words(words)
     if not wanted:
         return tuple(entries)
     together = "".join(wanted)
     fitting = [entry for entry in entries if _fits(entry, wanted, together)]
     if not fitting:
+        meant = [_nearest_words(word, entries) for word in wanted]
+        fitting = [
+            entry
+            for entry in entries
+            if all(any(_word_fits(one, entry, _text(entry)) for one in each) for each in meant)
+        ]
+    if not fitting:
         fitting = [entry for entry in entries if _likeness(entry, together, beginning=True) >= _NEAR]
     return tuple(
         sorted(fitting, key=lambda each: (together not in _text(each), -_likeness(each, together), each.name))
     )
+
+
+def is_called(entry: CatalogueEntry, words: str) -> bool:
+    """Tell whether all words fit a robot; others of `find_robots` are only nearly so written."""
+    wanted = _wanted_words(words)
+    return _fits(entry, wanted, "".join(wanted))
 
 
 def nearest_names(name: str) -> list[str]:
@@ -102,9 +126,52 @@ def nearest_names(name: str) -> list[str]:
     return [entry.name for entry in find_robots(name.replace("_", " ")) if entry.usable][:3]
 
 
+def least_unlike(words: str) -> list[str]:
+    """Return the names of up to three robots that are least unlike words which fit none."""
+    together = "".join(_wanted_words(words))
+    usable = [entry for entry in catalogue_entries() if entry.usable]
+    alike = [(_likeness(entry, together, beginning=True), entry.name) for entry in usable]
+    return [
+        name
+        for likeness, name in sorted(alike, key=lambda each: (-each[0], each[1]))[:3]
+        if likeness >= _NEAREST
+    ]
+
+
+def _wanted_words(words: str) -> list[str]:
+    """Return the words that say something, a number of axes as one: ``7 axis`` is ``7axis``."""
+    plain = [_plain(word) for word in words.split() if _plain(word)]
+    joined: list[str] = []
+    for word in plain:
+        if joined and axes_meant(joined[-1] + word) is not None:
+            joined[-1] += word
+        else:
+            joined.append(word)
+    return [word for word in joined if word not in UNSAYING] or joined
+
+
 def _fits(entry: CatalogueEntry, wanted: list[str], together: str) -> bool:
     text = _text(entry)
-    return together in text or all(word in text for word in wanted)
+    return together in text or all(_word_fits(word, entry, text) for word in wanted)
+
+
+def _word_fits(word: str, entry: CatalogueEntry, text: str) -> bool:
+    axes, kind = axes_meant(word), kind_meant(word)
+    if axes is not None:
+        return entry.axes == axes
+    if kind is not None:
+        return entry.kind == kind
+    return word in text or any(meant in text for meant in COMMON_NAMES.get(word, ()))
+
+
+def _nearest_words(word: str, entries: Sequence[CatalogueEntry]) -> tuple[str, ...]:
+    """Return the words of the catalogue that a mistyped one is nearest to; the word itself where none is near."""
+    if any(_word_fits(word, entry, _text(entry)) for entry in entries):
+        return (word,)
+    parts = (_PART.split(f"{entry.name} {entry.title} {entry.maker} {entry.family}") for entry in entries)
+    known = {_plain(part) for some in parts for part in some} | COMMON_NAMES.keys()
+    begun = tuple(name for name in COMMON_NAMES if len(word) >= _FEWEST_LETTERS and name.startswith(word))
+    return begun or tuple(get_close_matches(word, sorted(known), n=_ALIKE_WORDS, cutoff=_NEAR)) or (word,)
 
 
 def _text(entry: CatalogueEntry) -> str:

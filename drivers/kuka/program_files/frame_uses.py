@@ -5,14 +5,16 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import TypeAlias
 
-from cellcal.drivers.programs.barred import CALLED, CALLER, COMPUTED, LATER, SEVERAL
+from cellcal.drivers.programs.barred import CALLED, CALLER, COMPUTED, EXTERNAL_BASE, LATER, SEVERAL
 from cellcal.drivers.programs.call_graph import Marks, reached_settings
 
 UNKNOWN = "?"
+TURNED_BY_AXIS = "!"  # a base that an external axis turns, by data of the controller
 RESET = "~"  # what the controller begins with: BAS(#INITMOV,0) sets it, behind what the routine sets
 BARRED = {
     "several": SEVERAL,
     "computed": COMPUTED,
+    "external": EXTERNAL_BASE,
     "called": CALLED,
     "caller": CALLER,
     "later": LATER,
@@ -67,12 +69,14 @@ class FrameUse:
         if len(self.values) != 1 or not said_before:
             return None
         (value,) = self.values
-        return None if value == UNKNOWN else value
+        return None if value in (UNKNOWN, TURNED_BY_AXIS) else value
 
     def barred_reason(self, *, said_before: bool) -> str:
         """Return why the active frames cannot be determined, with what other routines set; "" where they can."""
         if any(value not in self.values for value, _ in self.below) or (self.values and self.reset_below):
             return BARRED["called"]
+        if TURNED_BY_AXIS in self.values:
+            return BARRED["external"]
         if UNKNOWN in self.values:
             return BARRED["computed"]
         if len(self.values) > 1:

@@ -13,7 +13,14 @@ from cellcal.drivers.kuka.program_files.data_list import (
     remark_hidden_positions,
 )
 from cellcal.drivers.kuka.program_files.found_shifts import ShiftNotes
-from cellcal.drivers.kuka.program_files.frame_uses import BARRED, RESET, UNKNOWN, Branches, KrlRoutine
+from cellcal.drivers.kuka.program_files.frame_uses import (
+    BARRED,
+    RESET,
+    TURNED_BY_AXIS,
+    UNKNOWN,
+    Branches,
+    KrlRoutine,
+)
 from cellcal.drivers.kuka.program_files.lines import (
     DECLARING,
     KrlLine,
@@ -295,12 +302,15 @@ class KrlProgram:
                     use.take_value(place, RESET, self.branches)
         else:
             use = routine.tool if command == "TOOL" else routine.base
-            is_fixed_base = command != "EX_BASE" and argument.isdigit()  # a base that an external axis turns
-            use.take_value(place, argument if is_fixed_base else UNKNOWN, self.branches)
+            number = argument if argument.isdigit() else UNKNOWN
+            use.take_value(place, TURNED_BY_AXIS if command == "EX_BASE" else number, self.branches)
 
     def _take_frame_setting(self, frame: re.Match[str], line: KrlLine) -> None:
         text, place = self.found.source.text, line.start + frame.end()
         which = frame[1].upper()
+        if which == "ACT_EX_AX":
+            self.found.add_remark(line.start, "foreign", patterns.COUPLED_TEXT)
+            return
         if which == "IPO_MODE":
             self.points.external_tool |= "#TCP" in text[place : line.end].upper()
             self.found.add_remark(line.start, "foreign", patterns.EXTERNAL_TEXT)

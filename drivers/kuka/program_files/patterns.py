@@ -22,7 +22,7 @@ BAS = re.compile(
     re.IGNORECASE,
 )
 FRAME_SET = re.compile(
-    rf"(?<![\w.])\$(TOOL|BASE|IPO_MODE)\b({B}*+\.{B}*+[XYZABC])?+{B}*+=(?!=){B}*+", re.IGNORECASE
+    rf"(?<![\w.])\$(TOOL|BASE|IPO_MODE|ACT_EX_AX)\b({B}*+\.{B}*+[XYZABC])?+{B}*+=(?!=){B}*+", re.IGNORECASE
 )
 FROM_KINEMATICS = re.compile(  # a base that an external axis turns: root, kinematics, base on it
     rf"EK{B}*+\([^(){{}}\n]{{0,120}}?\bBASE_DATA{B}*+\[{B}*+(\d++){B}*+\]{B}*+\){B}*+", re.IGNORECASE
@@ -65,6 +65,10 @@ FRAME_SET_TEXT = "${} is set while the program runs; points written into moves a
 FOUND = "{} corrects the points that follow by what a sensor finds."
 EXTERNAL_TEXT = (
     "$IPO_MODE is set here: with #TCP, the tool stands in the cell, and the points are not changed."
+)
+COUPLED_TEXT = (
+    "$ACT_EX_AX couples the base to an external axis here: state that axis in the project as [[positioner]], with "
+    "this base under frames."
 )
 POINT_STRUCT = re.compile(r"\{[^{}]*?(?:\b[XYZABC]|\bA[1-6])[ \t]+[-+.\d]", re.IGNORECASE)
 

@@ -9,6 +9,7 @@ from cellcal.drivers.kuka.program_files.collected_positions import KrlPositions
 from cellcal.drivers.kuka.program_files.frame_uses import (
     BARRED,
     RESET,
+    TURNED_BY_AXIS,
     UNKNOWN,
     Branches,
     KrlRoutine,
@@ -218,7 +219,7 @@ class PointUses:
                 MoveFrames(None, named if base == "$" else base, COPIED, self.routines[routine].name)
                 for routine in routines
                 for base in self.routines[routine].base.values
-                if base not in (UNKNOWN, RESET)
+                if base not in (UNKNOWN, TURNED_BY_AXIS, RESET)
             }
         return self.bases_of[copy]
 

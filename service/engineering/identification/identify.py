@@ -32,6 +32,7 @@ from cellcal.calibration.identification.tip_uncertainty import HayatiTable, haya
 from cellcal.calibration.identification.work_parts import SERIAL, PartRunner
 from cellcal.calibration.message import make_message
 from cellcal.calibration.uncertainty import coverage_factor
+from cellcal.service.engineering.identification.fixed_joints import naming_fixed_joints
 from cellcal.service.engineering.identification.identify_check import (
     CheckedFile,
     PreparedMeasurements,
@@ -183,7 +184,8 @@ def identify_file(
     runner.show_stage("looking whether the rows fit the robot")
     start = read_start(options.start, model, prepared.observations.kind)
     chain = start.point.rigid_arm(model)
-    refuse_misfit(chain, prepared.observations, file_names(prepared.measurements))
+    with naming_fixed_joints(path, robot, options.read):
+        refuse_misfit(chain, prepared.observations, file_names(prepared.measurements))
     train, held_out = _split_rows(len(prepared.observations), options)
     grouping = group_rows(
         prepared.measurements.observations.joints_rad[train], prepared.grouping.groups[train]

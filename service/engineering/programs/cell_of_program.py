@@ -16,6 +16,7 @@ from cellcal.drivers.programs.barred import UNKNOWN_FRAMES
 from cellcal.drivers.programs.errors import ProgramFileError
 from cellcal.drivers.programs.external_settings import sets_external_axes
 from cellcal.drivers.programs.positions import CARTESIAN, JOINTS, UNTAUGHT, ProgramFile
+from cellcal.service.engineering.programs.controller_joints import NO_UNIT, as_chain, lacks_units
 from cellcal.service.engineering.programs.external.point_reasons import external_reasons
 from cellcal.service.engineering.programs.external.point_values import PointAxes
 from cellcal.service.engineering.programs.point_columns import held_rows, joints_of, side_by_side
@@ -151,9 +152,14 @@ def points_of(programs: Sequence[ProgramFile], cell: Project) -> ProgramPoints:
     ]
     all_of = [program.positions for program in programs]
     count = [len(positions) for positions in all_of]
+    no_units = [lacks_units(one.brand, one.positions, cell.nominal) for one in programs]
     reasons = [
-        "" if each.stays[row] else _first_reason(kind, p.barred.get(row, ""), axes) or each.reasons[row]
-        for p, each in zip(all_of, found, strict=True)
+        ""
+        if each.stays[row]
+        else _first_reason(kind, p.barred.get(row, ""), axes)
+        or each.reasons[row]
+        or (NO_UNIT if bare[row] else "")
+        for p, each, bare in zip(all_of, found, no_units, strict=True)
         for row, kind in enumerate(p.kinds)
     ]
     return ProgramPoints(
@@ -162,7 +168,9 @@ def points_of(programs: Sequence[ProgramFile], cell: Project) -> ProgramPoints:
         row=side_by_side([np.arange(n, dtype=np.intp) for n in count], np.zeros(0, dtype=np.intp)),
         cartesian=np.array([kind == CARTESIAN for p in all_of for kind in p.kinds], dtype=bool),
         frame_tip=side_by_side([p.frame_tip for p in all_of], np.zeros((0, 4, 4))),
-        joints=side_by_side([joints_of(p, axes) for p in all_of], np.zeros((0, axes))),
+        joints=side_by_side(
+            [as_chain(one.brand, joints_of(one.positions, axes)) for one in programs], np.zeros((0, axes))
+        ),
         texts=tuple(text for p in all_of for text in p.configurations),
         tools=tuple(name for p in all_of for name in p.tools),
         user_frames=tuple(name for p in all_of for name in p.user_frames),

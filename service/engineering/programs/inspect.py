@@ -97,9 +97,11 @@ class InspectedProgram:
         """Yield every point."""
         positions, reach = self.program.positions, self.reach
         places = _rounded_rows(positions.frame_tip[:, :3, 3] * 1e3)
-        joints = (
-            _rounded_rows(np.degrees(positions.joints)) if positions.joints.size else [[]] * len(positions)
-        )
+        shown = np.full(positions.joints.shape[1], np.degrees(1.0))
+        if reach is not None:
+            known = reach.shown_per_joint[: len(shown)]
+            shown[: len(known)] = known
+        joints = _rounded_rows(positions.joints * shown) if positions.joints.size else [[]] * len(positions)
         for i, name in enumerate(positions.names):
             yield {
                 "point": name,

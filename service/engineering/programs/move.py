@@ -18,6 +18,8 @@ from cellcal.service.engineering.programs.program_transfer import FramePair, Pro
 from cellcal.service.engineering.programs.project import Project
 from cellcal.service.engineering.programs.robot_makes import RobotMake, make_of
 
+_POSE = 6  # joints that follow every change
+
 
 @dataclass(frozen=True, eq=False)
 class MoveRoute:
@@ -185,6 +187,8 @@ def instead_of_moving(project: Project, frame: str, base_change: Array) -> str:
     ProjectError
         The project does not know the frame.
     """
+    if not _can_follow(project, base_change):
+        return ""
     alternative = redefined_frame(project, frame, base_change)[1]
     if not alternative:
         return ""
@@ -192,6 +196,18 @@ def instead_of_moving(project: Project, frame: str, base_change: Array) -> str:
         "Instead of running the moved programs, the old ones could run with {alternative}. Never do both.",
         alternative=alternative,
     )
+
+
+def _can_follow(project: Project, base_change: Array) -> bool:
+    """Tell whether the robot keeps a frame's points when the frame is entered anew: few joints follow few turns."""
+    other = project.other_arm
+    if other is None or other.free_count >= _POSE:
+        return True
+    if other.scara is None:
+        return False
+    seen = base_change[:3, :3] @ other.scara.up
+    lean = np.arctan2(np.linalg.norm(np.cross(seen, other.scara.up)), seen @ other.scara.up)
+    return bool(lean <= project.largest_tilt_rad)
 
 
 def _as_typed(make: RobotMake | None, pose: Array) -> str:

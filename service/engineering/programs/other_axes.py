@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from cellcal.calibration.message import make_message
 from cellcal.drivers.programs.errors import ProgramFileError
 from cellcal.drivers.programs.positions import Positions, ProgramFile
+from cellcal.service.engineering.programs.controller_joints import unused_columns
 
 EXTERNAL = "carries external axes, and the project does not know what they move"
 BESIDE_EXTERNAL = "its program carries external axes elsewhere, and the project does not know what they move"
@@ -26,7 +27,7 @@ def of_another_arm(program: ProgramFile, axes: int) -> NDArray[np.bool_]:
     ProgramFileError
         All that hold joints do.
     """
-    has_value = np.isfinite(program.positions.joints)
+    has_value = np.isfinite(unused_columns(program.brand, program.positions.joints, axes))
     robots = has_value.any(axis=1) & (program.positions.groups == 1)
     other: NDArray[np.bool_] = robots & (
         has_value[:, axes:].any(axis=1) | ~has_value[:, :axes].all(axis=1) | (has_value.shape[1] < axes)

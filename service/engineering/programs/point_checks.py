@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from cellcal.calibration.arm.joint_kinds import beyond_limits
+from cellcal.calibration.arm.joint_kinds import beyond_limits, shown_units
 from cellcal.calibration.arm.kinematics import RobotModel
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.message import make_message
@@ -15,6 +15,7 @@ from cellcal.calibration.programs.transfer import TransferResult, smallest_sigma
 from cellcal.drivers.programs.brands import ConfigurationRule, SharedConfigurations
 from cellcal.service.engineering.programs.cell_of_program import ProgramPoints, Rows
 from cellcal.service.engineering.programs.external.moving_axes import NO_AXES, CellAxes
+from cellcal.service.engineering.programs.other_arm_checks import check_postures
 from cellcal.service.engineering.programs.project import Project
 
 _ROUNDED_RAD = 1e-6
@@ -67,7 +68,9 @@ class TransferChecks:
             ),
         )
         self._check_limits(points, rows, found.joints_rad)
-        sigma = smallest_sigma(self.project.controller, found.joints_rad, self.project.smallest_sigma)
+        sigma = smallest_sigma(
+            self.project.controller, found.joints_rad, self.project.smallest_sigma, self.project.held_joints
+        )
         near = sigma < self.project.smallest_sigma
         reason = _row_reason(
             rows[near],
@@ -76,7 +79,11 @@ class TransferChecks:
             least=self.project.smallest_sigma,
         )
         points.refuse_points(rows[near], reason)
-        self._check_flips(points, rows, before_rad, found.joints_rad)
+        other = self.project.other_arm
+        if other is not None:
+            check_postures(points, rows, before_rad, found.joints_rad, other)
+        else:
+            self._check_flips(points, rows, before_rad, found.joints_rad)
         self._check_configurations(points, rows, found.joints_rad)
         self._check_collisions(points, rows, found.joints_rad)
 
@@ -98,6 +105,7 @@ class TransferChecks:
 
     def _check_limits(self, points: ProgramPoints, rows: Rows, joints: Array) -> None:
         model = self.project.controller
+        units = shown_units(model)[1]
         beyond = beyond_limits(model, joints)
         worst = np.argmax(beyond, axis=1)
         excess = beyond[np.arange(len(rows)), worst]
@@ -105,6 +113,10 @@ class TransferChecks:
         reasons = {
             int(i): make_message(
                 "joint {joint} would pass its limit by {by:.1f} deg", joint=joint + 1, by=np.degrees(by)
+            )
+            if joint < model.axis_count and units[joint] == "deg"
+            else make_message(
+                "joint {joint} would pass its limit by {by_mm:.1f} mm", joint=joint + 1, by_mm=by * 1e3
             )
             if joint < model.axis_count
             else _past_sum(model, int(joint) - model.axis_count, float(by))

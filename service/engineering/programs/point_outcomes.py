@@ -14,6 +14,7 @@ from cellcal.drivers.program_registry import change_programs
 from cellcal.drivers.programs.errors import ProgramFileError
 from cellcal.drivers.programs.positions import PositionChange, ProgramFile
 from cellcal.service.engineering.programs.cell_of_program import ProgramPoints, Rows
+from cellcal.service.engineering.programs.controller_joints import as_chain, as_written
 from cellcal.service.engineering.programs.external.carried_points import CarriedChanges
 from cellcal.service.engineering.programs.external.moving_axes import NO_AXES, CellAxes
 from cellcal.service.engineering.programs.external.point_values import point_axes_of, written_values
@@ -40,6 +41,7 @@ class PointOutcomes:
     turn_rad: Array
     expected_m: Array
     uncorrected_m: Array
+    left_rad: Array  # (N,) turn that the arm could not follow
     texts: dict[int, str] = field(default_factory=dict)
     axis_values: Array = field(
         default_factory=lambda: np.zeros((0, 0))
@@ -50,9 +52,9 @@ class PointOutcomes:
     @classmethod
     def make_empty(cls, count: int, axes: int) -> "PointOutcomes":
         new, before, after = (np.full((count, 4, 4), np.nan) for _ in range(3))
-        shift, turn, expected, uncorrected = (np.full(count, np.nan) for _ in range(4))
+        shift, turn, expected, uncorrected, left = (np.full(count, np.nan) for _ in range(5))
         joints = np.broadcast_to(np.full(axes, np.nan), (count, axes))
-        return cls(new, joints, before, after, shift, turn, expected, uncorrected)
+        return cls(new, joints, before, after, shift, turn, expected, uncorrected, left)
 
 
 def results_of(
@@ -140,7 +142,8 @@ def _changed_programs(
 def _program_change(points: ProgramPoints, rows: Rows, outcome: PointOutcomes) -> PositionChange:
     whole = len(rows) == rows[-1] - rows[0] + 1
     part = slice(int(rows[0]), int(rows[-1]) + 1) if whole else rows
-    poses, joints = outcome.frame_tip[part], outcome.joints[part]
+    brand = points.programs[int(points.of[rows[0]])].brand
+    poses, joints = outcome.frame_tip[part], as_written(brand, outcome.joints[part])
     spelled = [i for i in rows.tolist() if i in outcome.texts] if outcome.texts else []
     texts = [outcome.texts.get(i, points.texts[i]) for i in rows.tolist()] if spelled else None
     return PositionChange(
@@ -177,7 +180,9 @@ def _point_statuses(points: ProgramPoints, after: Sequence[ProgramFile], good: F
     )
     poses = side_by_side([new.positions.frame_tip for new in after], points.frame_tip[:0])
     axes = points.joints.shape[1]
-    joints = side_by_side([joints_of(new.positions, axes) for new in after], points.joints[:0])
+    joints = side_by_side(
+        [as_chain(new.brand, joints_of(new.positions, axes)) for new in after], points.joints[:0]
+    )
     for first in range(0, len(same), _BLOCK):
         block = slice(first, first + _BLOCK)
         same[block] &= _is_equal(points.frame_tip[block], poses[block]) & _is_equal(

@@ -13,9 +13,11 @@ from cellcal.calibration.compensation.compensate import CompensationLimits
 from cellcal.calibration.compensation.pose_gap import TipArm
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.message import make_message
-from cellcal.calibration.programs.branches import BRANCHES, AxesAtZero, all_branches, refuse_other_joints
+from cellcal.calibration.programs.branches import BRANCHES, AxesAtZero, all_branches
 from cellcal.calibration.programs.transfer import joints_near, nearest_turns
 from cellcal.drivers.programs.brands import ConfigurationRule
+from cellcal.service.engineering.programs.other_postures import UNREACHABLE, OtherPostureSearch
+from cellcal.service.engineering.programs.project import Project
 
 _FULL_TURN = 2 * np.pi
 _ROUNDED_RAD = 1e-6  # a joint may be taught at its limit, and a pose is rounded
@@ -23,7 +25,6 @@ _ALIKE_RAD = 1e-4
 _BORDER_RAD = 3e-4  # a pose is rounded to some 1e-5 rad, and a stretched wrist makes more of it
 _FACTORY = CompensationLimits(branch_rad=0.3)
 
-UNREACHABLE = "unreachable: the arm has no posture for this pose"
 OTHER_CONFIGURATION = "no posture of the arm reaches this pose with the configuration {text}"
 OTHER_TURNS = "no joints inside the limits have the turn numbers of {text}"
 NO_POSTURE = (
@@ -32,11 +33,23 @@ NO_POSTURE = (
 )
 
 
+def posture_search(cell: Project, rule: ConfigurationRule | None) -> "PostureSearch | OtherPostureSearch":
+    """Return what finds joints for the positions of a cell."""
+    other = cell.other_arm
+    if other is not None:
+        return OtherPostureSearch(other, cell.controller)
+    return PostureSearch(cell.nominal, cell.controller, rule)
+
+
+def applied_rule(cell: Project, rule: ConfigurationRule | None) -> ConfigurationRule | None:
+    """Return a maker's rule of configurations where it is known for the cell's arm: of six turning joints."""
+    return rule if cell.other_arm is None else None
+
+
 class PostureSearch:
     """Finds joints for the positions of one controller."""
 
     def __init__(self, nominal: RobotModel, controller: RobotModel, rule: ConfigurationRule | None) -> None:
-        refuse_other_joints(nominal)
         self._nominal = nominal
         self._controller = controller
         self._rule = rule

@@ -20,6 +20,7 @@ from cellcal.calibration.programs.transfer import (
     tip_poses,
     transfer_points,
 )
+from cellcal.calibration.programs.transfer_other_arms import transfer_other_arm
 from cellcal.drivers.programs.brands import ConfigurationRule
 from cellcal.drivers.programs.positions import ProgramFile
 from cellcal.service.engineering.programs.cell_of_program import (
@@ -46,9 +47,15 @@ from cellcal.service.engineering.programs.external.carried_points import (
 from cellcal.service.engineering.programs.external.point_groups import carry_group
 from cellcal.service.engineering.programs.external.standing_tools import standing_change
 from cellcal.service.engineering.programs.external.unconfirmed import unconfirmed_meanings
+from cellcal.service.engineering.programs.other_arm_checks import (
+    check_tilts,
+    own_leans,
+    refuse_another_kind,
+    rods_left_out,
+)
 from cellcal.service.engineering.programs.point_checks import TransferChecks
 from cellcal.service.engineering.programs.point_outcomes import PointOutcomes, results_of
-from cellcal.service.engineering.programs.postures import PostureSearch
+from cellcal.service.engineering.programs.postures import PostureSearch, applied_rule, posture_search
 from cellcal.service.engineering.programs.project import Project
 from cellcal.service.engineering.programs.project_poses import ProjectTool
 from cellcal.service.engineering.programs.project_pulses import in_joints
@@ -128,11 +135,13 @@ class ProgramTransfer:
 
     def __init__(self, route: TransferRoute, rule: ConfigurationRule | None) -> None:
         self._route = route
-        self._rule = rule
         source = route.source
-        self._postures = PostureSearch(source.nominal, source.controller, rule)
+        refuse_another_kind(source, route.target)
+        self._rule = applied_rule(source, rule)
+        self._postures = posture_search(source, rule)
+        self._other = route.target.other_arm
         self._back = PostureSearch(route.target.nominal, route.target.controller, rule)
-        self._judge = TransferChecks.for_project(route.target, rule, source.axes)
+        self._judge = TransferChecks.for_project(route.target, self._rule, source.axes)
 
     def transfer_programs(self, programs: Sequence[ProgramFile]) -> tuple[ProgramResult, ...]:
         """Carry programs of one brand.
@@ -159,6 +168,10 @@ class ProgramTransfer:
         warnings = [*self._judge.unchecked_shapes(points), *unconfirmed_meanings(points)]
         for group in groups_of(points, bring_their_own(programs) or self._rule is None):
             self._transfer_group(points, group, result, warnings)
+        warnings += [
+            *own_leans(points, result.left_rad),
+            *rods_left_out(self._route.source, self._route.target),
+        ]
         findings = find_turned_shifts(points, self._route, result.carried)
         return results_of(points, result, warnings, findings, source=self._route.source)
 
@@ -328,6 +341,9 @@ class ProgramTransfer:
         result: PointOutcomes,
     ) -> Array:
         found = self._transfer_points(points, rows, joints, by[0])
+        if self._other is not None:
+            result.left_rad[rows] = found.left_rad
+            check_tilts(points, rows, self._tilts(joints, by[0], by[1]), self._route.target)
         self._judge.check_points(points, rows, joints, found)
         texts = self._judge.new_configurations(points, rows, found.joints_rad)
         result.texts.update(texts)
@@ -338,6 +354,8 @@ class ProgramTransfer:
         self, points: ProgramPoints, rows: Rows, joints: Array, way: TransferFrames
     ) -> TransferResult:
         """Transfer points; those that do not arrive from their old joints begin at that posture of the new pose."""
+        if self._other is not None:
+            return transfer_other_arm(way, joints, self._other)
         found = transfer_points(way, joints, careful=False)
         unreached = np.flatnonzero(~found.reached)
         if not len(unreached):
@@ -358,6 +376,14 @@ class ProgramTransfer:
         found.joints_rad[unreached], found.base_tip[unreached] = other.joints_rad, other.base_tip
         found.reached[unreached], found.left_m[unreached] = other.reached, other.left_m
         return found
+
+    def _tilts(self, joints: Array, way: TransferFrames, frame_pair: FramePair) -> Array:
+        """Return how far the change alone turns points beyond what the arm can follow (N,), without its errors."""
+        assert self._other is not None
+        source = TipArm(self._route.source.controller, frame_pair.source_tool.entered)
+        nominal = replace(way, source=source, target=way.written)
+        found = transfer_other_arm(nominal, joints, self._other)
+        return np.where(found.left_m < _CONTRADICTS_M, found.left_rad, 0.0)  # beyond its reach: that is said
 
     def _store_block(
         self,

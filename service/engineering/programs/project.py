@@ -10,8 +10,10 @@ from pathlib import Path
 
 import numpy as np
 
+from cellcal.calibration.arm.joint_kinds import shown_units
 from cellcal.calibration.arm.kinematics import RobotModel, load_model
 from cellcal.calibration.arm.model_references import fixed_reference
+from cellcal.calibration.compensation.other_joint_counts import moves_six_joints
 from cellcal.calibration.compensation.pose_gap import TipArm
 from cellcal.calibration.documents import DocumentError
 from cellcal.calibration.documents.plain_files import read_plain_text
@@ -21,6 +23,7 @@ from cellcal.calibration.identification.parameters import ArmState
 from cellcal.calibration.message import make_message
 from cellcal.calibration.motion.collision import CellShape
 from cellcal.calibration.points.alignment import Alignment, read_alignments
+from cellcal.calibration.programs.transfer_other_arms import OtherArm
 from cellcal.service.configuration.cell_shapes import read_cell_shape
 from cellcal.service.engineering.programs.external.axis_tables import (
     fixture_values,
@@ -29,6 +32,7 @@ from cellcal.service.engineering.programs.external.axis_tables import (
 )
 from cellcal.service.engineering.programs.external.moving_axes import NO_AXES, CellAxes
 from cellcal.service.engineering.programs.external.standing_tools import NO_STANDING_TOOLS, StandingTools
+from cellcal.service.engineering.programs.held_joints import read_held_joints
 from cellcal.service.engineering.programs.project_arms import (
     IdentifiedArm,
     factory_arm,
@@ -58,6 +62,7 @@ from cellcal.service.engineering.programs.starting_postures import (
     read_starting_postures,
 )
 
+LARGEST_TILT_RAD = float(np.radians(0.02))  # some times what a pendant shows
 SMALLEST_SIGMA = 0.01  # m/rad: nearer to a singularity no point is computed unless a project says so
 
 
@@ -89,6 +94,8 @@ class Project:
     )  # of frames that a table turns: what their pose in the controller is seen from
     standing_tools: StandingTools = NO_STANDING_TOOLS
     starting: StartingPostures = NO_STARTING_POSTURES
+    held_joints: tuple[int, ...] = ()  # from 0: they stay at their taught values
+    largest_tilt_rad: float = LARGEST_TILT_RAD  # that a change may ask of an arm which cannot follow it
 
     @property
     def identified_state(self) -> ArmState | None:
@@ -121,6 +128,11 @@ class Project:
                 remedy=make_message("It has {names}; a project's are [frames.NAME].", names=names),
             )
         return np.eye(4)
+
+    @property
+    def other_arm(self) -> OtherArm | None:
+        """Return what keeps the posture of an arm that has not six turning joints; None of one that has."""
+        return None if moves_six_joints(self.nominal) else OtherArm.from_model(self.nominal, self.held_joints)
 
     def program_files(self) -> tuple[Path, ...]:
         """Return the programs of this cell, sorted by name."""
@@ -177,6 +189,10 @@ def read_project(path: Path) -> Project:
             works=_read_tools(tables.held_work, {}, None, where, "held_work"),
         ),
         starting=read_starting_postures(robot, tables.starting_postures, nominal, where),
+        held_joints=read_held_joints(robot.held_joints, nominal, f"{where}: [robot]"),
+        largest_tilt_rad=LARGEST_TILT_RAD
+        if robot.largest_tilt_deg is None
+        else float(np.radians(robot.largest_tilt_deg)),
     )
 
 
@@ -201,7 +217,7 @@ def _with_limits(model: RobotModel, robot: RobotTable, where: str) -> RobotModel
     def joint_limits(values: Sequence[float] | None, key: str, default: Array) -> Array:
         if values is None:
             return default
-        return np.deg2rad(axis_numbers(values, key, model.axis_count, where))
+        return axis_numbers(values, key, model.axis_count, where) / shown_units(model)[0]
 
     return replace(
         model,

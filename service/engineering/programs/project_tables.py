@@ -35,6 +35,7 @@ Version = Annotated[int, allow_only("is a whole number, beside parameter_store")
 Patterns = Annotated[
     list[Annotated[str, Field(min_length=1)]], allow_only("is a list of file names or patterns")
 ]
+JointNumbers = Annotated[list[int], allow_only("is a list of joints from 1, such as held_joints = [3]")]
 FrameNames = Annotated[
     list[Annotated[str, Field(min_length=1)]],
     allow_only('is a list of user frames, such as frames = ["3"]'),
@@ -75,6 +76,8 @@ class RobotTable(CheckedTable):
     smallest_sigma: NonNegative | None = None
     pulses_per_rad: Numbers | None = None
     starting_posture_deg: Numbers | None = None
+    held_joints: JointNumbers | None = None
+    largest_tilt_deg: NonNegative | None = None
     missing_remedies: ClassVar[Mapping[str, str]] = dict.fromkeys(
         ("serial", "model"), "A project's robot needs serial and model."
     )

@@ -2,11 +2,12 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cellcal.calibration.arm.joint_kinds import beyond_limits
+from cellcal.calibration.arm.joint_kinds import beyond_limits, shown_units
 from cellcal.calibration.compensation.pose_gap import TipArm
 from cellcal.calibration.geometry import Array, inverse_transform
 from cellcal.calibration.programs.transfer import smallest_sigma, tip_poses
@@ -26,11 +27,13 @@ from cellcal.service.engineering.programs.cell_of_program import (
 )
 from cellcal.service.engineering.programs.expected_accuracy import Expectation, TransferEnds
 from cellcal.service.engineering.programs.external.carried_points import AxisEnd, carry_points
-from cellcal.service.engineering.programs.postures import PostureSearch
+from cellcal.service.engineering.programs.other_postures import OtherPostureSearch
+from cellcal.service.engineering.programs.postures import PostureSearch, applied_rule, posture_search
 from cellcal.service.engineering.programs.project import Project
 from cellcal.service.engineering.programs.project_poses import ProjectTool
 from cellcal.service.engineering.programs.project_pulses import in_joints
 
+Search: TypeAlias = PostureSearch | OtherPostureSearch
 _ROUNDED_RAD = 1e-6  # a joint may be taught at its limit
 
 
@@ -46,6 +49,9 @@ class ProgramReach:
         Array  # (N,) how far the real tip is from where the controller believes it, by the identified model
     )
     expected_m: Array  # (N,) k = 2, how surely the identified model knows the real tip
+    shown_per_joint: (
+        Array  # (n,) what joints are multiplied with to be shown in degrees, or mm where they slide
+    )
 
 
 def reach_of(programs: Sequence[ProgramFile], cell: Project) -> tuple[ProgramReach, ...]:
@@ -62,12 +68,14 @@ def reach_of(programs: Sequence[ProgramFile], cell: Project) -> tuple[ProgramRea
     axes = cell.nominal.axis_count
     points = points_of(programs, cell)
     rule = brand_named(programs[0].brand).configurations
-    search = PostureSearch(cell.nominal, cell.controller, rule)
+    search = posture_search(cell, rule)
+    rule = applied_rule(cell, rule)
     found = _ReachColumns.make_empty(len(points), axes)
     for group in groups_of(points, bring_their_own(programs) or rule is None):
         _of_group(group, points, cell, search, found)
     return tuple(
-        found.select_rows(np.flatnonzero(points.of == number), points) for number in range(len(programs))
+        found.select_rows(np.flatnonzero(points.of == number), points, shown_units(cell.nominal)[0])
+        for number in range(len(programs))
     )
 
 
@@ -91,7 +99,7 @@ class _ReachColumns:
             np.full(count, np.nan),
         )
 
-    def select_rows(self, rows: NDArray[np.intp], points: ProgramPoints) -> ProgramReach:
+    def select_rows(self, rows: NDArray[np.intp], points: ProgramPoints, shown: Array) -> ProgramReach:
         return ProgramReach(
             self.joints_rad[rows],
             self.base_place_m[rows],
@@ -99,11 +107,12 @@ class _ReachColumns:
             self.failed[rows],
             self.miss_m[rows],
             self.expected_m[rows],
+            shown,
         )
 
 
 def _of_group(
-    group: PointGroup, points: ProgramPoints, cell: Project, search: PostureSearch, found: _ReachColumns
+    group: PointGroup, points: ProgramPoints, cell: Project, search: Search, found: _ReachColumns
 ) -> None:
     """Fill in the points that share tool and frame."""
     program, rows = points.programs[points.of[group.rows[0]]], group.rows
@@ -126,7 +135,9 @@ def _of_group(
         assert carried.source_frame is not None
         base_flange = carried.source_frame @ points.tips_of(posed) @ inverse_transform(tool.entered)
         texts = [points.texts[i] for i in posed.tolist()]
-        joints, why = search.find_joints(base_flange, texts, points.taught_before(posed))
+        postures = points.taught_before(posed)
+        points.begin_programs(posed, postures, cell.starting)
+        joints, why = search.find_joints(base_flange, texts, postures)
         found.joints_rad[posed] = joints
         _mark_failed(points, posed, why, found)
     _judge_points(rows[np.isfinite(found.joints_rad[rows]).all(axis=1)], points, cell, tool, found)
@@ -154,7 +165,7 @@ def _judge_points(
     of = [*(f"J{j + 1}" for j in range(model.axis_count)), *(each.name for each in model.combined_limits)]
     names = [", ".join(of[j] for j in np.flatnonzero(one)) for one in beyond]
     _mark_failed(points, rows, [f"{name} beyond its limit" if name else "" for name in names], found)
-    near = smallest_sigma(model, joints, cell.smallest_sigma) < cell.smallest_sigma
+    near = smallest_sigma(model, joints, cell.smallest_sigma, cell.held_joints) < cell.smallest_sigma
     _mark_failed(points, rows, ["too near to a singularity" if one else "" for one in near.tolist()], found)
     believed = tip_poses(TipArm(model, tool.entered), joints)
     found.base_place_m[rows] = believed[:, :3, 3]

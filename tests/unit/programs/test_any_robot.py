@@ -35,9 +35,6 @@ P[1]{
 /END
 """
 
-FOUR = LS.replace(b"-30.000 deg,", b"30.000  mm,").replace(
-    b"0.000 deg,    J5=   -60.000 deg,    J6=     0.000 deg", b"0.000 deg"
-)
 DESCRIPTIONS = Path(__file__).parents[2] / "data" / "descriptions"
 
 
@@ -86,7 +83,6 @@ def test_a_description_of_a_fanuc_is_not_taken_for_its_controllers_joints(tmp_pa
     [
         ("scara.urdf?tip=flange", LS, "another number of joints", "[[track]]"),
         ("arm_on_track.urdf?base=world&tip=tool0", LS, "another number of joints", "[[track]]"),
-        ("scara.urdf?tip=flange", FOUR, "has 4, of which 1 slide", "at its controller"),
     ],
 )
 def test_an_arm_of_another_kind_is_refused_for_what_it_is(tmp_path, robot, text, says, cure, capsys):

@@ -284,6 +284,7 @@ export interface IdentifyOverview {
 export interface IdentifyRequest {
   file: UploadedFile;
   robot?: string;
+  description?: RobotDescription | null;
 }
 
 export interface IdentifyResult {
@@ -668,6 +669,12 @@ export interface ReviewValue {
   unit: string;
   value: number;
   signed: number;
+}
+
+export interface RobotDescription {
+  file: UploadedFile;
+  base?: string;
+  tip?: string;
 }
 
 export interface RobotOfCell {

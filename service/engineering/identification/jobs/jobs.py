@@ -15,6 +15,7 @@ from cellcal.calibration.errors import CellError
 from cellcal.calibration.message import make_message
 from cellcal.calibration.message_table import take_table
 from cellcal.service.configuration.cell_file import CellConfig
+from cellcal.service.engineering.identification.jobs.descriptions import DescribedRobot, read_description
 from cellcal.service.engineering.identification.jobs.limits import IdentifyProcessLimits
 from cellcal.service.engineering.identification.jobs.shapes import (
     DRAFTS,
@@ -52,6 +53,7 @@ class IdentificationJob(PageJob):
     robot: str
     serial: str
     model: str
+    described: DescribedRobot | None = None
     stage: str = ""
     fault: IdentifyFault | None = None
     saved_version: int | None = None
@@ -152,7 +154,9 @@ class IdentificationJobs(PageJobs[IdentificationJob]):
                 ),
                 remedy="Take fewer rows, or use `cellcal identify` at the service's computer.",
             )
-        job = IdentificationJob(name, robot.name, robot.serial, robot.model, who=who)
+        described = None if request.description is None else read_description(request.description)
+        model = robot.model if described is None else described.reference
+        job = IdentificationJob(name, robot.name, robot.serial, model, described, who=who)
         try:
             await asyncio.to_thread(_write_files, job, content)
         except BaseException:
@@ -206,9 +210,12 @@ def newest_version(config: CellConfig, serial: str) -> int:
 def _write_files(job: IdentificationJob, content: bytes) -> None:
     (job.folder / SOURCES).mkdir()
     (job.folder / SOURCES / job.file).write_bytes(content)
+    if job.described is not None:
+        job.described.write_file(job.folder)
     request = {
         "file": job.file,
         "model": job.model,
+        "described": job.described is not None,
         "serial": job.serial,
         "who": job.who,
         "at_utc": job.at.isoformat(timespec="seconds"),

@@ -9,15 +9,31 @@ from cellcal.service.engineering.programs.jobs.shapes import UploadedFile
 
 REQUEST_FILE, RESULT_FILE = "request.json", "result.json"  # of a job's folder
 SOURCES, DRAFTS = "sources", "drafts"
+DESCRIBED = "description"  # folder of a job: what its robot was described by
+LinkName = Annotated[str, StringConstraints(max_length=120, pattern=r"^[\w./:-]*$")]  # no mark of a reference
+
+
+class RobotDescription(BaseModel):
+    """The robot together with what carries it or its target: a track or a positioner as joints of the chain."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    file: UploadedFile  # URDF with every xacro expanded, or a model file (.toml)
+    base: LinkName = ""  # of a URDF: where the chain begins; empty: its root
+    tip: LinkName = ""  # and where it ends
 
 
 class IdentifyRequest(BaseModel):
-    """A file of measurements as the instrument wrote it, and the robot of this cell that was measured."""
+    """A file of measurements as the instrument wrote it, and the robot of this cell that was measured.
+
+    With a description the robot stands on external axes, which the cell file's model does not hold.
+    """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
     file: UploadedFile
     robot: Annotated[str, StringConstraints(max_length=120)] = ""  # its name; empty: the cell's first
+    description: RobotDescription | None = None
 
 
 class IdentifyResponseModel(BaseModel):

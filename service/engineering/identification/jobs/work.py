@@ -3,6 +3,7 @@
 The file is read here and nowhere else, within limits of memory and processor time.
 """
 
+import contextlib
 import json
 import logging
 import os
@@ -25,8 +26,15 @@ from cellcal.service.engineering.identification.identify_findings import (
     unknown_of,
 )
 from cellcal.service.engineering.identification.identify_outputs import save_identification
+from cellcal.service.engineering.identification.jobs.descriptions import NOT_SAVABLE
 from cellcal.service.engineering.identification.jobs.limits import IdentifyProcessLimits
-from cellcal.service.engineering.identification.jobs.shapes import DRAFTS, REQUEST_FILE, RESULT_FILE, SOURCES
+from cellcal.service.engineering.identification.jobs.shapes import (
+    DESCRIBED,
+    DRAFTS,
+    REQUEST_FILE,
+    RESULT_FILE,
+    SOURCES,
+)
 from cellcal.service.engineering.job_processes import leave_with_the_service, write_message
 from cellcal.service.engineering.measured.measurements import OUTLIER
 from cellcal.service.engineering.parameters.parameter_files import SetOrigin
@@ -64,13 +72,16 @@ def identify_upload(folder: Path) -> None:
         The file cannot be read, or does not fit the robot.
     """
     request = parse_json(read_plain_text(folder / REQUEST_FILE))
-    file = folder / SOURCES / request["file"]
+    file = (folder / SOURCES / request["file"]).absolute()
     display = _MessageDisplay()
     display.show_stage("reading the measurements")
     with share_parts(display) as runner:  # before any thread begins: it forks
         threading.Thread(target=leave_with_the_service, daemon=True).start()
-        report = identify_file(file, request["model"], runner=runner)
-    result = result_document(report) | {"not_savable": _write_draft(report, file, folder, request)}
+        # A description is named by its file alone, so that no sentence names folders of this computer.
+        with contextlib.chdir(folder / DESCRIBED if request["described"] else Path.cwd()):
+            report = identify_file(file, request["model"], runner=runner)
+    refused = NOT_SAVABLE if request["described"] else _write_draft(report, file, folder, request)
+    result = result_document(report) | {"not_savable": refused}
     text = json.dumps(with_messages(result), allow_nan=False)
     (folder / RESULT_FILE).write_text(text, encoding="utf-8")
 
