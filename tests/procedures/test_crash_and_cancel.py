@@ -39,14 +39,14 @@ FURTHER: dict[str, Callable[[], Awaitable[ProcedureScene]]] = {
 } | {"fixture_alignment by all lengths but one": alignment_with_outlier}
 CASES = [*NAMES, *FURTHER]
 ASKED = os.environ.get("CELLCAL_CRASHES", "")
-CRASHES = int(ASKED or 24)  # of a procedure's writes, evenly spread; `make soak` takes all of them
-FEW = int(ASKED or 4)  # of further scenes of a procedure, and of moves
+CRASHES = int(ASKED or 12)  # of a procedure's writes, evenly spread; `make soak` takes all of them
+FEW = int(ASKED or 3)  # of further scenes of a procedure, and of moves
 LONG = {  # of procedures that take long: an arm that waits at each contact, and many lengths to judge
-    "probed_frame": int(ASKED or 10),
-    "mastering_record": int(ASKED or 6),
-    "mastering_recovery": int(ASKED or 4),
-    "position_record": int(ASKED or 4),
-    "position_cure": int(ASKED or 4),
+    "probed_frame": int(ASKED or 5),
+    "mastering_record": int(ASKED or 4),
+    "mastering_recovery": int(ASKED or 3),
+    "position_record": int(ASKED or 3),
+    "position_cure": int(ASKED or 3),
 }
 
 

@@ -69,9 +69,14 @@ def test_the_axes_of_a_positioner_are_found_from_a_target_on_its_table(tmp_path,
 
 
 SLICE = [
-    "abb_irb2400", "denso_hsr065a1_n32", "fanuc_crx10ia", "franka_fr3", "kuka_lbr_iiwa14_r820",
-    "mitsubishi_rh6frh5520", "staubli_tx2_90l", "ufactory_xarm5", "yaskawa_gp25", "yaskawa_mpl80",
-]  # fmt: skip
+    "abb_irb2400",
+    "fanuc_crx10ia",
+    "franka_fr3",
+    "mitsubishi_rh6frh5520",
+    "staubli_tx2_90l",
+    "ufactory_xarm5",
+    "yaskawa_mpl80",
+]  # fmt: skip  `make soak` takes the whole catalogue
 
 
 @pytest.mark.parametrize("robot", SLICE)
