@@ -165,6 +165,11 @@ class AbbController:
 
     # what happens
 
+    @property
+    def unit_status(self) -> str:
+        """The state of the mechanical unit: that of its worst axis."""
+        return next((state for state in self.axis_states if state != "Synchronized"), "Synchronized")
+
     def note_event(self, code: int, kind: int, title: str) -> None:
         """Write an entry of the event log."""
         stamp = datetime.datetime.now(datetime.UTC).strftime("%Y-%m-%d T %H:%M:%S")
