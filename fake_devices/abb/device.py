@@ -57,6 +57,8 @@ class FakeAbbRobot(NetworkedRobot):
             "fine_calibrate": lambda p: c.fine_calibrate(parse_axes(p.pop("axis", "1"), _AXES)[0]),
             "auto_mode": lambda _: c.turn_to_auto(),
             "mend": lambda _: c.mend(),
+            "program_start": lambda _: c.turn_to_auto(),
+            "files_deleted": lambda _: c.files.contents.clear(),
         }
 
     def _make_server(self, table: Mapping[str, Any], faults: LinkFaults) -> HttpPort:
@@ -82,6 +84,7 @@ class FakeAbbRobot(NetworkedRobot):
             "motors": c.motors,
             "state": c.state,
             "axis_states": list(c.axis_states),
+            "files": {name: content.hex() for name, content in c.files.contents.items()},
             "controller_joints_rad": c.arm.controller_joints_rad.tolist(),
             "error_rad": c.counters.error_rad.tolist(),
             "active": {

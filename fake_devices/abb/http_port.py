@@ -34,6 +34,7 @@ _PHRASES = {
     404: "Not Found",
     405: "Method Not Allowed",
     406: "Not Acceptable",
+    409: "Conflict",
     410: "Gone",
     415: "Unsupported Media Type",
     503: "Busy",

@@ -18,6 +18,7 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from cellcal.fake_devices.abb.controller import AbbController
+from cellcal.fake_devices.abb.files import FOLDER
 from cellcal.fake_devices.abb.http_port import HttpRequest
 from cellcal.fake_devices.abb.quaternions import quaternion_of
 
@@ -67,6 +68,8 @@ class OmnicoreResources:
         if path.startswith(_SYMBOL) and path.endswith(_DATA):
             name = path.removeprefix(_SYMBOL).removesuffix(_DATA)
             return self._symbol(request.method, name, request.form, session)
+        if path.startswith(FOLDER):
+            return self._file(request, path.removeprefix(FOLDER).strip("/"))
         if request.method == "POST":
             return self._act(path, request.form, session)
         return self._read(path)
@@ -74,6 +77,23 @@ class OmnicoreResources:
     def end_session(self, session: str) -> None:
         """Take back what a session had."""
         self._masters = {domain: one for domain, one in self._masters.items() if one != session}
+
+    def _file(self, request: HttpRequest, name: str) -> Reply:
+        files = self._c.files
+        if request.method == "GET" and not name:
+            entries, following = files.list_page(int(request.query.get("start", "1")))
+            links = (
+                _links() if following is None else {**_links(), "next": {"href": f"$HOME?start={following}"}}
+            )
+            return 200, {"_links": links, "_embedded": {"resources": entries}}
+        if request.method == "GET":
+            content = files.contents.get(name)
+            return (200, content) if content is not None else _refusal(404, -1073445859, "no such file")
+        if request.method == "POST" and name.endswith("/copy"):
+            status = files.copy(name.removesuffix("/copy"), request.form)
+        else:
+            status = files.change(request.method, name, request.body)
+        return (status, None) if status < 400 else _refusal(status, -1073445859, "the file service refuses")
 
     def _read(self, path: str) -> Reply:
         if path in ("/", "/rw"):

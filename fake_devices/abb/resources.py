@@ -7,13 +7,14 @@ Source
 Modelled
     The paths in the table; symbols are read and set.
 Not modelled
-    XML, subscriptions, files, signals, mastership: 404.
+    XML, subscriptions, signals, mastership: 404.
 """
 
 from collections.abc import Callable, Mapping
 from typing import Any
 
 from cellcal.fake_devices.abb.controller import AbbController
+from cellcal.fake_devices.abb.files import FOLDER
 from cellcal.fake_devices.abb.http_port import HttpRequest
 from cellcal.fake_devices.abb.quaternions import quaternion_of
 
@@ -56,9 +57,27 @@ class ResourceTable:
     def answer(self, request: HttpRequest) -> Reply:
         """Return status and content of an answer."""
         method, path, query, form = request.method, request.path, request.query, request.form
+        if path.startswith(FOLDER):
+            return self._file(request, path.removeprefix(FOLDER).strip("/"))
         if path.startswith(_SYMBOL):
             return self._symbol(method, path.removeprefix(_SYMBOL), query, form)
         return self._read(path) if method == "GET" else self._act(path, query.get("action", ""), form)
+
+    def _file(self, request: HttpRequest, name: str) -> Reply:
+        files = self._c.files
+        if request.method == "GET" and not name:
+            entries, following = files.list_page(int(request.query.get("start", "1")))
+            links = {} if following is None else {"next": {"href": f"?json=1&start={following}"}}
+            return 200, {"_links": links, "_embedded": {"_state": entries}}
+        if request.method == "GET":
+            content = files.contents.get(name)
+            return (200, content) if content is not None else _refusal(404, "no such file")
+        if request.method != "POST":
+            status = files.change(request.method, name, request.body)
+        else:
+            form = request.form
+            status = files.copy(name, form) if form.get("fs-action") == "copy" else 400
+        return (status, None) if status < 400 else _refusal(status, "the file service refuses")
 
     def _read(self, path: str) -> Reply:
         if path in ("/logout", "/"):

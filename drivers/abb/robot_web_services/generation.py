@@ -1,8 +1,8 @@
 """Which generation of Robot Web Services answers at an address; found out without saying user or password.
 
 A controller of the first asks for digest authentication over HTTP, one of the second for basic authentication over
-TLS. Plain HTTP is asked first: an answer over it that is no digest challenge is not taken, so nobody gets the
-password of a basic authentication without TLS.
+TLS. Plain HTTP is asked first: an answer over it that is no digest challenge is not taken, so that the
+password of a basic authentication never goes out without TLS.
 """
 
 import logging

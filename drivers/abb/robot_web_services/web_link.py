@@ -117,6 +117,25 @@ class WebLink:
             raise self._unreadable(f"{path} holds no state")
         return [dict(state) for state in states]
 
+    async def get_document(self, path: str, **query: str) -> Mapping[str, Any]:
+        """Return a whole answer; errors as for ``get_state``."""
+        return self._decode(await self._request("GET", path, {**self.dialect.query, **query}))
+
+    async def get_content(self, path: str) -> bytes:
+        """Return a file of the controller; errors as for ``get_state``."""
+        content = (await self._request("GET", path, {})).content
+        if len(content) > _MOST_OCTETS:
+            raise self._unreadable("it is too long")
+        return content
+
+    async def put_content(self, path: str, content: bytes) -> None:
+        """Write a file of the controller; errors as for ``get_state``."""
+        await self._request("PUT", path, {}, content, self.dialect.file_type)
+
+    async def delete(self, path: str) -> None:
+        """Delete a file of the controller; errors as for ``get_state``."""
+        await self._request("DELETE", path, {})
+
     async def post_action(self, path: str, action: str, **fields: str) -> None:
         """Ask for an action; "" is a plain write. Errors as for ``get_state``."""
         dialect = self.dialect
