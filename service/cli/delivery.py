@@ -63,7 +63,8 @@ def fetch(
     Parameters
     ----------
     addresses
-        abb://HOST[:PORT][/FOLDER], fanuc://HOST[:PORT], or a folder such as a controller's mounted share.
+        abb://HOST[:PORT][/FOLDER], fanuc://HOST[:PORT], yaskawa://HOST, or a folder such as a controller's
+        mounted share.
     out
         A folder; each controller gets one of its own in it.
     """

@@ -1,9 +1,12 @@
 """Programs of controllers over the wire: copied, compared, delivered, put back, and never half there."""
 
+import asyncio
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
+from yrcom import HsesFileClient
 
 from cellcal.calibration.errors import CellError
 from cellcal.drivers.errors import DeviceError, RefusedError
@@ -30,6 +33,7 @@ from cellcal.service.engineering.delivery.stored_copies import (
     read_delivery,
 )
 from tests.wire.cutting_proxy import CuttingProxy
+from tests.wire.driver_cases import ROBOTS
 from tests.wire.writable_ftp import PASSWORD, READ, USER, writable_ftp
 
 EVA, STANDS = Approval("Eva"), Approval("Eva", robot_stands=True)
@@ -265,6 +269,63 @@ async def test_half_a_listing_is_never_sent(tmp_path: Path) -> None:
             fanuc_store(server.port), {"weld.ls": LISTING[:60]}, tmp_path / "copies", STANDS, "fanuc"
         )
     assert (folder / "weld.ls").read_bytes() == LISTING % 1
+
+
+# Yaskawa
+
+JOB = "/JOB\r\n//NAME WELD\r\nNOP\r\n{line}\r\nEND\r\n"
+
+
+async def test_jobs_are_delivered_and_a_foreign_client_reads_and_writes_them(
+    cell: CellConfig, fake_client: FakeCellClient, tmp_path: Path
+) -> None:
+    config: Any = cell.robot_named("motoman")
+    await ROBOTS["yaskawa"].heal(fake_client, SimpleNamespace(stop=_nothing))
+    old, new = JOB.format(line="'old").encode(), JOB.format(line="'new " + "x" * 1200).encode()
+
+    def write_foreign() -> None:
+        with HsesFileClient(config.address) as files:
+            files.write_file("WELD.JBI", old)
+
+    def read_foreign() -> tuple[list[str], bytes]:
+        with HsesFileClient(config.address) as files:
+            return files.list_files("*.JBI"), files.read_file("WELD.JBI")
+
+    await asyncio.to_thread(write_foreign)
+    address = f"yaskawa://{config.address}"
+    open_store = store_at(address, LOGIN)
+    stored = await deliver_programs(open_store, {"WELD.JBI": new, "ADDED.JBI": new}, tmp_path, EVA, address)
+    assert await asyncio.to_thread(read_foreign) == (["ADDED.JBI", "WELD.JBI"], new)
+    await restore_programs(open_store, stored, EVA)
+    assert await asyncio.to_thread(read_foreign) == (["WELD.JBI"], old)
+    await fake_client.inject_fault("teach_mode", device="motoman")
+    with pytest.raises(DeliveryFailedError, match="is there again"):
+        await deliver_programs(open_store, {"WELD.JBI": new}, tmp_path, EVA, address)
+    assert await asyncio.to_thread(read_foreign) == (["WELD.JBI"], old)
+
+
+async def test_lost_answers_of_a_yaskawa_leave_the_old_job(
+    cell: CellConfig, fake_client: FakeCellClient, tmp_path: Path
+) -> None:
+    config: Any = cell.robot_named("motoman")
+    await ROBOTS["yaskawa"].heal(fake_client, SimpleNamespace(stop=_nothing))
+    old, new = JOB.format(line="'old").encode(), JOB.format(line="'new " + "x" * 1200).encode()
+    address = f"yaskawa://{config.address}"
+    open_store = store_at(address, StoreLogin(timeout_s=0.5))
+    async with open_store() as store:
+        await store.write_file("WELD.JBI", old)
+    await fake_client.inject_fault("lossy", device="motoman")
+    with pytest.raises(CellError) as caught:
+        await deliver_programs(open_store, {"WELD.JBI": new}, tmp_path, EVA, address)
+    await fake_client.send_command("clear")
+    if isinstance(caught.value, DeliveryFailedError):
+        await restore_programs(open_store, read_delivery(caught.value.stored.folder), EVA)
+    async with open_store() as store:
+        assert await store.read_file("WELD.JBI") == old
+
+
+async def _nothing() -> None:
+    """Stand for the stop of a robot that was not opened."""
 
 
 # a folder

@@ -1,4 +1,4 @@
-"""Where programs lie: ``abb://HOST[:PORT][/FOLDER]``, ``fanuc://HOST[:PORT]`` or a folder of this computer."""
+"""Where programs lie: ``abb://``, ``fanuc://`` or ``yaskawa://`` and a host, or a folder of this computer."""
 
 from collections.abc import AsyncIterator, Callable
 from contextlib import AbstractAsyncContextManager, asynccontextmanager
@@ -16,8 +16,10 @@ from cellcal.drivers.fanuc.controller_files.ftp_source import FtpLogin
 from cellcal.drivers.fanuc.controller_files.ftp_store import FtpProgramStore
 from cellcal.drivers.interfaces.program_store import ProgramStore
 from cellcal.drivers.programs.folder_store import FolderStore
+from cellcal.drivers.yaskawa.hses_frames import ROBOT_PORT
+from cellcal.drivers.yaskawa.job_store import YaskawaJobStore
 
-_ABB, _FANUC = "abb://", "fanuc://"
+_ABB, _FANUC, _YASKAWA = "abb://", "fanuc://", "yaskawa://"
 _HOME = "$HOME"
 _ABB_USER, _ABB_PASSWORD = "Default User", "robotics"  # the maker's defaults
 OpenStore: TypeAlias = Callable[[], AbstractAsyncContextManager[ProgramStore]]
@@ -47,10 +49,15 @@ def store_at(address: str, login: StoreLogin) -> OpenStore:
         controller = parse_address(address.removeprefix(_FANUC))
         ftp = FtpLogin(login.user or "anonymous", login.password or "", login.timeout_s)
         return lambda: FtpProgramStore(controller, ftp)
+    if address.startswith(_YASKAWA):
+        where = address.removeprefix(_YASKAWA)
+        found = parse_address(where)
+        port = found.port if ":" in where.rpartition("]")[2] else ROBOT_PORT
+        return lambda: YaskawaJobStore(address, found.host, port=port, timeout_s=login.timeout_s)
     if "://" in address or not Path(address).is_dir():
         raise CellError(
             make_message("{address!r} is neither a controller nor a folder.", address=address[:80]),
-            remedy="Give abb://HOST, fanuc://HOST or a folder, such as the mounted share of a controller.",
+            remedy="Give abb://HOST, fanuc://HOST, yaskawa://HOST or a folder, such as a controller's mounted share.",
             code="usage",
         )
     return lambda: _open_folder(Path(address))
