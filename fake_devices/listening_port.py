@@ -1,6 +1,7 @@
 """One TCP port of a fake: it opens, serves its clients, and cuts their connections where it closes."""
 
 import asyncio
+import ssl
 from collections.abc import Awaitable, Callable
 from contextlib import suppress
 from typing import TypeAlias
@@ -11,15 +12,19 @@ ServeClient: TypeAlias = Callable[[asyncio.StreamReader, asyncio.StreamWriter], 
 class ListeningPort:
     """Calls ``serve`` for each client; a connection that ends is closed, whatever the reason."""
 
-    def __init__(self, host: str, port: int, serve: ServeClient) -> None:
-        self._host, self._port, self._serve = host, port, serve
+    def __init__(
+        self, host: str, port: int, serve: ServeClient, *, tls: ssl.SSLContext | None = None
+    ) -> None:
+        self._host, self._port, self._serve, self._tls = host, port, serve, tls
         self._server: asyncio.Server | None = None
         self._writers: set[asyncio.StreamWriter] = set()
 
     async def open(self) -> None:
         """Listen, where nothing listens yet."""
         if self._server is None:
-            self._server = await asyncio.start_server(self._serve_client, self._host, self._port)
+            self._server = await asyncio.start_server(
+                self._serve_client, self._host, self._port, ssl=self._tls
+            )
 
     def close(self) -> None:
         """Stop listening and cut every connection."""

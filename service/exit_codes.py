@@ -49,6 +49,7 @@ _BY_CODE = {
     "store.damaged": ExitCode.SIGNATURE,
     "signature": ExitCode.SIGNATURE,
     "certificate": ExitCode.REFUSED,
+    "delivery": ExitCode.REFUSED,
     "site": ExitCode.REFUSED,
     "store.busy": ExitCode.BUSY,
     "store.conflict": ExitCode.BUSY,

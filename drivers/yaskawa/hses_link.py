@@ -12,6 +12,7 @@ from cellcal.drivers.wire.trace import FrameTrace
 from cellcal.drivers.yaskawa.hses_frames import (
     FILE_DIVISION,
     LAST_BLOCK,
+    MOST_DATA,
     HsesAnswer,
     HsesRequest,
     read_answer,
@@ -93,6 +94,31 @@ class HsesLink(asyncio.DatagramProtocol):
         request = HsesRequest(0, 0, 0, 0x16, name.encode("ascii"), FILE_DIVISION)
         async with self._lock:
             return b"".join([block async for block in self._read_blocks(request)])
+
+    async def list_files(self, pattern: str) -> bytes:
+        """Return the names of files, a line each. Errors as for ``ask``."""
+        request = HsesRequest(0, 0, 0, 0x32, pattern.encode("ascii"), FILE_DIVISION)
+        async with self._lock:
+            return b"".join([block async for block in self._read_blocks(request)])
+
+    async def delete_file(self, name: str) -> None:
+        """Delete a file of the controller. Errors as for ``ask``."""
+        await self.ask(HsesRequest(0, 0, 0, 0x09, name.encode("ascii"), FILE_DIVISION, repeatable=False))
+
+    async def write_file(self, name: str, content: bytes) -> None:
+        """Write a file of the controller; each block is acknowledged. Errors as for ``ask``."""
+        request = HsesRequest(0, 0, 0, 0x15, name.encode("ascii"), FILE_DIVISION, repeatable=False)
+        parts = [content[k : k + MOST_DATA] for k in range(0, len(content), MOST_DATA)] or [b""]
+        async with self._lock:
+            self._forget_late_answers()
+            number = next(self._numbers)
+            answer = await self._exchange_frame(request.to_frame(number), request, number, None)
+            self._data_of(answer, request)
+            for k, part in enumerate(parts, start=1):
+                block = k | (LAST_BLOCK if k == len(parts) else 0)
+                carrier = HsesRequest(0, 0, 0, 0x15, part, FILE_DIVISION, repeatable=False)
+                frame = carrier.to_frame(number, block=block, acknowledges=True)
+                self._data_of(await self._exchange_frame(frame, carrier, number, None), carrier)
 
     async def _read_blocks(self, request: HsesRequest) -> AsyncIterator[bytes]:
         self._forget_late_answers()

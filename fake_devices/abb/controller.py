@@ -9,7 +9,7 @@ Modelled
     Mode, motors, speed ratio, axis states, revolution counters, tools by name, event log, the handshake with its
     heartbeat.
 Not modelled
-    The RAPID interpreter, tasks other than T_ROB1, mastership, jogging, files.
+    The RAPID interpreter, tasks other than T_ROB1, jogging.
 """
 
 import datetime
@@ -19,6 +19,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from cellcal.fake_devices.abb.files import FileFolder
 from cellcal.fake_devices.arm import SimulatedArm
 from cellcal.fake_devices.kinematics import Array
 from cellcal.fake_devices.shown_joints import ShownJoints
@@ -53,6 +54,7 @@ class AbbController:
         self.time_s, self.target_deg = 1.0, [0.0] * 6
         self.heartbeat_s = HEARTBEAT_REAL_S
         self.log: list[tuple[int, int, str, str]] = []  # code, type, time, title
+        self.files = FileFolder()
         self._real_s = real_s
         self._beat_seen = (0, real_s())
 
@@ -164,6 +166,11 @@ class AbbController:
         self.state = MOVING
 
     # what happens
+
+    @property
+    def unit_status(self) -> str:
+        """The state of the mechanical unit: that of its worst axis."""
+        return next((state for state in self.axis_states if state != "Synchronized"), "Synchronized")
 
     def note_event(self, code: int, kind: int, title: str) -> None:
         """Write an entry of the event log."""

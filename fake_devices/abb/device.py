@@ -1,11 +1,12 @@
 """The ABB robot of a cell: arm, controller and web server put together, and what can happen to them.
 
 Imitates
-    An ABB arm on an IRC5 with RobotWare 6.
+    An ABB arm on an IRC5 with RobotWare 6, or, with ``generation = 2`` in its settings, on an OmniCore with
+    RobotWare 7.
 Source
-    controller.py and server.py.
+    controller.py, server.py and omnicore_server.py.
 Modelled
-    The faults named below and ``fake_devices.abb.server.LINK_FAULTS``.
+    The faults named below and ``fake_devices.abb.http_port.LINK_FAULTS``.
 Not modelled
     Encoders themselves: this link does not reach them.
 """
@@ -15,8 +16,11 @@ from collections.abc import Mapping
 from typing import Any
 
 from cellcal.fake_devices.abb.controller import AbbController
+from cellcal.fake_devices.abb.http_port import LINK_FAULTS, HttpPort
+from cellcal.fake_devices.abb.omnicore_resources import OmnicoreResources
+from cellcal.fake_devices.abb.omnicore_server import OmnicorePort
 from cellcal.fake_devices.abb.resources import ResourceTable
-from cellcal.fake_devices.abb.server import LINK_FAULTS, ServicePort
+from cellcal.fake_devices.abb.server import ServicePort
 from cellcal.fake_devices.device import JsonObject
 from cellcal.fake_devices.keep_running import keep_running
 from cellcal.fake_devices.link_faults import LinkFaults
@@ -39,8 +43,7 @@ class FakeAbbRobot(NetworkedRobot):
         self.controller = AbbController(arm, serial, world.clock.real_now_s, counters)
         self.controller.heartbeat_s *= world.watchdog_factor
         faults = LinkFaults({kind: {} for kind in LINK_FAULTS}, world.clock.real_now_s)
-        host, port = str(table.get("address", "127.0.0.1")), int(table.get("port", 80))
-        self.server = ServicePort(host, port, ResourceTable(self.controller), faults)
+        self.server = self._make_server(table, faults)
         super().__init__(name, arm, self.server, faults)
         c = self.controller
         self._events |= {
@@ -54,7 +57,16 @@ class FakeAbbRobot(NetworkedRobot):
             "fine_calibrate": lambda p: c.fine_calibrate(parse_axes(p.pop("axis", "1"), _AXES)[0]),
             "auto_mode": lambda _: c.turn_to_auto(),
             "mend": lambda _: c.mend(),
+            "program_start": lambda _: c.turn_to_auto(),
+            "files_deleted": lambda _: c.files.contents.clear(),
         }
+
+    def _make_server(self, table: Mapping[str, Any], faults: LinkFaults) -> HttpPort:
+        host = str(table.get("address", "127.0.0.1"))
+        if int(table.get("settings", {}).get("generation", 1)) == 2:
+            resources = OmnicoreResources(self.controller)
+            return OmnicorePort(host, int(table.get("port", 443)), resources, faults)
+        return ServicePort(host, int(table.get("port", 80)), ResourceTable(self.controller), faults)
 
     def _begin_tasks(self) -> list[asyncio.Task[None]]:
         return [keep_running(f"programs of {self.name}", self._follow_programs)]
@@ -72,6 +84,7 @@ class FakeAbbRobot(NetworkedRobot):
             "motors": c.motors,
             "state": c.state,
             "axis_states": list(c.axis_states),
+            "files": {name: content.hex() for name, content in c.files.contents.items()},
             "controller_joints_rad": c.arm.controller_joints_rad.tolist(),
             "error_rad": c.counters.error_rad.tolist(),
             "active": {

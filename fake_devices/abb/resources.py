@@ -7,16 +7,16 @@ Source
 Modelled
     The paths in the table; symbols are read and set.
 Not modelled
-    XML, subscriptions, files, signals, mastership: 404.
+    XML, subscriptions, signals, mastership: 404.
 """
 
-import math
 from collections.abc import Callable, Mapping
 from typing import Any
 
-import numpy as np
-
 from cellcal.fake_devices.abb.controller import AbbController
+from cellcal.fake_devices.abb.files import FOLDER
+from cellcal.fake_devices.abb.http_port import HttpRequest
+from cellcal.fake_devices.abb.quaternions import quaternion_of
 
 Reply = tuple[int, Any]
 _UNIT = "/rw/motionsystem/mechunits/ROB_1"
@@ -48,16 +48,36 @@ class ResourceTable:
                 "tool-name": c.tool_name,
                 "wobj-name": c.work_object,
                 "mode": "Activated",
+                "status": c.unit_status,
             },
             f"{_UNIT}/jointtarget": self._joint_target,
             f"{_UNIT}/robtarget": self._robot_target,
         }
 
-    def answer(self, method: str, path: str, query: Mapping[str, str], form: Mapping[str, str]) -> Reply:
+    def answer(self, request: HttpRequest) -> Reply:
         """Return status and content of an answer."""
+        method, path, query, form = request.method, request.path, request.query, request.form
+        if path.startswith(FOLDER):
+            return self._file(request, path.removeprefix(FOLDER).strip("/"))
         if path.startswith(_SYMBOL):
             return self._symbol(method, path.removeprefix(_SYMBOL), query, form)
         return self._read(path) if method == "GET" else self._act(path, query.get("action", ""), form)
+
+    def _file(self, request: HttpRequest, name: str) -> Reply:
+        files = self._c.files
+        if request.method == "GET" and not name:
+            entries, following = files.list_page(int(request.query.get("start", "1")))
+            links = {} if following is None else {"next": {"href": f"?json=1&start={following}"}}
+            return 200, {"_links": links, "_embedded": {"_state": entries}}
+        if request.method == "GET":
+            content = files.contents.get(name)
+            return (200, content) if content is not None else _refusal(404, "no such file")
+        if request.method != "POST":
+            status = files.change(request.method, name, request.body)
+        else:
+            form = request.form
+            status = files.copy(name, form) if form.get("fs-action") == "copy" else 400
+        return (status, None) if status < 400 else _refusal(status, "the file service refuses")
 
     def _read(self, path: str) -> Reply:
         if path in ("/logout", "/"):
@@ -136,7 +156,7 @@ class ResourceTable:
         pose = self._c.flange_pose()
         state: dict[str, Any] = {"_type": "ms-robtargets"}
         state |= {key: f"{float(value) * 1e3:.9g}" for key, value in zip("xyz", pose[:3, 3], strict=True)}
-        state |= {f"q{k}": f"{value:.10g}" for k, value in enumerate(_quaternion(pose[:3, :3]), 1)}
+        state |= {f"q{k}": f"{value:.10g}" for k, value in enumerate(quaternion_of(pose[:3, :3]), 1)}
         state |= dict.fromkeys(("cf1", "cf4", "cf6", "cfx"), "0")
         return state | {f"eax{axis}": _FAR for axis in "abcdef"}
 
@@ -159,23 +179,3 @@ class ResourceTable:
 
 def _refusal(status: int, text: str) -> Reply:
     return status, {"_embedded": {"status": {"code": "-1073445859", "msg": text}}}
-
-
-def _quaternion(rotation: np.ndarray[Any, np.dtype[np.float64]]) -> list[float]:
-    """Return w x y z of a rotation, by its largest component."""
-    r = rotation
-    squares = [
-        1 + r[0, 0] + r[1, 1] + r[2, 2],
-        1 + r[0, 0] - r[1, 1] - r[2, 2],
-        1 - r[0, 0] + r[1, 1] - r[2, 2],
-        1 - r[0, 0] - r[1, 1] + r[2, 2],
-    ]
-    largest = int(np.argmax(squares))
-    s = 2.0 * math.sqrt(float(squares[largest]))
-    rows = (
-        (s / 4, (r[2, 1] - r[1, 2]) / s, (r[0, 2] - r[2, 0]) / s, (r[1, 0] - r[0, 1]) / s),
-        ((r[2, 1] - r[1, 2]) / s, s / 4, (r[0, 1] + r[1, 0]) / s, (r[0, 2] + r[2, 0]) / s),
-        ((r[0, 2] - r[2, 0]) / s, (r[0, 1] + r[1, 0]) / s, s / 4, (r[1, 2] + r[2, 1]) / s),
-        ((r[1, 0] - r[0, 1]) / s, (r[0, 2] + r[2, 0]) / s, (r[1, 2] + r[2, 1]) / s, s / 4),
-    )
-    return [float(value) for value in rows[largest]]

@@ -6,7 +6,7 @@ Source
     As packets.py.
 Modelled
     0x70 alarms, 0x71 history, 0x72 status, 0x74 axis names, 0x75 position, 0x7A and 0x7C variables, 0x82 reset,
-    0x83 hold and servo, 0x89 system information, 0x8B move by pulses; list and save of files.
+    0x83 hold and servo, 0x89 system information, 0x8B move by pulses; list, save, load and delete of files.
 Not modelled
     Everything else: status 08, as a controller answers what it does not know.
 """
@@ -23,8 +23,9 @@ from cellcal.fake_devices.yaskawa.packets import CommandRefusal, HostRequest
 _GET_ALL, _SET_ALL, _GET_ONE, _SET_ONE = 0x01, 0x02, 0x0E, 0x10
 _UNDEFINED, _NO_INSTANCE, _NO_ELEMENT = 0x08, 0x28, 0x09
 _VARIABLE_OCTETS = {0x7A: 1, 0x7C: 4}
-_SAVE, _LIST = 0x16, 0x32
+_SAVE, _LIST, _DELETE = 0x16, 0x32, 0x09
 _NO_FILE = 0xE2B3
+_NOT_REMOTE = 0x2100
 
 
 class CommandTable:
@@ -57,9 +58,25 @@ class CommandTable:
         name = request.data.partition(b"\0")[0].decode("ascii", "replace").upper()
         if request.service == _SAVE and name == "TOOL.CND":
             return self._c.tool_file().encode()
+        if request.service == _SAVE and name in self._c.jobs:
+            return self._c.jobs[name]
         if request.service == _LIST:
-            return b"TOOL.CND\r\n"
+            names = sorted(self._c.jobs) if name.endswith(".JBI") else ["TOOL.CND"]
+            return "".join(f"{each}\r\n" for each in names).encode()
+        if request.service == _DELETE and name in self._c.jobs:
+            self.require_writable()
+            del self._c.jobs[name]
+            return b""
         raise CommandRefusal(0x1F, _NO_FILE) if request.service == _SAVE else CommandRefusal(_UNDEFINED)
+
+    def require_writable(self) -> None:
+        """Refuse to change files where orders over the network do not count."""
+        if self._c.mode != REMOTE:
+            raise CommandRefusal(0x1F, _NOT_REMOTE)
+
+    def store_job(self, name: str, content: bytes) -> None:
+        """Take a job that has come whole."""
+        self._c.jobs[name.upper()] = content
 
     def _alarm(self, request: HostRequest, entries: list[tuple[int, int, str, str]], places: int) -> bytes:
         if not 1 <= request.instance <= places:

@@ -37,6 +37,7 @@ class YaskawaController:
     def __init__(
         self, arm: SimulatedArm, pulses_per_degree: Sequence[float], homes: ShownJoints, title: str
     ) -> None:
+        self.jobs: dict[str, bytes] = {}  # by name in capitals
         self.arm, self.title, self.homes = arm, title, homes
         self.pulses_per_rad: Array = np.degrees(np.array(pulses_per_degree, dtype=float))
         self.lost_axes: set[int] = set()

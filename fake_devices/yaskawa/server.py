@@ -30,6 +30,7 @@ from cellcal.fake_devices.yaskawa.packets import (
 
 LINK_FAULTS = ("silent", "refuse", "cut", "late", "doubled", "foreign", "other_service", "lossy")
 _BLOCK = 400
+_LOAD = 0x15
 Sender = Callable[[bytes], None]
 
 
@@ -91,9 +92,13 @@ class FilePort(RobotPort):
     def __init__(self, commands: CommandTable, faults: LinkFaults) -> None:
         super().__init__(commands, faults)
         self._content: list[bytes] = []
+        self._upload: tuple[str, list[bytes]] | None = None  # name and blocks of a file that comes in
 
     def take_request(self, request: HostRequest, send: Sender) -> None:
         if request.division != 2:
+            return
+        if request.service == _LOAD:
+            self._take_upload(request, send)
             return
         if request.confirms:
             block = request.block & ~LAST_BLOCK
@@ -107,6 +112,24 @@ class FilePort(RobotPort):
             return
         self._content = [content[k : k + _BLOCK] for k in range(0, len(content), _BLOCK)] or [b""]
         self._send_block(request, 0, send)
+
+    def _take_upload(self, request: HostRequest, send: Sender) -> None:
+        """Take the name of a file, then its blocks; it is there when the last one has come."""
+        try:
+            self._commands.require_writable()
+        except CommandRefusal as refusal:
+            send(build_answer(request, b"", status=refusal.status, added=refusal.added))
+            return
+        if not request.confirms:
+            self._upload = (request.data.partition(b"\0")[0].decode("ascii", "replace"), [])
+        elif self._upload is not None:
+            name, blocks = self._upload
+            if request.block & ~LAST_BLOCK == len(blocks) + 1:
+                blocks.append(request.data)
+            if request.block & LAST_BLOCK:
+                self._commands.store_job(name, b"".join(blocks))
+                self._upload = None
+        send(build_answer(request, b"", block=request.block))
 
     def _send_block(self, request: HostRequest, index: int, send: Sender) -> None:
         last = LAST_BLOCK if index + 1 == len(self._content) else 0

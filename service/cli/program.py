@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 from cyclopts import App, Parameter
 
 from cellcal.calibration.message import make_message
+from cellcal.service.cli import delivery
 from cellcal.service.cli.model_argument import ModelArgument
 from cellcal.service.engineering.programs.joint_points import JointPoints
 from cellcal.service.translation import Locale
@@ -24,8 +25,11 @@ if TYPE_CHECKING:
 
 program = App(
     name="program",
-    help="Inspect robot programs; move, clone and compensate them; see which cell runs which version.",
+    help="Inspect robot programs; move, clone and compensate them; see which cell runs which version; copy, compare "
+    "and replace those of controllers.",
 )
+for _command in (delivery.fetch, delivery.compare, delivery.deliver, delivery.restore):
+    program.command(_command)
 
 Json = Annotated[
     bool, Parameter(name="--json", negative=(), help="Print one JSON object on standard output.")

@@ -32,6 +32,7 @@ class Right(StrEnum):
     WRITE_ALONE = "let master data be written alone"
     MAKE_PROGRAMS = "make robot programs"
     IDENTIFY = "identify robots from measurements"
+    DELIVER_PROGRAMS = "deliver programs to a controller"
 
 
 _EVERYBODY = frozenset({Right.SEE, Right.STOP})
@@ -40,7 +41,8 @@ RIGHTS: Mapping[Role, frozenset[Right]] = MappingProxyType(
         Role.VIEWER: _EVERYBODY,
         Role.TECHNICIAN: _EVERYBODY | {Right.RUN},
         Role.ENGINEER: _EVERYBODY
-        | {Right.RUN, Right.CHANGE_LIMITS, Right.WRITE_ALONE, Right.MAKE_PROGRAMS, Right.IDENTIFY},
+        | {Right.RUN, Right.CHANGE_LIMITS, Right.WRITE_ALONE, Right.MAKE_PROGRAMS, Right.IDENTIFY}
+        | {Right.DELIVER_PROGRAMS},
         Role.ADMIN: _EVERYBODY | {Right.MAKE_PROGRAMS, Right.IDENTIFY},
     }
 )

@@ -58,13 +58,15 @@ class AbbLink:
     def __init__(self, program: SimulatedProgram, controller: AbbController) -> None:
         self._program, self._controller = program, controller
 
-    async def get_state(self, path: str) -> dict[str, Any]:
+    async def read_symbol(self, name: str) -> str:
         self._program.exchange()
-        return {"value": self._controller.read_symbol(path.split("T_ROB1/")[1])}
+        value = self._controller.read_symbol(name)
+        assert value is not None
+        return value
 
-    async def post_action(self, path: str, action: str, **fields: str) -> None:
+    async def write_symbol(self, name: str, value: str) -> None:
         self._program.exchange()
-        assert self._controller.write_symbol(path.split("T_ROB1/")[1], fields["value"])
+        assert self._controller.write_symbol(name, value)
 
 
 class KukaLink:

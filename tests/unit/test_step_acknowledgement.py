@@ -36,11 +36,11 @@ class AbbLink:
     def __init__(self, program: Program) -> None:
         self._program = program
 
-    async def get_state(self, path: str) -> dict[str, Any]:
+    async def read_symbol(self, name: str) -> str:
         values = self._program.values()
-        return {"value": str(values["ack" if path.endswith("nAck") else "state"])}
+        return str(values["ack" if name.endswith("nAck") else "state"])
 
-    async def post_action(self, path: str, action: str, **fields: str) -> None:
+    async def write_symbol(self, name: str, value: str) -> None:
         self._program.values()
 
 

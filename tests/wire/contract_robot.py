@@ -33,6 +33,7 @@ MODES = {  # a switch, and what the controller calls its places
     "rmi": ("pendant_on", "TP off", "TP on"),
     "kuka": ("t1_mode", "AUT", "T1"),
     "abb": ("manual_mode", "AUTO", "MANR"),
+    "abb_7": ("manual_mode", "AUTO", "MANR"),
     "motoman": ("teach_mode", "REMOTE", "TEACH"),
 }
 

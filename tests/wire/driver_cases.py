@@ -173,12 +173,15 @@ async def _heal_kuka(fake_client: FakeCellClient, robot: Any) -> None:
     await robot.stop()
 
 
-async def _heal_abb(fake_client: FakeCellClient, robot: Any) -> None:
-    await fake_client.send_command("clear")
-    await fake_client.inject_fault("mend", device="abb")
-    await fake_client.inject_fault("override", device="abb", percent=100)
-    await fake_client.inject_fault("tool_switched", device="abb", tool="tGripper")
-    await robot.stop()
+def _heal_abb_named(name: str) -> Callable[[FakeCellClient, Any], Awaitable[None]]:
+    async def heal(fake_client: FakeCellClient, robot: Any) -> None:
+        await fake_client.send_command("clear")
+        await fake_client.inject_fault("mend", device=name)
+        await fake_client.inject_fault("override", device=name, percent=100)
+        await fake_client.inject_fault("tool_switched", device=name, tool="tGripper")
+        await robot.stop()
+
+    return heal
 
 
 async def _heal_yaskawa(fake_client: FakeCellClient, robot: Any) -> None:
@@ -285,7 +288,18 @@ ROBOTS: dict[str, RobotCase] = {
         home_rad=(-0.9, 0.17, 0.2, 0.26, 0.85, 0.35),
         away_rad=(0.9, 0.3, 0.3, 0.3, 0.9, 0.2),
         slow_rad_s=0.03,
-        heal=_heal_abb,
+        heal=_heal_abb_named("abb"),
+        link_faults=(("silent", {}), ("refuse", {}), ("reset", {})),
+        stop_fault=("emergency_stop", {}),
+        slow_fault=("override", {"percent": 15}),
+        impatient={"stuck_s": 1.0},
+    ),
+    "abb_web_services 2": RobotCase(
+        name="abb_7",
+        home_rad=(-0.9, 0.17, 0.2, 0.26, 0.85, 0.35),
+        away_rad=(0.9, 0.3, 0.3, 0.3, 0.9, 0.2),
+        slow_rad_s=0.03,
+        heal=_heal_abb_named("abb_7"),
         link_faults=(("silent", {}), ("refuse", {}), ("reset", {})),
         stop_fault=("emergency_stop", {}),
         slow_fault=("override", {"percent": 15}),

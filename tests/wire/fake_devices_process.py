@@ -112,6 +112,20 @@ settle_s = 0.02
 
 {floor}
 [[robot]]
+name = "abb_7"
+driver = "abb_web_services"
+address = "{address}"
+port = 8443
+model = "abb_irb1600_6_12"
+motion = "commanded"
+serial = "460-300278"
+deadline_s = 3.0
+speed_limit_rad_s = 0.5
+step_s = 0.5
+settle_s = 0.02
+
+{floor}
+[[robot]]
 name = "motoman"
 driver = "yaskawa"
 address = "{address}"
@@ -197,6 +211,9 @@ deadline_s = 2.0
 seed = 1
 time_factor = {time_factor}
 control_port = 0
+
+[fake.robots.abb_7]
+generation = 2
 
 [fake.robots.ur_x]
 software = "10.12.1.0"

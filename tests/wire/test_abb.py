@@ -120,7 +120,8 @@ async def test_a_lost_revolution_counter_is_named_by_axis_and_nothing_moves(
     await fake_client.inject_fault("counters_lost", device=CASE.name, axes=["2", "5"])
     condition = await abb.read_condition()
     assert condition.readiness is Readiness.POSITION_LOST
-    assert [alarm.axis for alarm in condition.alarms] == [1, 4]
+    assert [alarm.axis for alarm in condition.alarms] == [1, 4, None]
+    assert condition.alarms[-1].text.startswith("Rev. counter not updated, ")  # the event of the log
     before = (await truth_of(fake_client))["joints_rad"]
     with pytest.raises(RefusedError, match="not synchronised"):
         await abb.move_joints(CASE.away_rad, speed_rad_s=0.5)

@@ -2,6 +2,7 @@
 
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
+from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
@@ -16,14 +17,15 @@ _TELEGRAM_SHARE = 0.5  # of the deadline: a failed telegram leaves time for a st
 
 
 class AbbWebServicesConfig(BaseModel):
-    """How to reach an ABB controller with RobotWare 6, and how its arm may move."""
+    """How to reach an ABB controller with RobotWare 6 or 7, and how its arm may move."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     driver: Literal["abb_web_services"]
     name: str = Field(min_length=1, max_length=64)
     address: str = Field(min_length=1)
-    port: int = Field(default=80, ge=1, le=65535)
+    port: int | None = Field(default=None, ge=1, le=65535)  # None: 80 and 443, as the generation asks for
+    certificate: Path | None = None  # of a controller that speaks TLS, in PEM form; None: not compared
     user: str = Field(default="Default User", min_length=1, max_length=64)
     password: str = Field(default="robotics", max_length=64)  # both are the maker's defaults
     model: str = Field(min_length=1)  # name of the nominal robot model
@@ -51,14 +53,14 @@ class AbbWebServicesConfig(BaseModel):
     @asynccontextmanager
     async def open(self) -> AsyncIterator["AbbRobot"]:
         """Open a session, compare the serial number, and give the session back at the end."""
+        from cellcal.drivers.abb.robot_web_services.generation import ServiceAddress  # noqa: PLC0415  as above
         from cellcal.drivers.abb.robot_web_services.rapid_values import AXES  # noqa: PLC0415  as above
         from cellcal.drivers.abb.robot_web_services.robot import AbbOptions, AbbRobot  # noqa: PLC0415  as above
         from cellcal.drivers.abb.robot_web_services.web_link import WebLink  # noqa: PLC0415  as above
         from cellcal.drivers.wire.stepwise_motion import StepwiseOptions  # noqa: PLC0415  as above
 
         link = WebLink(
-            self.name,
-            f"http://{self.address}:{self.port}",
+            ServiceAddress(self.name, self.address, self.port, self.certificate),
             (self.user, self.password),
             deadline_s=_TELEGRAM_SHARE * self.deadline_s,
         )

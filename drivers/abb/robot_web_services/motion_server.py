@@ -1,7 +1,7 @@
 """The handshake with the RAPID module CellcalServer (deploy/controller_setup/abb)."""
 
 from cellcal.drivers.abb.robot_web_services.rapid_values import read_numbers, write_joint_target
-from cellcal.drivers.abb.robot_web_services.state import converted, read_symbol, write_symbol
+from cellcal.drivers.abb.robot_web_services.state import converted
 from cellcal.drivers.abb.robot_web_services.web_link import WebLink
 from cellcal.drivers.errors import MotionStoppedError, RefusedError
 from cellcal.drivers.wire.program_handshake import ProgramHandshake, ProgramState
@@ -20,8 +20,8 @@ class MotionServer(ProgramHandshake):
     async def order_move(self, joints_rad: tuple[float, ...], duration_s: float) -> int:
         """Order one step; return the number under which it is acknowledged. The request is written last."""
         request = await self._next_request()
-        await write_symbol(self._link, f"{_MODULE}/jTarget", write_joint_target(joints_rad))
-        await write_symbol(self._link, f"{_MODULE}/nTime", f"{max(duration_s, 0.01):.4f}")
+        await self._link.write_symbol(f"{_MODULE}/jTarget", write_joint_target(joints_rad))
+        await self._link.write_symbol(f"{_MODULE}/nTime", f"{max(duration_s, 0.01):.4f}")
         return await self._start_step(request)
 
     async def _read_state(self) -> ProgramState:
@@ -66,8 +66,8 @@ class MotionServer(ProgramHandshake):
         )
 
     async def _read(self, name: str) -> int:
-        text = await read_symbol(self._link, f"{_MODULE}/{name}")
+        text = await self._link.read_symbol(f"{_MODULE}/{name}")
         return int(converted(self._link, lambda: read_numbers(text)[0]))
 
     async def _write(self, name: str, value: int) -> None:
-        await write_symbol(self._link, f"{_MODULE}/{name}", str(value))
+        await self._link.write_symbol(f"{_MODULE}/{name}", str(value))

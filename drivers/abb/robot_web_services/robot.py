@@ -1,4 +1,4 @@
-"""An ABB arm over Robot Web Services 1; moves through the RAPID module CellcalServer on the controller."""
+"""An ABB arm over Robot Web Services 1 or 2; moves through the RAPID module CellcalServer on the controller."""
 
 import logging
 import time
@@ -8,6 +8,7 @@ from functools import partial
 from cellcal.calibration.geometry import Array, Pose
 from cellcal.calibration.mastering.position_record import ShownValue
 from cellcal.calibration.message import make_message
+from cellcal.drivers.abb.robot_web_services.mastership import EditMastership
 from cellcal.drivers.abb.robot_web_services.motion_server import MotionServer
 from cellcal.drivers.abb.robot_web_services.rapid_values import AXES, read_tool
 from cellcal.drivers.abb.robot_web_services.state import (
@@ -18,7 +19,6 @@ from cellcal.drivers.abb.robot_web_services.state import (
     read_joints,
     read_position_data,
     read_state,
-    read_symbol,
     read_unit_names,
 )
 from cellcal.drivers.abb.robot_web_services.web_link import WebLink
@@ -33,6 +33,7 @@ from cellcal.drivers.interfaces import (
     Readiness,
     RobotCapabilities,
 )
+from cellcal.drivers.wire.cancellation import run_to_end
 from cellcal.drivers.wire.serial_number import check_serial_number
 from cellcal.drivers.wire.stepwise_motion import IsFinished, StepwiseMotion, StepwiseOptions
 
@@ -65,6 +66,8 @@ class AbbRobot(StepwiseMotion):
         super().__init__(options.motion)
         self._link, self._options = link, options
         self._server = MotionServer(link)
+        self._mastership = EditMastership(link)
+        self._has_ordered = False  # a step of the present move
 
     @property
     def name(self) -> str:
@@ -75,14 +78,16 @@ class AbbRobot(StepwiseMotion):
         return CAPABILITIES
 
     async def connect(self) -> None:
-        """Open the session and compare the serial number. Nothing is ordered."""
+        """Find out the generation, open the session and compare the serial number. Nothing is ordered."""
+        await self._link.connect()
         found = await self.identify()
         check_serial_number(self.name, found.serial, self._options.serial)
         if not found.firmware.startswith(VERIFIED_ON):
             _LOG.warning("%s: not verified on controller software %r", self.name, found.firmware)
 
     async def close(self) -> None:
-        """Give the session back."""
+        """Give mastership and session back."""
+        await self._mastership.release()
         await self._link.close()
 
     async def identify(self) -> Identity:
@@ -117,7 +122,7 @@ class AbbRobot(StepwiseMotion):
     async def active_frames(self) -> ActiveFrames:
         async with self._answer_deadline("reading the active tool"):
             tool_name, work_object = await read_unit_names(self._link)
-            text = await read_symbol(self._link, tool_name)
+            text = await self._link.read_symbol(tool_name)
         robot_carries, flange_tool, mass_kg = converted(self._link, partial(read_tool, text))
         if not robot_carries:
             raise RefusedError(
@@ -146,15 +151,48 @@ class AbbRobot(StepwiseMotion):
     async def _read_angles(self) -> Joints:
         return (await read_joints(self._link))[0]
 
+    async def move_joints(self, target_rad: Joints, *, speed_rad_s: float) -> None:
+        try:
+            await super().move_joints(target_rad, speed_rad_s=speed_rad_s)
+        finally:
+            if not self._doing:  # a move that was refused because of another leaves that one its mastership
+                await run_to_end(self._mastership.release())
+
+    async def stop(self) -> None:
+        try:
+            await super().stop()
+        finally:
+            if not self._doing:
+                await run_to_end(self._mastership.release())
+
     async def _begin_motion(self, speed_rad_s: float) -> None:
+        self._has_ordered = False
+        await self._mastership.acquire()
         await self._server.require_running()
 
     async def _order_step(self, target_rad: Array, duration_s: float, speed_rad_s: float) -> IsFinished:
+        self._has_ordered = True
         request = await self._server.order_move(tuple(target_rad.tolist()), duration_s)
         return partial(self._server.has_finished, request)
 
     async def _halt_arm(self) -> None:
-        await self._server.stop()
+        try:
+            await self._mastership.acquire()
+        except RefusedError:
+            await self._stop_without_mastership()
+        else:
+            await self._server.stop()
+
+    async def _stop_without_mastership(self) -> None:
+        """Stop every program where another client bars the write of a stop.
+
+        A move of this client that has ordered nothing yet has nothing to stop. What another client has ordered is not
+        known: between two of its steps its program waits.
+        """
+        if self._doing and not self._has_ordered:
+            return
+        _LOG.warning("%s: another client has mastership: all programs are stopped", self.name)
+        await self._link.post_action("/rw/rapid/execution", "stop", stopmode="stop")
 
     async def _release_arm(self) -> None:
         """Do nothing: the next motion releases the stop."""

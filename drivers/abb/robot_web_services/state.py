@@ -2,12 +2,13 @@
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, TypeVar
 
 from cellcal.calibration.geometry import Pose
 from cellcal.calibration.mastering.position_record import ShownValue
 from cellcal.calibration.message import make_message
+from cellcal.drivers.abb.robot_web_services.event_log import read_position_events
 from cellcal.drivers.abb.robot_web_services.rapid_values import AXES, NO_AXIS, pose_of
 from cellcal.drivers.abb.robot_web_services.web_link import WebLink
 from cellcal.drivers.errors import WireProtocolError
@@ -26,18 +27,27 @@ class ControllerState:
     mode: str  # AUTO, MANR, MANF
     motors: str  # motoron, motoroff, guardstop, emergencystop, ...
     lost_axes: Mapping[int, str]  # by 0-based axis
+    unit_status: str = _SYNCHRONISED  # of the mechanical unit
+    events: tuple[Alarm, ...] = ()  # of the log, where the position is lost
+
+    @property
+    def is_position_lost(self) -> bool:
+        """Whether an axis, or the mechanical unit as a whole, is not synchronised."""
+        return bool(self.lost_axes) or self.unit_status != _SYNCHRONISED
 
 
 async def read_state(link: WebLink) -> ControllerState:
     """Read mode, motors and the state of each axis."""
     mode = _text(link, await link.get_state("/rw/panel/opmode"), "opmode")
-    motors = _text(link, await link.get_state("/rw/panel/ctrlstate"), "ctrlstate")
+    motors = _text(link, await link.get_state(link.dialect.motors_path), "ctrlstate")
     lost = {}
     for axis in range(AXES):
         status = _text(link, await link.get_state(f"{_UNIT}/axes/{axis + 1}"), "axis-status")
         if status != _SYNCHRONISED:
             lost[axis] = status
-    return ControllerState(mode, motors, lost)
+    status = (await link.get_state(_UNIT)).get("status") or _SYNCHRONISED  # a controller may leave it out
+    state = ControllerState(mode, motors, lost, str(status))
+    return replace(state, events=await read_position_events(link)) if state.is_position_lost else state
 
 
 async def read_joints(link: WebLink) -> tuple[tuple[float, ...], Mapping[str, Any]]:
@@ -79,39 +89,10 @@ async def read_unit_names(link: WebLink) -> tuple[str, str]:
     return _text(link, state, "tool-name"), _text(link, state, "wobj-name")
 
 
-async def read_symbol(link: WebLink, name: str) -> str:
-    """Return the value of a RAPID symbol of the motion task, as text."""
-    return _text(link, await link.get_state(f"/rw/rapid/symbol/data/RAPID/T_ROB1/{name}"), "value")
-
-
-async def write_symbol(link: WebLink, name: str, value: str) -> None:
-    """Write a RAPID symbol of the motion task."""
-    await link.post_action(f"/rw/rapid/symbol/data/RAPID/T_ROB1/{name}", "set", value=value)
-
-
 def condition_of(state: ControllerState) -> Condition:
     """Say whether the robot can be used, and who must act. A lost position comes before everything else."""
-    alarms = tuple(
-        Alarm(
-            _COUNTER_LOST,
-            make_message("axis {axis}: {word}", axis=axis + 1, word=word),
-            axis,
-            AlarmKind.TURNS,
-        )
-        for axis, word in state.lost_axes.items()
-    )
-    if alarms:
-        axes = ", ".join(str(axis + 1) for axis in state.lost_axes)
-        remedy = (
-            "In manual mode jog each of these axes to its mark and update its revolution counter, then run a drift "
-            "check."
-        )
-        return Condition(
-            Readiness.POSITION_LOST,
-            make_message("axes {axes} are not synchronised.", axes=axes),
-            remedy,
-            alarms,
-        )
+    if state.is_position_lost:
+        return _lost_condition(state)
     if state.mode != "AUTO":
         return Condition(
             Readiness.NOT_READY,
@@ -125,6 +106,30 @@ def condition_of(state: ControllerState) -> Condition:
             "Look at the cell, release the emergency stop, then press the motors-on button.",
         )
     return Condition(Readiness.READY)
+
+
+def _lost_condition(state: ControllerState) -> Condition:
+    alarms = tuple(
+        Alarm(
+            _COUNTER_LOST,
+            make_message("axis {axis}: {word}", axis=axis + 1, word=word),
+            axis,
+            AlarmKind.TURNS,
+        )
+        for axis, word in state.lost_axes.items()
+    )
+    if alarms:
+        text = make_message(
+            "axes {axes} are not synchronised.", axes=", ".join(str(axis + 1) for axis in state.lost_axes)
+        )
+    else:
+        text = make_message("the mechanical unit is {word}.", word=state.unit_status)
+        alarms = (Alarm(_COUNTER_LOST, text, None, AlarmKind.TURNS),)
+    remedy = (
+        "In manual mode jog each of these axes to its mark and update its revolution counter, then run a drift "
+        "check."
+    )
+    return Condition(Readiness.POSITION_LOST, text, remedy, (*alarms, *state.events))
 
 
 def converted(link: WebLink, convert: Callable[[], T]) -> T:

@@ -1,9 +1,10 @@
-"""Requests to Robot Web Services 1 (RobotWare 6): JSON over HTTP with digest authentication, one session.
+"""Requests to Robot Web Services of either generation: JSON over HTTP or HTTPS, one session.
 
-Source: ABB 3HAC050973-001 rev M. The session's cookies are sent back, or every request would take a new session and
-the controller would refuse with 503 soon.
+The session's cookies are sent back, or every request would take a new session and the controller would refuse with
+503 soon.
 """
 
+import asyncio
 from collections.abc import Mapping
 from typing import Any
 
@@ -12,7 +13,15 @@ import httpx
 from cellcal.calibration.documents.errors import DocumentError
 from cellcal.calibration.documents.json_text import parse_json
 from cellcal.calibration.message import make_message
+from cellcal.drivers.abb.robot_web_services.dialects import Dialect
+from cellcal.drivers.abb.robot_web_services.generation import (
+    CABLE,
+    FoundService,
+    ServiceAddress,
+    find_service,
+)
 from cellcal.drivers.errors import (
+    DeviceError,
     DeviceTimeoutError,
     RefusedError,
     UnreachableError,
@@ -22,7 +31,6 @@ from cellcal.drivers.wire.deadline import answer_deadline, timeout_error
 from cellcal.drivers.wire.trace import FrameTrace
 
 _MOST_OCTETS = 4_000_000
-_CABLE = "Check that the controller is on, the cable is in its WAN or service port, and the address is right."
 _WHY = {
     401: ("the controller does not accept user and password.", "Correct user and password in the cell file."),
     403: (
@@ -30,6 +38,10 @@ _WHY = {
         "Check the rights of the user, the mode, and that nothing else has control.",
     ),
     404: ("the controller does not know what was asked for.", "Check the names in the cell file."),
+    410: (
+        "the controller gives write access to control stations only (RobotWare 8); this driver only reads it.",
+        "Move the robot at the pendant.",
+    ),
     503: (
         "the controller has no session left.",
         "End other clients of Robot Web Services, or wait ten minutes.",
@@ -41,20 +53,41 @@ State = Mapping[str, Any]
 class WebLink:
     """One HTTP session with a controller."""
 
-    def __init__(self, device: str, base_url: str, user: tuple[str, str], *, deadline_s: float) -> None:
-        self.device, self._deadline_s = device, deadline_s
+    def __init__(self, address: ServiceAddress, user: tuple[str, str], *, deadline_s: float) -> None:
+        self.device, self._deadline_s = address.device, deadline_s
+        self._address, self._user = address, user
+        self._found: FoundService | None = None
+        self._client: httpx.AsyncClient | None = None
+        self._earliest_s = 0.0  # of the next request, by the loop's clock
+        self.trace = FrameTrace(address.device)
+
+    @property
+    def dialect(self) -> Dialect:
+        """What the controller speaks; raise UnreachableError before it was found out."""
+        if self._found is None:
+            raise self._closed_error()
+        return self._found.dialect
+
+    async def connect(self) -> None:
+        """Find out the generation. The session begins with the first request."""
+        found = await find_service(self._address, self._deadline_s)
+        auth = (
+            httpx.DigestAuth(*self._user) if found.dialect.generation == 1 else httpx.BasicAuth(*self._user)
+        )
+        self._found = found
         self._client = httpx.AsyncClient(
-            base_url=base_url,
-            auth=httpx.DigestAuth(*user),
-            timeout=deadline_s,
+            base_url=found.base_url,
+            auth=auth,
+            verify=found.tls,
+            headers={"Accept": found.dialect.accept},
+            timeout=self._deadline_s,
             trust_env=False,
             limits=httpx.Limits(max_connections=1),
         )
-        self.trace = FrameTrace(device)
 
     async def close(self) -> None:
         """Give the session back and hang up."""
-        if self._client.is_closed:
+        if self._client is None or self._client.is_closed:
             return
         try:
             async with answer_deadline(self.device, self._deadline_s, "stopping"):
@@ -73,39 +106,98 @@ class WebLink:
         DeviceError
             No connection, no answer, or an answer that is none.
         """
-        reply = await self._request("GET", path, {"json": "1", **query}, None)
-        states = (
-            reply.get("_embedded", {}).get("_state") if isinstance(reply.get("_embedded"), dict) else None
-        )
-        if not isinstance(states, list) or not states or not isinstance(states[0], dict):
+        return (await self.get_states(path, **query))[0]
+
+    async def get_states(self, path: str, **query: str) -> list[State]:
+        """Return all states of a resource, at least one; errors as for ``get_state``."""
+        dialect = self.dialect
+        response = await self._request("GET", path, {**dialect.query, **query})
+        states = dialect.states_in(self._decode(response))
+        if not states:
             raise self._unreadable(f"{path} holds no state")
-        return dict(states[0])
+        return [dict(state) for state in states]
+
+    async def get_document(self, path: str, **query: str) -> Mapping[str, Any]:
+        """Return a whole answer; errors as for ``get_state``."""
+        return self._decode(await self._request("GET", path, {**self.dialect.query, **query}))
+
+    async def get_content(self, path: str) -> bytes:
+        """Return a file of the controller; errors as for ``get_state``."""
+        content = (await self._request("GET", path, {})).content
+        if len(content) > _MOST_OCTETS:
+            raise self._unreadable("it is too long")
+        return content
+
+    async def put_content(self, path: str, content: bytes) -> None:
+        """Write a file of the controller; errors as for ``get_state``."""
+        await self._request("PUT", path, {}, content, self.dialect.file_type)
+
+    async def delete(self, path: str) -> None:
+        """Delete a file of the controller; errors as for ``get_state``."""
+        await self._request("DELETE", path, {})
 
     async def post_action(self, path: str, action: str, **fields: str) -> None:
-        """Ask for an action; errors as for ``get_state``."""
-        await self._request("POST", path, {"action": action, "json": "1"}, fields)
+        """Ask for an action; "" is a plain write. Errors as for ``get_state``."""
+        dialect = self.dialect
+        target, query = dialect.action_target(path, action)
+        body = httpx.QueryParams(fields)
+        response = await self._request(
+            "POST", target, {**query, **dialect.query}, str(body).encode(), dialect.form_type
+        )
+        self._decode(response)
+
+    async def read_symbol(self, name: str) -> str:
+        """Return the value of a RAPID symbol of the motion task, as text."""
+        value = (await self.get_state(self.dialect.symbol_path(name))).get("value")
+        if not isinstance(value, str) or not value:
+            raise self._unreadable("value is missing")
+        return value
+
+    async def write_symbol(self, name: str, value: str) -> None:
+        """Write a RAPID symbol of the motion task."""
+        await self.post_action(self.dialect.symbol_path(name), self.dialect.symbol_action(), value=value)
 
     async def _request(
-        self, method: str, path: str, query: Mapping[str, str], fields: Mapping[str, str] | None
-    ) -> dict[str, Any]:
-        if self._client.is_closed:
-            raise UnreachableError(self.device, "the connection is closed.", remedy=_CABLE)
-        self.trace.add_frame(">", f"{method} {path} {dict(fields or {})}")
+        self,
+        method: str,
+        path: str,
+        query: Mapping[str, str],
+        body: bytes | None = None,
+        content_type: str = "",
+    ) -> httpx.Response:
+        if self._client is None or self._client.is_closed:
+            raise self._closed_error()
+        await self._keep_pace()
+        self.trace.add_frame(">", f"{method} {path} {(body or b'')[:500]!r}")
+        headers = {"Content-Type": content_type} if content_type else {}
         try:
             async with answer_deadline(self.device, self._deadline_s, "waiting for an answer"):
-                response = await self._client.request(method, path, params=dict(query), data=fields)
+                response = await self._client.request(
+                    method, path, params=dict(query), content=body, headers=headers
+                )
         except httpx.TimeoutException as error:
             raise timeout_error(self.device, self._deadline_s, "waiting for an answer") from error
         except httpx.HTTPError as error:
             raise UnreachableError(
                 self.device,
                 "no connection to the controller, or it was lost.",
-                remedy=_CABLE,
+                remedy=CABLE,
             ) from error
         self.trace.add_frame("<", f"{response.status_code} {response.text[:500]}")
         if response.status_code >= 400:
             raise self._refused(response)
-        return self._decode(response)
+        return response
+
+    async def _keep_pace(self) -> None:
+        """Wait until the controller may be asked again."""
+        now_s = asyncio.get_running_loop().time()
+        begins_s = max(now_s, self._earliest_s)
+        self._earliest_s = begins_s + self.dialect.pause_s
+        if begins_s > now_s:
+            await asyncio.sleep(begins_s - now_s)
+
+    def _closed_error(self) -> DeviceError:
+        return UnreachableError(self.device, "the connection is closed.", remedy=CABLE)
 
     def _decode(self, response: httpx.Response) -> dict[str, Any]:
         if response.status_code == 204 or not response.content:
@@ -140,6 +232,6 @@ class WebLink:
         return WireProtocolError(
             self.device,
             make_message("an answer cannot be read: {what}.", what=what),
-            remedy="Check that the address is that of a controller with RobotWare 6.",
+            remedy="Check that the address is that of an ABB controller with RobotWare 6 or 7.",
             frame=self.trace.last_received(),
         )

@@ -41,6 +41,7 @@ class FtpLogin:
 class ReadOnlyFtp(ftplib.FTP):
     """The standard client without any command that changes something, and with an end to every reply."""
 
+    allowed = READING_COMMANDS
     _reply_lines = 0
 
     def getline(self) -> str:
@@ -53,7 +54,7 @@ class ReadOnlyFtp(ftplib.FTP):
     def putcmd(self, line: str) -> None:
         """Send a command that reads; any other is a fault of ours and is not sent."""
         verb = line.split(" ", 1)[0].upper()
-        if verb not in READING_COMMANDS:
+        if verb not in self.allowed:
             raise AssertionError(verb)
         self._reply_lines = 0
         super().putcmd(line)
@@ -64,8 +65,11 @@ class FtpSource:
 
     def __init__(self, address: ControllerAddress, login: FtpLogin | None = None) -> None:
         self._address, self._login = address, login or FtpLogin()
-        self._ftp = ReadOnlyFtp(encoding="latin-1")  # any byte is a character
+        self._ftp = self._make_client()
         self._names: dict[str, str] | None = None
+
+    def _make_client(self) -> ReadOnlyFtp:
+        return ReadOnlyFtp(encoding="latin-1")  # any byte is a character
 
     @property
     def device(self) -> str:

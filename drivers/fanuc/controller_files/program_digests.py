@@ -30,17 +30,28 @@ _LISTS_OF_ALARMS = frozenset(
 )
 
 
+def statements_of(content: bytes) -> bytes | None:
+    """Return statements and positions of a listing, whatever its line ends; None of one that has no end."""
+    found = _STATEMENTS.search(content.replace(b"\r\n", b"\n"))
+    return None if found is None else found[0]
+
+
+def is_program_name(name: str) -> bool:
+    """Whether a file is the listing of a program, by its name in lower case."""
+    return name.endswith(PROGRAM_SUFFIX) and name not in _LISTS_OF_ALARMS
+
+
 def read_program_digests(source: FileSource) -> dict[str, str]:
     """Return the hash of each program by its name; "damaged" for a listing that ends before its end."""
     found: dict[str, str] = {}
     for name in source.list_names():
-        if not name.endswith(PROGRAM_SUFFIX) or name in _LISTS_OF_ALARMS:
+        if not is_program_name(name):
             continue
         content = source.read_file(name)
         head = None if content is None else _PROGRAM.match(content)
         if content is None or head is None:
             continue
-        statements = _STATEMENTS.search(content.replace(b"\r\n", b"\n"))
-        digest = "damaged" if statements is None else hashlib.sha256(statements[0]).hexdigest()
+        statements = statements_of(content)
+        digest = "damaged" if statements is None else hashlib.sha256(statements).hexdigest()
         found[head[1].decode("cp437").upper()] = digest
     return found

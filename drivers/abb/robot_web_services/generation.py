@@ -1,0 +1,106 @@
+"""Which generation of Robot Web Services answers at an address; found out without saying user or password.
+
+A controller of the first asks for digest authentication over HTTP, one of the second for basic authentication over
+TLS. Plain HTTP is asked first: an answer over it that is no digest challenge is not taken, so that the
+password of a basic authentication never goes out without TLS.
+"""
+
+import logging
+import ssl
+from dataclasses import dataclass
+from pathlib import Path
+
+import httpx
+
+from cellcal.calibration.message import make_message
+from cellcal.drivers.abb.robot_web_services.dialects import Dialect, FirstDialect, SecondDialect
+from cellcal.drivers.errors import RefusedError, UnreachableError
+
+_LOG = logging.getLogger(__name__)
+_HTTP, _HTTPS = 80, 443
+_ATTEMPTS = 2
+CABLE = "Check that the controller is on, the cable is in its WAN or service port, and the address is right."
+
+
+@dataclass(frozen=True, slots=True)
+class ServiceAddress:
+    """Where a controller is asked; ``certificate`` is a file in PEM form, None where its own is taken unseen."""
+
+    device: str
+    host: str
+    port: int | None  # None: the port that is usual for the generation
+    certificate: Path | None = None
+
+    def url(self, scheme: str) -> str:
+        """Return the address with its scheme and port."""
+        port = self.port or (_HTTPS if scheme == "https" else _HTTP)
+        return f"{scheme}://{self.host}:{port}"
+
+
+@dataclass(frozen=True, slots=True)
+class FoundService:
+    """What answered, and how to go on with it."""
+
+    dialect: Dialect
+    base_url: str
+    tls: ssl.SSLContext | bool
+
+
+async def find_service(address: ServiceAddress, limit_s: float) -> FoundService:
+    """Ask without a password which generation answers; each of the two questions takes at most half of the limit.
+
+    Raises
+    ------
+    UnreachableError
+        Nothing answers as Robot Web Services.
+    RefusedError
+        The controller shows another certificate than the one of the cell file, or the file is none.
+    """
+    tls = _make_tls_context(address)
+    if await _ask_challenge(address.url("http"), ssl.create_default_context(), limit_s) == "digest":
+        return FoundService(FirstDialect(), address.url("http"), tls=True)
+    if await _ask_challenge(address.url("https"), tls, limit_s, address.device) == "basic":
+        if address.certificate is None:
+            _LOG.warning("%s: its certificate is not compared; name it in the cell file", address.device)
+        return FoundService(SecondDialect(), address.url("https"), tls)
+    raise UnreachableError(address.device, "no connection to the controller, or it was lost.", remedy=CABLE)
+
+
+async def _ask_challenge(url: str, tls: ssl.SSLContext, limit_s: float, device: str = "") -> str:
+    """Return the first word of the challenge in lower case; "" where nothing, or something else, answers."""
+    accept = SecondDialect.accept if url.startswith("https") else FirstDialect.accept
+    try:
+        async with httpx.AsyncClient(verify=tls, timeout=limit_s / _ATTEMPTS, trust_env=False) as client:
+            response = await client.get(f"{url}/rw/system", headers={"Accept": accept})
+    except httpx.ConnectError as error:
+        if device and "CERTIFICATE_VERIFY_FAILED" in str(error):
+            raise RefusedError(
+                device,
+                "the controller does not show the certificate of the cell file.",
+                remedy="Check the address; after a change of the certificate save the new one and name it.",
+            ) from error
+        return ""
+    except (httpx.HTTPError, httpx.InvalidURL):
+        return ""
+    if response.status_code != httpx.codes.UNAUTHORIZED:
+        return ""
+    challenge = str(response.headers.get("www-authenticate", ""))
+    return challenge.partition(" ")[0].lower()
+
+
+def _make_tls_context(address: ServiceAddress) -> ssl.SSLContext:
+    """Return a context that takes one certificate, whatever name it bears: controllers sign their own."""
+    context = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
+    context.check_hostname = False
+    if address.certificate is None:
+        context.verify_mode = ssl.CERT_NONE
+        return context
+    try:
+        context.load_verify_locations(cafile=address.certificate)
+    except (OSError, ssl.SSLError) as error:
+        raise RefusedError(
+            address.device,
+            make_message("{certificate} is no certificate.", certificate=str(address.certificate)),
+            remedy="Save the controller's certificate in PEM form and name the file in the cell file.",
+        ) from error
+    return context

@@ -1,0 +1,98 @@
+"""Program listings (.LS) on a FANUC controller over FTP, read and written.
+
+A controller takes a listing only with the ASCII upload option and a login that may write; else it answers 550 and the
+delivery is refused. It does not say over FTP whether a program runs. It translates what it is given: read back, a
+listing has another head, and the same statements and positions.
+"""
+
+import asyncio
+import ftplib
+import io
+from typing import Self
+
+from cellcal.calibration.message import make_message
+from cellcal.drivers.errors import RefusedError
+from cellcal.drivers.fanuc.controller_files.controller_address import ControllerAddress
+from cellcal.drivers.fanuc.controller_files.ftp_source import (
+    READING_COMMANDS,
+    FtpLogin,
+    FtpSource,
+    ReadOnlyFtp,
+)
+from cellcal.drivers.fanuc.controller_files.program_digests import is_program_name, statements_of
+
+_NOT_THERE = "550"
+
+
+class WritingFtp(ReadOnlyFtp):
+    """The client that may also store and delete; the record and the watch never use it."""
+
+    allowed = READING_COMMANDS | {"STOR", "DELE"}
+
+
+class _WritingSource(FtpSource):
+    def _make_client(self) -> ReadOnlyFtp:
+        return WritingFtp(encoding="latin-1")
+
+    def forget_names(self) -> None:
+        """List anew before the next reading."""
+        self._names = None
+
+    def store(self, name: str, content: bytes) -> None:
+        """Write a file."""
+        with self._named_failures(f"writing {name}"):
+            self._ftp.storbinary(f"STOR {name}", io.BytesIO(content))
+
+    def delete(self, name: str) -> None:
+        """Delete a file."""
+        with self._named_failures(f"deleting {name}"):
+            try:
+                self._ftp.delete(name)
+            except ftplib.error_perm as error:
+                if not str(error).startswith(_NOT_THERE):
+                    raise  # 550 is also a refusal: whether the file is gone shows when it is read
+
+
+class FtpProgramStore:
+    """The programs of MD:."""
+
+    tells_running = False
+
+    def __init__(self, address: ControllerAddress, login: FtpLogin) -> None:
+        self._source = _WritingSource(address, login)
+
+    async def __aenter__(self) -> Self:
+        await asyncio.to_thread(self._source.__enter__)
+        return self
+
+    async def __aexit__(self, *exc: object) -> None:
+        await asyncio.to_thread(self._source.__exit__, *exc)
+
+    @property
+    def device(self) -> str:
+        return self._source.device
+
+    async def list_names(self) -> tuple[str, ...]:
+        names = await asyncio.to_thread(self._source.list_names)
+        return tuple(name for name in names if is_program_name(name))
+
+    async def read_file(self, name: str) -> bytes | None:
+        self._source.forget_names()
+        return await asyncio.to_thread(self._source.read_file, name)
+
+    async def write_file(self, name: str, content: bytes) -> None:
+        if statements_of(content) is None:
+            raise RefusedError(
+                self.device, make_message("{name} is no whole listing of a program.", name=name)
+            )
+        await asyncio.to_thread(self._source.store, name, content)
+
+    async def delete_file(self, name: str) -> None:
+        await asyncio.to_thread(self._source.delete, name)
+
+    async def refuse_while_running(self) -> None:
+        """Do nothing: the FTP server does not say what the robot does."""
+
+    def is_same(self, sent: bytes, read: bytes) -> bool:
+        statements = statements_of(sent)
+        return statements is not None and statements == statements_of(read)

@@ -1,0 +1,91 @@
+"""Programs in a folder of this computer, such as a controller's share that is mounted."""
+
+import asyncio
+import os
+import tempfile
+from pathlib import Path
+
+from cellcal.calibration.message import make_message
+from cellcal.drivers.errors import RefusedError, UnreachableError
+
+_MOST_OCTETS = 64 * 2**20
+_CHECK = "Check that the folder is mounted and that its files may be read and written."
+
+
+class FolderStore:
+    """Files of a folder; a file is replaced in one step, so that a crash leaves the old one or the new one."""
+
+    tells_running = False
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+
+    @property
+    def device(self) -> str:
+        return str(self._folder)
+
+    async def list_names(self) -> tuple[str, ...]:
+        return await asyncio.to_thread(self._list_names)
+
+    async def read_file(self, name: str) -> bytes | None:
+        return await asyncio.to_thread(self._read_file, name)
+
+    async def write_file(self, name: str, content: bytes) -> None:
+        await asyncio.to_thread(self._write_file, name, content)
+
+    async def delete_file(self, name: str) -> None:
+        await asyncio.to_thread(self._delete_file, name)
+
+    async def refuse_while_running(self) -> None:
+        """Do nothing: a folder does not say what its robot does."""
+
+    def is_same(self, sent: bytes, read: bytes) -> bool:
+        return sent == read
+
+    def _list_names(self) -> tuple[str, ...]:
+        try:
+            entries = [entry.name for entry in self._folder.iterdir() if entry.is_file()]
+        except OSError as error:
+            raise self._unreachable(error) from error
+        return tuple(sorted(name for name in entries if not name.startswith(".")))
+
+    def _read_file(self, name: str) -> bytes | None:
+        path = self._folder / name
+        try:
+            if name not in {entry.name for entry in self._folder.iterdir()}:
+                return None
+            with path.open("rb") as file:
+                content = file.read(_MOST_OCTETS + 1)
+        except OSError as error:
+            raise self._unreachable(error) from error
+        if len(content) > _MOST_OCTETS:
+            raise RefusedError(self.device, make_message("{name} is too large for a program.", name=name))
+        return content
+
+    def _write_file(self, name: str, content: bytes) -> None:
+        try:
+            descriptor, draft = tempfile.mkstemp(dir=self._folder, prefix=".cellcal")
+            try:
+                with os.fdopen(descriptor, "wb") as file:
+                    file.write(content)
+                    file.flush()
+                    os.fsync(file.fileno())
+                Path(draft).chmod(0o644)
+                Path(draft).replace(self._folder / name)
+            finally:
+                Path(draft).unlink(missing_ok=True)
+        except OSError as error:
+            raise self._unreachable(error) from error
+
+    def _delete_file(self, name: str) -> None:
+        try:
+            (self._folder / name).unlink(missing_ok=True)
+        except OSError as error:
+            raise self._unreachable(error) from error
+
+    def _unreachable(self, error: OSError) -> UnreachableError:
+        return UnreachableError(
+            self.device,
+            make_message("the folder cannot be used: {reason}.", reason=error.strerror or str(error)),
+            remedy=_CHECK,
+        )

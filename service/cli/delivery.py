@@ -1,0 +1,250 @@
+"""``cellcal program fetch | compare | deliver | restore``: programs of controllers, copied, compared, replaced."""
+
+import asyncio
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from cyclopts import Parameter
+
+if TYPE_CHECKING:
+    from cellcal.service.engineering.delivery.deliveries import Approval
+    from cellcal.service.engineering.delivery.store_addresses import StoreLogin
+    from cellcal.service.engineering.delivery.stored_copies import StoredDelivery
+
+Json = Annotated[
+    bool, Parameter(name="--json", negative=(), help="Print one JSON object on standard output.")
+]
+
+
+@Parameter(name="*")
+@dataclass(frozen=True)
+class LoginOptions:
+    """Who asks the controller."""
+
+    user: Annotated[str, Parameter(name="--user")] = ""
+    """User of the controller; the maker's default when none is given."""
+    password_file: Annotated[Path | None, Parameter(name="--password-file")] = None
+    """File with the user's password."""
+    certificate: Annotated[Path | None, Parameter(name="--certificate")] = None
+    """The certificate that an ABB controller with RobotWare 7 shows (PEM)."""
+    timeout_s: Annotated[float, Parameter(name="--timeout")] = 10.0
+    """Longest wait for an answer, in seconds."""
+
+
+@Parameter(name="*")
+@dataclass(frozen=True)
+class ApprovalOptions:
+    """Who approves."""
+
+    approved_by: Annotated[str, Parameter(name="--approved-by")]
+    """The engineer who approves; the PIN is asked for."""
+    cell: Annotated[Path, Parameter(name="--cell")]
+    """The cell file whose people hold the engineer (`cellcal people add`)."""
+    robot_stands: Annotated[bool, Parameter(name="--robot-stands", negative=())] = False
+    """Say that the robot stands and no program is selected, where the controller does not tell it."""
+    secret_stdin: Annotated[bool, Parameter(name="--secret-stdin", negative=())] = False
+    """Read the PIN from standard input, one line."""
+
+
+_USUAL = LoginOptions()
+
+
+def fetch(
+    *addresses: str,
+    out: Path = Path("controller_programs"),
+    login: LoginOptions = _USUAL,
+    as_json: Json = False,
+) -> int:
+    """Copy all programs of controllers; nothing is written to a controller.
+
+    Example: cellcal program fetch abb://192.168.125.1 fanuc://192.168.0.10 /mnt/kuka --out backup
+
+    Parameters
+    ----------
+    addresses
+        abb://HOST[:PORT][/FOLDER], fanuc://HOST[:PORT], yaskawa://HOST, or a folder such as a controller's
+        mounted share.
+    out
+        A folder; each controller gets one of its own in it.
+    """
+    from cellcal.calibration.errors import CellError
+    from cellcal.service.cli.printing import STDERR_CONSOLE, print_json
+    from cellcal.service.engineering.delivery.comparison import fetch_programs
+    from cellcal.service.engineering.delivery.store_addresses import store_at
+    from cellcal.service.engineering.delivery.stored_copies import sha256_of
+
+    if not addresses:
+        raise CellError("no controller is named.", remedy="Give one or more addresses.", code="usage")
+    who = _login(login)
+
+    async def fetch_one(address: str) -> dict[str, object]:
+        folder = out / _plain_name(address)
+        async with store_at(address, who)() as store:
+            found = await fetch_programs(store, folder)
+        STDERR_CONSOLE.print(f"{address}: {len(found)} programs in {folder}", markup=False, soft_wrap=True)
+        sums = {name: sha256_of(content) for name, content in found.items()}
+        return {"address": address, "folder": str(folder), "sha256": sums}
+
+    fetched = [asyncio.run(fetch_one(address)) for address in addresses]
+    if as_json:
+        print_json({"controllers": fetched})
+    return 0
+
+
+def compare(address: str, /, *programs: Path, login: LoginOptions = _USUAL, as_json: Json = False) -> int:
+    """Compare programs here with those of a controller. Exit code 0: all the same; 3: something differs.
+
+    Parameters
+    ----------
+    address
+        As for `fetch`.
+    programs
+        Files, or folders whose files are all meant.
+    """
+    from cellcal.service.cli.printing import STDERR_CONSOLE, PlainTable, print_json
+    from cellcal.service.engineering.delivery.comparison import (
+        ComparedProgram,
+        Difference,
+        compare_programs,
+        read_programs,
+    )
+    from cellcal.service.engineering.delivery.store_addresses import store_at
+    from cellcal.service.exit_codes import ExitCode
+
+    here = read_programs(programs)
+    who = _login(login)
+
+    async def compare_all() -> tuple[ComparedProgram, ...]:
+        async with store_at(address, who)() as store:
+            return await compare_programs(store, here)
+
+    found = asyncio.run(compare_all())
+    table = PlainTable("program", "compared")
+    for each in found:
+        table.add_row(each.name, str(each.difference))
+    STDERR_CONSOLE.print(table)
+    if as_json:
+        print_json({"address": address, "programs": {each.name: str(each.difference) for each in found}})
+    same = all(each.difference is Difference.SAME for each in found)
+    return ExitCode.PASS if same else ExitCode.OUT_OF_TOLERANCE
+
+
+def deliver(
+    address: str,
+    /,
+    *programs: Path,
+    approval: ApprovalOptions,
+    copies: Path = Path("program_copies"),
+    login: LoginOptions = _USUAL,
+    as_json: Json = False,
+) -> int:
+    """Bring programs to a controller; what is there before is kept, and put back where the delivery fails.
+
+    Example: cellcal program deliver abb://192.168.125.1 moved/main.mod --approved-by Eva --cell cell.toml
+
+    Every file is read back and compared. `restore` with the folder that is printed puts the old ones back.
+
+    Parameters
+    ----------
+    address
+        As for `fetch`.
+    programs
+        Files, or folders whose files are all meant.
+    copies
+        Where what was there before is kept, with checksums and a signed document.
+    """
+    from cellcal.service.cli.printing import STDERR_CONSOLE
+    from cellcal.service.engineering.delivery.comparison import read_programs
+    from cellcal.service.engineering.delivery.deliveries import deliver_programs
+    from cellcal.service.engineering.delivery.store_addresses import store_at
+
+    new = read_programs(programs)
+    open_store = store_at(address, _login(login))
+    stored = asyncio.run(deliver_programs(open_store, new, copies, _approval(approval), address))
+    _print_delivery(stored, as_json=as_json)
+    STDERR_CONSOLE.print(
+        f"Put back what was there before: cellcal program restore {stored.folder}",
+        markup=False,
+        soft_wrap=True,
+    )
+    return 0
+
+
+def restore(
+    delivery: Path, /, *, approval: ApprovalOptions, login: LoginOptions = _USUAL, as_json: Json = False
+) -> int:
+    """Put back the programs that a delivery replaced; a program that it added is deleted.
+
+    Parameters
+    ----------
+    delivery
+        The folder that `deliver` printed.
+    """
+    from cellcal.service.engineering.delivery.deliveries import restore_programs
+    from cellcal.service.engineering.delivery.store_addresses import store_at
+    from cellcal.service.engineering.delivery.stored_copies import read_delivery
+
+    stored = read_delivery(delivery)
+    open_store = store_at(stored.delivery.address, _login(login))
+    _print_delivery(asyncio.run(restore_programs(open_store, stored, _approval(approval))), as_json=as_json)
+    return 0
+
+
+def _print_delivery(stored: "StoredDelivery", *, as_json: bool) -> None:
+    from cellcal.service.cli.printing import STDERR_CONSOLE, PlainTable, print_json
+
+    table = PlainTable(
+        "program", "before", "delivered", title=f"{stored.delivery.address}: {stored.delivery.state}"
+    )
+    for file in stored.delivery.files:
+        table.add_row(file.name, (file.old_sha256 or "-")[:12], file.new_sha256[:12])
+    STDERR_CONSOLE.print(table)
+    if as_json:
+        print_json({"folder": str(stored.folder), **stored.delivery.model_dump(mode="json")})
+
+
+def _approval(options: ApprovalOptions) -> "Approval":
+    from cellcal.service.configuration.cell_file import read_cell_file
+    from cellcal.service.engineering.delivery.deliveries import Approval
+    from cellcal.service.people.approval import approve_with_pin
+    from cellcal.service.people.roles import Right
+
+    data_dir = read_cell_file(options.cell).cell.data_dir
+    secret = _ask_secret(from_input=options.secret_stdin)
+    name = approve_with_pin(data_dir, options.approved_by, secret, Right.DELIVER_PROGRAMS)
+    return Approval(name, options.robot_stands)
+
+
+def _ask_secret(*, from_input: bool) -> str:
+    import sys
+    from getpass import getpass
+
+    from cellcal.calibration.errors import CellError
+
+    if from_input:
+        return sys.stdin.readline().rstrip("\r\n")
+    if not sys.stdin.isatty():
+        raise CellError("there is no terminal to ask for a PIN.", remedy="Give --secret-stdin.", code="usage")
+    return getpass("PIN or passphrase: ")
+
+
+def _login(options: LoginOptions) -> "StoreLogin":
+    from math import isfinite
+
+    from cellcal.calibration.documents.plain_files import read_plain_text
+    from cellcal.calibration.errors import CellError
+    from cellcal.service.engineering.delivery.store_addresses import StoreLogin
+
+    if not isfinite(options.timeout_s) or not 0.1 <= options.timeout_s <= 600.0:
+        raise CellError("--timeout is from 0.1 to 600 seconds.", code="usage")
+    password = None
+    if options.password_file is not None:
+        password = (read_plain_text(options.password_file).splitlines() or [""])[0]
+    if any(mark in options.user + (password or "") for mark in "\r\n\0"):
+        raise CellError("a user or password holds no line ends.", code="usage")
+    return StoreLogin(options.user, password, options.certificate, options.timeout_s)
+
+
+def _plain_name(address: str) -> str:
+    return "".join(c if c.isalnum() or c in "._-" else "-" for c in address).strip("-.")[-80:]

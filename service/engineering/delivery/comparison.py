@@ -1,0 +1,122 @@
+"""Programs of a controller against those of a folder, and copies of all of them."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import StrEnum
+from pathlib import Path
+
+from cellcal.calibration.errors import CellError
+from cellcal.calibration.message import make_message
+from cellcal.drivers.interfaces.program_store import ProgramStore
+from cellcal.service.engineering.delivery.deliveries import check_names
+from cellcal.service.files import make_private_folder, replace_file
+
+_MOST_OCTETS = 64 * 2**20
+
+
+class Difference(StrEnum):
+    """How a program here and its namesake on the controller compare."""
+
+    SAME = "same"
+    DIFFERS = "differs"
+    ONLY_HERE = "only here"
+    ONLY_THERE = "only on the controller"
+
+
+@dataclass(frozen=True, slots=True)
+class ComparedProgram:
+    """One program."""
+
+    name: str
+    difference: Difference
+
+
+def read_programs(paths: tuple[Path, ...]) -> dict[str, bytes]:
+    """Read program files; the programs of a folder are all its files.
+
+    Raises
+    ------
+    CellError
+        One cannot be read, or two have one name.
+    """
+    files = [
+        file
+        for path in paths
+        for file in (
+            sorted(entry for entry in path.iterdir() if entry.is_file() and not entry.name.startswith("."))
+            if path.is_dir()
+            else [path]
+        )
+    ]
+    check_names([file.name for file in files])
+    return {file.name: _read_whole(file) for file in files}
+
+
+async def fetch_programs(store: ProgramStore, folder: Path) -> dict[str, bytes]:
+    """Copy every program of a controller into a folder, and read each back.
+
+    Raises
+    ------
+    CellError
+        A copy cannot be written, or is another when it is read back.
+    """
+    found: dict[str, bytes] = {}
+    names = await store.list_names()
+    if names:
+        check_names(names)
+    try:
+        make_private_folder(folder)
+    except OSError as error:
+        raise _unwritable(folder, error) from error
+    for name in names:
+        content = await store.read_file(name)
+        if content is None:
+            continue  # it was deleted since
+        try:
+            replace_file(folder / name, content)
+        except OSError as error:
+            raise _unwritable(folder, error) from error
+        if _read_whole(folder / name) != content:
+            raise CellError(make_message("{path} is not what was written.", path=folder / name), code="store")
+        found[name] = content
+    return found
+
+
+async def compare_programs(store: ProgramStore, here: Mapping[str, bytes]) -> tuple[ComparedProgram, ...]:
+    """Compare by content; names count in any case of letters, as controllers take them."""
+    there = {name.lower(): name for name in await store.list_names()}
+    found = []
+    for name, content in here.items():
+        if name.lower() not in there:
+            found.append(ComparedProgram(name, Difference.ONLY_HERE))
+            continue
+        other = await store.read_file(there.pop(name.lower()))
+        same = other is not None and (other == content or store.is_same(content, other))
+        found.append(ComparedProgram(name, Difference.SAME if same else Difference.DIFFERS))
+    found += [ComparedProgram(name, Difference.ONLY_THERE) for name in there.values()]
+    return tuple(sorted(found, key=lambda each: each.name.lower()))
+
+
+def _read_whole(path: Path) -> bytes:
+    try:
+        with path.open("rb") as file:
+            content = file.read(_MOST_OCTETS + 1)
+    except OSError as error:
+        raise CellError(
+            make_message("{path} cannot be read: {reason}.", path=path, reason=error.strerror or str(error)),
+            remedy="Check the name.",
+            code="usage",
+        ) from error
+    if len(content) > _MOST_OCTETS:
+        raise CellError(make_message("{name} is too large for a program.", name=path), code="usage")
+    return content
+
+
+def _unwritable(folder: Path, error: OSError) -> CellError:
+    return CellError(
+        make_message(
+            "{path} cannot be written: {strerror}.", path=folder, strerror=error.strerror or str(error)
+        ),
+        remedy="Give another folder.",
+        code="store",
+    )

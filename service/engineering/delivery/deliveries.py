@@ -1,0 +1,203 @@
+"""Bring programs to a controller so that either all are there or what was there before.
+
+Order: read what is there, keep it with checksums, ask whether a program runs, write, read back, compare. Where any of
+it fails, what was there before is put back over a new connection and compared.
+"""
+
+import asyncio
+import logging
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from cellcal.calibration.errors import CellError
+from cellcal.calibration.message import make_message
+from cellcal.drivers.errors import DeviceError, RefusedError
+from cellcal.drivers.interfaces.program_store import ProgramStore
+from cellcal.drivers.wire.cancellation import run_to_end
+from cellcal.service.engineering.delivery.store_addresses import OpenStore
+from cellcal.service.engineering.delivery.stored_copies import (
+    DeliveryState,
+    StoredDelivery,
+    store_copies,
+)
+
+_LOG = logging.getLogger(__name__)
+_NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_ $-]{0,63}\.[A-Za-z0-9]{1,8}")
+_ATTEMPTS = 3
+_PAUSE_S = 0.5
+
+
+class DeliveryRefusedError(CellError):
+    """A delivery was not begun."""
+
+    code = "delivery"
+
+
+class DeliveryFailedError(CellError):
+    """A delivery did not succeed; ``stored`` says what is on the controller now."""
+
+    code = "delivery.failed"
+
+    def __init__(self, message: str, stored: StoredDelivery, *, remedy: str) -> None:
+        super().__init__(message, remedy=remedy)
+        self.stored = stored
+
+
+@dataclass(frozen=True, slots=True)
+class Approval:
+    """Who approved, and whether a person saw that no program runs."""
+
+    approved_by: str
+    robot_stands: bool = False
+
+
+def check_names(names: Sequence[str]) -> None:
+    """Refuse names that are no plain file names, and names that differ in the case of letters only.
+
+    Raises
+    ------
+    CellError
+        Such a name is among them, or none is there.
+    """
+    for name in names:
+        if not _NAME.fullmatch(name):
+            raise CellError(
+                make_message("{name!r} is no name that every controller takes.", name=name[:80]),
+                remedy="Use letters, digits, _ and one ending.",
+                code="usage",
+            )
+    if len({name.lower() for name in names}) != len(names) or not names:
+        raise CellError("no program is named, or two have one name.", code="usage")
+
+
+async def deliver_programs(
+    open_store: OpenStore, new: Mapping[str, bytes], copies: Path, approval: Approval, address: str
+) -> StoredDelivery:
+    """Deliver programs; files that are there already are left as they are.
+
+    Raises
+    ------
+    RefusedError
+        A program runs; nothing was written.
+    DeliveryRefusedError
+        The controller does not tell whether one runs, and no person said that none does; nothing was written.
+    DeliveryFailedError
+        Something failed after the first write.
+    DeviceError, DeliveryError
+        Something failed before it.
+    """
+    check_names(list(new))
+    stored: StoredDelivery | None = None
+    try:
+        async with open_store() as store:
+            _require_standing(store, approval)
+            await store.refuse_while_running()
+            old = {name: await store.read_file(name) for name in new}
+            stored = store_copies(copies, address, approval.approved_by, old, new)
+            for name, content in new.items():
+                if old[name] != content:
+                    await store.refuse_while_running()
+                    await _write_compared(store, name, content)
+            return stored.with_state(DeliveryState.DELIVERED)
+    except asyncio.CancelledError:
+        if stored is not None:
+            await run_to_end(_put_back_quietly(open_store, stored))
+        raise
+    except CellError as failure:
+        if stored is None:
+            raise
+        raise await _failed(open_store, stored, failure) from failure
+
+
+async def restore_programs(
+    open_store: OpenStore, stored: StoredDelivery, approval: Approval
+) -> StoredDelivery:
+    """Put back what was there before a delivery; errors as for ``deliver_programs``."""
+    async with open_store() as store:
+        _require_standing(store, approval)
+        await store.refuse_while_running()
+    return await _put_back(open_store, stored)
+
+
+async def _write_compared(store: ProgramStore, name: str, content: bytes) -> None:
+    await store.write_file(name, content)
+    found = await store.read_file(name)
+    if found is None or not store.is_same(content, found):
+        raise RefusedError(
+            store.device,
+            make_message("{name} reads back as something else than was sent.", name=name),
+            remedy="Compare the file with one that the controller wrote itself.",
+        )
+
+
+async def _put_back(open_store: OpenStore, stored: StoredDelivery) -> StoredDelivery:
+    """Write what was there before, read it back; the last failure is raised after some attempts."""
+    for attempt in range(_ATTEMPTS):
+        try:
+            async with open_store() as store:
+                for file in stored.delivery.files:
+                    await _put_back_file(store, file.name, stored.old_content(file))
+            return stored.with_state(DeliveryState.PUT_BACK)
+        except DeviceError as error:
+            _LOG.warning("%s: putting back failed: %s", stored.delivery.address, error)
+            if attempt + 1 == _ATTEMPTS:
+                stored.with_state(DeliveryState.UNKNOWN)
+                raise
+            await asyncio.sleep(_PAUSE_S)
+    raise AssertionError(_ATTEMPTS)
+
+
+async def _put_back_file(store: ProgramStore, name: str, content: bytes | None) -> None:
+    found = await store.read_file(name)
+    if content is None:
+        if found is not None:
+            await store.delete_file(name)
+            if await store.read_file(name) is not None:
+                raise RefusedError(
+                    store.device,
+                    make_message("{name} was not there before and cannot be deleted.", name=name),
+                    remedy="Delete it at the controller.",
+                )
+    elif found is None or not store.is_same(content, found):
+        await _write_compared(store, name, content)
+
+
+async def _put_back_quietly(open_store: OpenStore, stored: StoredDelivery) -> None:
+    try:
+        await _put_back(open_store, stored)
+    except CellError as error:
+        _LOG.error("%s: the programs of before are not back: %s", stored.delivery.address, error)
+
+
+async def _failed(open_store: OpenStore, stored: StoredDelivery, failure: CellError) -> DeliveryFailedError:
+    try:
+        put_back = await _put_back(open_store, stored)
+    except CellError as error:
+        return DeliveryFailedError(
+            make_message(
+                "the delivery failed, and what was there before could not be put back: {reason}",
+                reason=error.message,
+            ),
+            stored.with_state(DeliveryState.UNKNOWN),
+            remedy=make_message(
+                "Run no program. When the controller answers again: cellcal program restore {folder}",
+                folder=stored.folder,
+            ),
+        )
+    return DeliveryFailedError(
+        make_message(
+            "the delivery failed; what was there before is there again: {reason}", reason=failure.message
+        ),
+        put_back,
+        remedy=failure.remedy,
+    )
+
+
+def _require_standing(store: ProgramStore, approval: Approval) -> None:
+    if not store.tells_running and not approval.robot_stands:
+        raise DeliveryRefusedError(
+            make_message("{device}: nothing here tells whether a program runs.", device=store.device),
+            remedy="Look that the robot stands and no program is selected, then add --robot-stands.",
+        )

@@ -1,0 +1,108 @@
+"""``cellcal program fetch | compare | deliver | restore`` with an engineer's approval."""
+
+import io
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from cellcal.service.cli.app import run_command_line
+
+CELL = """\
+[cell]
+name = "cell-7"
+data_dir = "{folder}/data"
+
+[[robot]]
+name = "r"
+driver = "fanuc_rmi"
+address = "127.0.0.1"
+model = "fanuc_m6ib"
+serial = "F-1"
+speed_limit_rad_s = 0.3
+"""
+RunCommand = Callable[..., tuple[int, str]]
+
+
+@pytest.fixture
+def run_cellcal(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> RunCommand:
+    def run_command(*arguments: object, typed: str = "") -> tuple[int, str]:
+        monkeypatch.setattr("sys.stdin", io.StringIO(typed))
+        code = run_command_line(tuple(map(str, arguments)))
+        return code, capsys.readouterr().out
+
+    return run_command
+
+
+@pytest.fixture
+def share(tmp_path: Path) -> Path:
+    """The share of a controller with one program."""
+    (tmp_path / "share").mkdir()
+    (tmp_path / "share" / "main.src").write_text("DEF main()\nEND\n")
+    (tmp_path / "new").mkdir()
+    (tmp_path / "new" / "main.src").write_text("DEF main()\n; moved\nEND\n")
+    return tmp_path / "share"
+
+
+@pytest.fixture
+def approval(tmp_path: Path, run_cellcal: RunCommand) -> tuple[object, ...]:
+    cell = tmp_path / "cell.toml"
+    cell.write_text(CELL.format(folder=tmp_path))
+    for name, role, pin in (("Eva", "engineer", "Klemmring-47-Halle"), ("Tim", "technician", "271828")):
+        add = ("people", "add", name, "--cell", cell, "--role", role, "--secret-stdin")
+        assert run_cellcal(*add, typed=f"{pin}\n")[0] == 0
+    return ("--cell", cell, "--secret-stdin", "--copies", tmp_path / "copies")
+
+
+def test_programs_go_there_and_back(
+    tmp_path: Path, share: Path, approval: tuple[object, ...], run_cellcal: RunCommand
+) -> None:
+    code, out = run_cellcal("program", "fetch", share, "--out", tmp_path / "out", "--json")
+    assert code == 0
+    (fetched,) = json.loads(out)["controllers"]
+    assert (Path(fetched["folder"]) / "main.src").read_bytes() == (share / "main.src").read_bytes()
+    compare = ("program", "compare", share, tmp_path / "new")
+    assert run_cellcal(*compare)[0] == 3
+    deliver = ("program", "deliver", share, tmp_path / "new" / "main.src", *approval, "--approved-by", "Eva")
+    assert (
+        run_cellcal(*deliver, typed="Klemmring-47-Halle\n")[0] == 4
+    )  # nothing tells whether the robot stands
+    code, out = run_cellcal(*deliver, "--robot-stands", "--json", typed="Klemmring-47-Halle\n")
+    assert code == 0
+    delivery = json.loads(out)
+    assert (delivery["state"], delivery["approved_by"]) == ("delivered", "Eva")
+    assert run_cellcal(*compare)[0] == 0
+    assert run_cellcal("verify", Path(delivery["folder"]) / "delivery.json")[0] == 0
+    restore = (
+        "program",
+        "restore",
+        delivery["folder"],
+        *approval[:3],
+        "--approved-by",
+        "Eva",
+        "--robot-stands",
+    )
+    assert run_cellcal(*restore, typed="Klemmring-47-Halle\n")[0] == 0
+    assert (share / "main.src").read_text() == "DEF main()\nEND\n"
+
+
+@pytest.mark.parametrize(
+    ("name", "pin"), [("Tim", "271828"), ("Eva", "000000"), ("Nob", "Klemmring-47-Halle")]
+)
+def test_only_an_engineer_with_the_right_pin_approves(
+    tmp_path: Path, share: Path, approval: tuple[object, ...], run_cellcal: RunCommand, name: str, pin: str
+) -> None:
+    deliver = (
+        "program",
+        "deliver",
+        share,
+        tmp_path / "new",
+        *approval,
+        "--approved-by",
+        name,
+        "--robot-stands",
+    )
+    assert run_cellcal(*deliver, typed=f"{pin}\n")[0] == 4
+    assert (share / "main.src").read_text() == "DEF main()\nEND\n"
+    assert not (tmp_path / "copies").exists()
