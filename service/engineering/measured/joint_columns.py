@@ -26,7 +26,11 @@ Family = tuple[str, str, str]  # what stands before the stem, the stem, what sta
 
 
 def find_joints(
-    names: Sequence[str], plain: Mapping[str, str], joint_names: Sequence[str], slides: Sequence[bool] = ()
+    names: Sequence[str],
+    plain: Mapping[str, str],
+    joint_names: Sequence[str],
+    slides: Sequence[bool] = (),
+    numeric: Sequence[str] | None = None,
 ) -> tuple[str, ...]:
     """Return the columns of the joints, in the order of the robot's; ``plain`` is each name in one spelling.
 
@@ -58,7 +62,7 @@ def find_joints(
             joint_name_count=count,
             names=", ".join(names),
         ),
-        remedy=_joints_remedy(names, plain, joint_names),
+        remedy=_joints_remedy(names if numeric is None else numeric, plain, joint_names),
     )
 
 
@@ -136,16 +140,23 @@ def _external_joints(
 
 
 def _joints_remedy(names: Sequence[str], plain: Mapping[str, str], joint_names: Sequence[str]) -> str:
-    """Return what helps where joints are missing: what the file is tells what it can be used for."""
+    """Return what helps where joints are missing: what the file is tells what it can be used for.
+
+    ``names`` are columns of numbers, as far as that is known.
+    """
     count = len(joint_names)
     places = find_triples(names, plain, "xyz")
     some_joints = sum(_JOINT.match(plain[name]) is not None for name in names) > 1
-    if places and len(names) < count + 3 and not some_joints:
+    if (
+        len(names) < count + 3
+        and (places or (are_numbered(list(plain)) and len(names) <= count))
+        and not some_joints
+    ):
         return (
             "This is a list of points without the joints of the robot: `cellcal simulate-cell` reads such files; "
             "for an identification every row needs the joints, too."
         )
-    if are_numbered(names):
+    if are_numbered(list(plain)):
         joints = ",".join(str(at + 1) for at in range(count))
         return (
             f"It has no heading: say which columns are which by their numbers, such as `--columns joints={joints}` "
