@@ -16,6 +16,7 @@ from cellcal.calibration.orientation import values_from
 from cellcal.drivers.kuka.program_files.collected_positions import KrlPositions, change_error
 from cellcal.drivers.kuka.program_files.configuration import KukaConfigurations, parts_of
 from cellcal.drivers.kuka.program_files.data_list import declared_names, read_data_list
+from cellcal.drivers.kuka.program_files.frame_data import TaughtFrames, with_frame_data
 from cellcal.drivers.kuka.program_files.imports import imports_of, remark_imports
 from cellcal.drivers.kuka.program_files.krl_program import read_program
 from cellcal.drivers.kuka.program_files.literals import (
@@ -84,6 +85,7 @@ class KukaFile:
     keys: tuple[str, ...]  # (N,) the positions' names as other files write them
     taught: frozenset[int]  # rows with frame data of their own
     routines: Mapping[int, str]  # rows written into moves, and their routine
+    frame_data: Mapping[str, TaughtFrames]  # of a data list
     brand: str = "kuka"
 
     def to_bytes(self) -> bytes:
@@ -157,6 +159,7 @@ class KukaFile:
             routines={
                 k: summary.routines[row] for k, row in enumerate(rows.tolist()) if row in summary.routines
             },
+            frame_data=summary.frame_data,
             positions=found.to_positions(rows, written, summary.shifts),
             remarks=tuple(sorted(found.remarks, key=lambda remark: remark.line)),
             frames=frames,
@@ -166,6 +169,7 @@ class KukaFile:
 
     def with_external_uses(self, external_uses: ExternalUses) -> Self:
         """Return the file with what others say of its positions."""
+        external_uses = with_frame_data(external_uses, self.frame_data)
         used = frozenset(self.routines) | {
             k
             for k, (tool, base) in enumerate(
@@ -260,6 +264,7 @@ class _FileSummary:
     taught: Set[int] = frozenset()
     routines: Mapping[int, str] = field(default_factory=dict)
     shifts: Sequence[ProgramShift] = ()
+    frame_data: Mapping[str, TaughtFrames] = field(default_factory=dict)
 
 
 _Read = tuple[KrlPositions, ProgramFrames, _FileSummary]
@@ -274,7 +279,7 @@ def _read_data(source: ProgramText) -> _Read:
         bases=_of_tables(data.bases),
         imports=remark_imports(data.found),
     )
-    return data.found, data.to_frames(), _FileSummary(declarations, data.taught)
+    return data.found, data.to_frames(), _FileSummary(declarations, data.taught, frame_data=data.frame_data)
 
 
 def _of_tables(poses: Mapping[str, Pose]) -> Poses:
