@@ -21,6 +21,7 @@ from cellcal.drivers.abb.program_files.written_numbers import (
     LEAST_QUATERNION_DECIMALS,
     WrittenTargets,
 )
+from cellcal.drivers.programs.absent_places import absent_places
 from cellcal.drivers.programs.brands import ProgramBrand
 from cellcal.drivers.programs.columns import BEYOND, gets_only_a_pose, part_of
 from cellcal.drivers.programs.cross_file_uses import ExternalUses, FileDeclarations, settle_positions
@@ -169,6 +170,8 @@ class AbbFile:
         frames = with_declared(
             self.frames, positions, external_uses.tools, external_uses.bases, own=self.declared
         )
+        places = absent_places(self.source, external_uses.absent)
+        positions = replace(positions, shifts=(*positions.shifts, *places))
         return replace(self, positions=positions, frames=frames, remarks=(*self.remarks, *remarks))
 
     def _refuse_unfit(self, row: int, *, pose: bool, joints: bool, frame: str | None) -> None:

@@ -251,7 +251,6 @@ class KrlProgram:
 
     def _take_flow(self, code: str, line: KrlLine, word: str) -> None:
         """Take calls, branches, and the frame data that the next move is done with."""
-        routine = self.points.routines[-1]
         begins = word in patterns.BEGIN_ROUTINE and patterns.ROUTINE.match(code) is not None
         if "(" in code and not begins and word not in patterns.CALLS_NOTHING:
             self._take_calls(code, line)
@@ -259,17 +258,22 @@ class KrlProgram:
             self._take_branch(word, line.start)
         elif word == "FDAT_ACT" and (data := patterns.FRAME_DATA_SET.match(code)) is not None:
             self.force.take_data(data[1])
-        elif word in ("GOTO", "EXIT"):
-            routine.jumps.first = line.start if routine.jumps.first is None else routine.jumps.first
-        elif word in patterns.LANDINGS or code.rstrip().endswith(":"):
-            routine.jumps.landings.append(line.start)
-            self.force.forget()
-        elif word in patterns.LOOPS:
-            self.force.forget()
         elif word in ("SPLINE", "PTP_SPLINE"):
             self.force.begin_block()
         elif word == "ENDSPLINE":
             self.force.end_block()
+        else:
+            self._take_jump(code, line, word)
+
+    def _take_jump(self, code: str, line: KrlLine, word: str) -> None:
+        jumps = self.points.routines[-1].jumps
+        if word in ("GOTO", "EXIT"):
+            jumps.first = line.start if jumps.first is None else jumps.first
+        elif word in patterns.LANDINGS or code.rstrip().endswith(":"):
+            jumps.landings.append(line.start)
+            self.force.forget()
+        elif word in patterns.LOOPS:
+            self.force.forget()
 
     def _take_calls(self, code: str, line: KrlLine) -> None:
         names = {name.upper() for name in patterns.CALLS.findall(code)} - patterns.KNOWN_CALLS

@@ -26,6 +26,7 @@ from cellcal.drivers.kuka.program_files.literals import (
     STATE_FIELDS,
     field_spans,
 )
+from cellcal.drivers.kuka.program_files.patterns import MOVE
 from cellcal.drivers.kuka.program_files.point_uses import in_set_table
 from cellcal.drivers.kuka.program_files.written_numbers import (
     LEAST_ANGLE_DECIMALS,
@@ -33,6 +34,7 @@ from cellcal.drivers.kuka.program_files.written_numbers import (
     LEAST_TURN,
     WrittenPoints,
 )
+from cellcal.drivers.programs.absent_places import absent_places
 from cellcal.drivers.programs.barred import COMPUTED
 from cellcal.drivers.programs.brands import ProgramBrand
 from cellcal.drivers.programs.columns import BEYOND, gets_only_a_pose, part_of
@@ -64,6 +66,7 @@ _DEFINED_BYTES = re.compile(
     rb"^(?:\xef\xbb\xbf)?[ \t]*+(?:GLOBAL[ \t]++)?+(?:DEFDAT|DEFFCT|DEF)\b|^&[A-Z]", re.I | re.M
 )
 _TABLES = re.compile(rb"\b(?:TOOL|BASE)_DATA[ \t]*+\[", re.IGNORECASE)
+_HOME = re.compile(r"X?HOME\d*\b", re.IGNORECASE)  # joint angles of $CONFIG.DAT, which no work moves
 _ROOT = re.compile(r"R\d", re.IGNORECASE)  # KRC/R1: where the programs of a controller stand
 Spans = dict[str, tuple[int, int]]
 _LOOKED_AT = 1 << 16  # bytes in which a program names itself
@@ -190,6 +193,9 @@ class KukaFile:
         frames = with_declared(
             self.frames, positions, external_uses.tools, external_uses.bases, own=frozenset()
         )
+        absent = {name: moves for name, moves in external_uses.absent.items() if not _HOME.match(name)}
+        places = absent_places(self.source, absent, "|".join(sorted(MOVE)))
+        positions = replace(positions, shifts=(*positions.shifts, *places))
         return replace(self, positions=positions, frames=frames, remarks=(*self.remarks, *remarks))
 
     def _refuse_unfit(self, row: int, *, pose: bool, joints: bool, base: str | None) -> None:
