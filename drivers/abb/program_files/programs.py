@@ -16,6 +16,7 @@ from cellcal.drivers.abb.program_files.collected_positions import LEAST_ANGLE_DE
 from cellcal.drivers.abb.program_files.configuration import AbbConfigurations, numbers_of
 from cellcal.drivers.abb.program_files.literals import AGGREGATES
 from cellcal.drivers.abb.program_files.rapid_module import read_module
+from cellcal.drivers.abb.program_files.unchecked_configurations import ignores_configurations
 from cellcal.drivers.abb.program_files.written_numbers import (
     LEAST_LENGTH_DECIMALS,
     LEAST_QUATERNION_DECIMALS,
@@ -143,12 +144,15 @@ class AbbFile:
             declared=frozenset(module.frames.declared),
             name=module.name or PurePath(name).stem,
             positions=replace(
-                found.to_positions(
-                    order,
-                    user_frames,
-                    tools,
-                    module.uses.barred,
-                    module.shifts.to_shifts(found, module.uses),
+                _with_configurations_that_count(
+                    found.to_positions(
+                        order,
+                        user_frames,
+                        tools,
+                        module.uses.barred,
+                        module.shifts.to_shifts(found, module.uses),
+                    ),
+                    source.text,
                 ),
                 conditions={
                     k: uses.conditions[row] for k, row in enumerate(order.tolist()) if row in uses.conditions
@@ -260,6 +264,15 @@ def _changed_text(texts: Sequence[str] | None, k: int, old: str) -> str | None:
 def writes_program(data: bytes) -> bool:
     """Tell whether a .mod, .prg or .sys file is a RAPID module: others use these suffixes, too."""
     return _MODULE.search(data, 0, _LOOKED_AT) is not None
+
+
+def _with_configurations_that_count(positions: Positions, text: str) -> Positions:
+    """Return positions without the configurations that no move looks at: each posture is the one next to the last."""
+    return (
+        replace(positions, configurations=("",) * len(positions))
+        if ignores_configurations(text)
+        else positions
+    )
 
 
 BRAND = ProgramBrand(
