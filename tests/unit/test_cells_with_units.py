@@ -173,8 +173,7 @@ def test_copies_of_a_row_count_once(tmp_path):
 @pytest.mark.parametrize(
     "text",
     [
-        "// SpatialAnalyzer SA 2024\nA, Main, P0, 1.5, 2.5, 3.5, 02/12/25\nA, Main, P1, 4.5, 2.5, 1.5, 02/12/25\n",
-        "A::Main::P0  1.5 2.5 3.5\nA::Main::P1  4.5 2.5 1.5\n",
+        "// SpatialAnalyzer\n// AXES = CARTESIAN: X,  Y,  Z (mm)\nA, Main, P0, 1.5, 2.5, 3.5, 02/12/25\nA, Main, P1, 4.5, 2.5, 1.5, 02/12/25\n",
         "Collection,Group,Point,X,Y,Z,Time,Note,Ux,Uy,Uz\nA,B,P0,1.5,2.5,3.5,9:00,a,1,1,1\nA,B,P1,4,5,6,9:01,b,1,1,1\n",
     ],
 )
@@ -184,6 +183,23 @@ def test_a_list_of_points_is_called_one(text, tmp_path):
     with pytest.raises(MeasurementError) as refused:
         read_measurements(path, MODEL)
     assert "a list of points without the joints" in refused.value.remedy
+
+
+@pytest.mark.parametrize(
+    ("row", "says"),
+    [
+        ("A::Main::P0  1.5 2.5 3.5", "3 columns of numbers without a heading: too few for the 6 joints"),
+        ("-90.5,-90,0,10.5,90,90", "6 columns of numbers without a heading: too few for the 6 joints"),
+        ("1,4.7,-0.7,-2.2,4.7,0.8,-5.2", "`--columns joints=1,2,3,4,5,6` `--columns length=7`"),
+        ("1,2,3,4,5,6,7.5,8.5,9.5", "`--columns position=7,8,9`"),
+    ],
+)
+def test_a_hint_names_columns_that_the_file_has(row, says, tmp_path):
+    path = tmp_path / "rows.txt"
+    path.write_text(f"{row}\n{row}\n", encoding="utf-8")
+    with pytest.raises(MeasurementError) as refused:
+        read_measurements(path, MODEL)
+    assert says in refused.value.remedy
 
 
 def test_points_of_at_are_read_with_units_or_the_cell_is_named(tmp_path):

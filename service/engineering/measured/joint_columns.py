@@ -145,22 +145,28 @@ def _joints_remedy(names: Sequence[str], plain: Mapping[str, str], joint_names: 
     ``names`` are columns of numbers, as far as that is known.
     """
     count = len(joint_names)
-    places = find_triples(names, plain, "xyz")
+    numbered = are_numbered(list(plain))
     some_joints = sum(_JOINT.match(plain[name]) is not None for name in names) > 1
-    if (
-        len(names) < count + 3
-        and (places or (are_numbered(list(plain)) and len(names) <= count))
-        and not some_joints
-    ):
+    if find_triples(names, plain, "xyz") and len(names) < count + 3 and not some_joints:
         return (
             "This is a list of points without the joints of the robot: `cellcal simulate-cell` reads such files; "
             "for an identification every row needs the joints, too."
         )
-    if are_numbered(list(plain)):
+    if numbered and len(names) <= count:
+        return make_message(
+            "It has {columns} columns of numbers without a heading: too few for the {count} joints and what the "
+            "device read, which every row needs. Lists of points alone are read by `cellcal simulate-cell`.",
+            columns=len(names),
+            count=count,
+        )
+    if numbered:
         joints = ",".join(str(at + 1) for at in range(count))
+        reading = f"position={count + 1},{count + 2},{count + 3}"
+        if len(plain) < count + 3:
+            reading = f"length={count + 1}"
         return (
             f"It has no heading: say which columns are which by their numbers, such as `--columns joints={joints}` "
-            f"`--columns position={count + 1},{count + 2},{count + 3}`."
+            f"`--columns {reading}`."
         )
     return make_message(
         "Name the columns of its joints ({joints}) in this order: `--columns joints=q1,q2,…` (or by their numbers), "
