@@ -37,6 +37,7 @@ def yaskawa(*lines: str) -> str:
         ("fanuc", "offset_pr.LS", fanuc("J PR[1] 100% FINE"), "PR[1]"),
         ("fanuc", "offset_pr.LS", fanuc("L PR[GP1:4:home] 100mm/sec FINE"), "PR[4]"),
         ("fanuc", "offset_pr.LS", fanuc("L PR[R[2]] 100mm/sec FINE"), "PR[R[...]]"),
+        ("fanuc", "offset_pr.LS", fanuc("J PR[1:Home] 100% FINE", "L PR[1:Home] 100mm/sec FINE"), "PR[1]"),
         ("fanuc", "offset_pr.LS", fanuc("PR[1]=PR[2]", "L PR[1] 100mm/sec FINE"), "PR[1]"),
         ("abb", "pdisp_rotated.mod", rapid("MoveL pOther,v100,fine,tool0\\WObj:=wobj0;"), "pOther"),
         (
@@ -64,13 +65,14 @@ def test_a_motion_to_a_place_of_the_controller_is_a_finding(brand, file, text, p
 @pytest.mark.parametrize(
     ("brand", "file", "text"),
     [
+        ("fanuc", "offset_pr.LS", fanuc("J PR[1:Home] 100% FINE")),  # the robot's own, as KUKA's HOME
         ("fanuc", "offset_pr.LS", fanuc("PR[1]=P[1]", "L PR[1] 100mm/sec FINE")),  # goes along with P[1]
         ("fanuc", "offset_pr.LS", fanuc("PR[2]=P[1]", "PR[1]=PR[2]", "L PR[1] 100mm/sec FINE")),
         ("abb", "pdisp_rotated.mod", rapid("pOwn:=p10;", "MoveL pOwn,v100,fine,tool0\\WObj:=wobj0;")),
         ("yaskawa", "one_point_refuses_all.JBI", yaskawa("GETS PX010 $PX000", "MOVL P010 V=50.0")),
     ],
 )
-def test_a_place_that_the_program_fills_itself_is_none(brand, file, text, tmp_path: Path):
+def test_a_place_that_the_program_fills_or_that_is_home_is_none(brand, file, text, tmp_path: Path):
     moved = move_program(tmp_path, brand, file, offset=SHIFTED, text=text)
     assert not [one for one in moved.report["findings"] if "whose place no file here holds" in one["text"]]
 

@@ -35,6 +35,10 @@ _WRITTEN_REMOTE = (
     "it is written with RX to RR, for a tool that stands in the cell; the listing does not say where"
 )
 _WORDS = (b"INC", b"COORD", b"RTCP", b"VR[", b"OFFSET", b"PR[", b"PAL_")
+_HOME = re.compile(  # the robot's own resting posture, which no work moves, where its comment says so
+    rb"\bJ[ \t]++PR\[ *+(\d{1,5}+) *+:[^\]\n]*?(?:home|perch|grund|park|ruhe)", re.IGNORECASE
+)
+_STRAIGHT = re.compile(rb"\b[LCAS][ \t]++PR\[ *+(\d{1,5}+)", re.IGNORECASE)
 _CARRY = "Carry it with `cellcal program registers`, or teach it there."
 _TO_PALLET = re.compile(
     rb"[JLCAS][ \t]++(PAL_\d++\[[^\]]{0,20}+\])"
@@ -121,11 +125,12 @@ def _pallet_places(data: bytes) -> Iterator[ProgramShift]:
 def _absent_places(
     data: bytes, found: _MotionFindings, registers: ComputedRegisters
 ) -> Iterator[ProgramShift]:
-    """Yield the motions to registers that this program fills from none of its positions."""
+    """Yield the motions to registers that this program fills from none of its positions, home aside."""
+    homes = {int(each) for each in _HOME.findall(data)} - {int(each) for each in _STRAIGHT.findall(data)}
     lines = {
         f"PR[{number}]": line
         for number, line in {**found.shifted, **found.goes_to}.items()
-        if not registers.origins.get(number) and number not in registers.here
+        if not registers.origins.get(number) and number not in registers.here and number not in homes
     }
     if found.any_register:
         lines["PR[R[...]]"] = found.any_register
