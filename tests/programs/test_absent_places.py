@@ -77,6 +77,14 @@ def test_a_place_that_the_program_fills_or_that_is_home_is_none(brand, file, tex
     assert not [one for one in moved.report["findings"] if "whose place no file here holds" in one["text"]]
 
 
+@pytest.mark.parametrize(("offset", "findings"), [(SHIFTED, 0), ("0,0,0,0,0,20", 1)])
+def test_a_shift_from_where_the_robot_is_is_a_finding_where_its_axes_turn(offset, findings, tmp_path: Path):
+    text = fanuc("PR[51]=LPOS", "PR[52,1]=R[100]", "J PR[51] 100% CNT100 Offset,PR[52]")
+    moved = move_program(tmp_path, "fanuc", "offset_pr.LS", offset=offset, text=text)
+    shifts = [one for one in moved.report["findings"] if one["point"] == "PR[51]"]
+    assert len(shifts) == findings
+
+
 def test_a_frame_that_does_not_move_leaves_its_registers_where_they_belong(tmp_path: Path):
     moved = move_program(tmp_path, "fanuc", "offset_pr.LS", offset=UNMOVED, text=fanuc("J PR[1] 100% FINE"))
     assert (moved.code, moved.report["findings"]) == (ExitCode.PASS, [])

@@ -97,7 +97,7 @@ def with_motions(positions: Positions, data: bytes) -> Positions:
     shifted_here = [
         ProgramShift(line, f"PR[{each}]", ShiftAxes.USER_FRAME, point=f"PR[{each}]")
         for each, line in found.goes_to.items()
-        if each in registers.here and each in registers.altered
+        if each in registers.here and (each in registers.altered or each in found.shifted)
     ]
     all_shifts = [
         *shifted_here,
