@@ -147,25 +147,41 @@ def _angle_units(
 def _mixed_angle_units(
     joints_rad: Array, names: FileNames, factors: Array, units: tuple[str, str]
 ) -> Iterator[JointInterpretation]:
-    """Return one joint, or all but one, in another unit than the one that was taken."""
+    """Return some of the joints in another unit than the one that was taken."""
     unit, taken = units
-    for joint, name in enumerate(names.joints):
-        if factors[joint] == 1.0:
-            continue
-        alone = joints_rad.copy()
-        alone[:, joint] *= factors[joint]
-        others = joints_rad * factors
-        others[:, joint] = joints_rad[:, joint]
-        for changed, one, rest in ((alone, unit, taken), (others, taken, unit)):
+    turning = [joint for joint in range(len(factors)) if factors[joint] != 1.0]
+    for count in range(1, len(turning)):
+        for some in itertools.combinations(turning, count):
+            changed = joints_rad.copy()
+            changed[:, some] *= factors[list(some)]
+            few = some if count <= len(turning) // 2 else tuple(j for j in turning if j not in some)
+            one, rest = (unit, taken) if few == some else (taken, unit)
+            each = ",".join(unit if joint in some else taken for joint in turning)
             yield JointInterpretation(
                 "angle unit",
-                1,
+                1 if len(few) == 1 or _stand_together(few, turning) else 2,
                 changed,
                 make_message(
-                    "{name} is in {one} and the other joints are in {rest}", name=name, one=one, rest=rest
+                    "{name} is in {one} and the other joints are in {rest}",
+                    name=names.joints[few[0]],
+                    one=one,
+                    rest=rest,
+                )
+                if len(few) == 1
+                else make_message(
+                    "{names} are in {one} and the other joints are in {rest}",
+                    names=_join_words([names.joints[joint] for joint in few]),
+                    one=one,
+                    rest=rest,
                 ),
-                f"Convert {name} to {rest} in the file, and say so: `--units joints={rest}`.",
+                f"Say so: `--units joints={each}`.",
             )
+
+
+def _stand_together(joints: Sequence[int], turning: Sequence[int]) -> bool:
+    """Tell whether joints are the first or the last of those that turn."""
+    count = len(joints)
+    return list(joints) in (list(turning[:count]), list(turning[-count:]))
 
 
 def _coupled_readings(

@@ -94,6 +94,7 @@ class ExternalUses:
     visible: frozenset[str]  # names that programs not given may use, too
     tools: Poses  # what files declare for all; the nearest one's for each name
     bases: Poses
+    absent: Mapping[str, frozenset[MoveFrames]] = field(default_factory=dict)  # gone to, and declared by none
 
     def doubt_reason(self, tool: str | None, frame: str | None) -> str:
         """Return why nothing is carried in a tool or frame, or ""."""
@@ -114,6 +115,7 @@ class BatchDeclarations:
         self._uses: dict[str, dict[str, list[tuple[MoveFrames, str]]]] = defaultdict(
             lambda: defaultdict(list)
         )
+        self._absent: dict[str, dict[str, frozenset[MoveFrames]]] = defaultdict(dict)  # by file and name
         self._doubtful: dict[str, str] = {}
         self._shown: dict[str, list[str]] = defaultdict(list)  # by routine: the files that show it
         self._folders = {file: str(PurePath(file).parent) for file in declarations}
@@ -143,7 +145,8 @@ class BatchDeclarations:
         uses = {name: self._deciding_uses(move_uses) for name, move_uses in self._uses.get(file, {}).items()}
         visible = frozenset(name for name, is_visible in one.declares.items() if is_visible or one.public)
         tools, bases = (every.poses_visible_from(self._folders[file]) for every in (self._tools, self._bases))
-        return ExternalUses(uses, self._doubtful, self._why_reached, file, visible, tools, bases)
+        absent = self._absent.get(file, {})
+        return ExternalUses(uses, self._doubtful, self._why_reached, file, visible, tools, bases, absent)
 
     @cached_property
     def _called_in(self) -> Set[tuple[str, str]]:
@@ -195,6 +198,9 @@ class BatchDeclarations:
                     module, there = imports.get(bare, ("", bare))
                     others = self._files_declaring(there, own[module]) if module else visible.get(bare, ())
                     owners = self._nearest_files(file, others)
+                gone_to = frozenset(each for each in frames_of_moves if each.why != COPIED)
+                if not owners and gone_to:
+                    self._absent[file][name] = gone_to
                 for owner in owners:
                     self._uses[owner][there + name[len(bare) :]] += [
                         (move_frames, file) for move_frames in frames_of_moves

@@ -76,8 +76,13 @@ def _print_errors(console: "Console", report: "IdentifyReport") -> None:
 
 
 def _describe_rows(report: "IdentifyReport") -> str:
+    from cellcal.service.engineering.measured.measurements import REPEAT
+
     usable = len(report.measurements.rows)
-    return f"{usable} rows" if usable == report.rows else f"{usable} usable rows of {report.rows}"
+    if usable == report.rows:
+        return f"{usable} rows"
+    repeats = sum(row.kind == REPEAT for row in report.rejected)
+    return f"{usable} usable rows of {report.rows}" + (f", {repeats} repeat another" if repeats else "")
 
 
 def _print_reasons(console: "Console", report: "IdentifyReport") -> None:
@@ -109,13 +114,17 @@ def _add_error_row(table: "PlainTable", title: str, errors: "ErrorSummary") -> N
 
 
 def _print_rejected(console: "Console", report: "IdentifyReport") -> None:
-    from cellcal.service.engineering.measured.measurements import OUTLIER, UNREAD
+    from cellcal.service.engineering.measured.measurements import OUTLIER, REPEAT, UNREAD
 
     unread = [row for row in report.rejected if row.kind == UNREAD]
     outliers = [row for row in report.rejected if row.kind == OUTLIER]
+    repeats = [row for row in report.rejected if row.kind == REPEAT]
     if unread:
         console.print(f"[bold]{len(unread)} rows hold no reading[/] and take no part")
         _print_rows(console, unread)
+    if repeats:
+        console.print(f"[bold]{len(repeats)} rows repeat another[/] to the last digit and count once")
+        _print_rows(console, repeats)
     if outliers:
         console.print(f"[bold]{len(outliers)} rows rejected[/], not fitted; held-out errors count them")
         _print_rows(console, outliers)

@@ -1,11 +1,14 @@
 """RAPID as people and their tools write it: commas before options, parameters, letters beyond ASCII, copies."""
 
+import json
+
 import numpy as np
 import pytest
 
 from cellcal.drivers.abb.program_files.programs import BRAND
 from cellcal.drivers.programs.cross_file_uses import BatchDeclarations
 from cellcal.drivers.programs.positions import CARTESIAN, UNREAD
+from cellcal.service.cli.app import run_command_line
 
 E = "[9E9,9E+09,9E+9,9E9,9E9,9E9]"
 ONE = f"[[1,2,3],[1,0,0,0],[0,0,0,0],{E}]"
@@ -175,3 +178,39 @@ def test_numbers_are_where_they_were():
         "VAR robtarget pts{2}:=[p9,[[10,20,30],[1,0,0,0],[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]]];"
     )
     assert np.allclose(file.positions.frame_tip[0, :3, 3], (0.01, 0.02, 0.03))
+
+
+TURNED_OFF = "ConfL \\Off;\nConfJ \\Off;\n"
+SAME_POSTURE = (
+    "MoveL [[400,{},500],[0,0,1,0],[{},0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]],v100,fine,tool0\\WObj:=wobj0;"
+)
+
+
+@pytest.mark.parametrize(
+    ("before", "posture", "statuses"),
+    [
+        (TURNED_OFF, True, ["changed"] * 2),  # -3 is no quarter of axis 1 here, and is not looked at
+        (TURNED_OFF, False, ["left"] * 2),
+        ("ConfL \\Off;\n", True, ["left", "changed"]),  # ConfJ still counts for MoveJ
+        ("", True, ["left", "changed"]),
+        (f"{TURNED_OFF}ConfL \\On;\n", True, ["left", "changed"]),
+        ("! ConfL \\Off;\n! ConfJ \\Off;\n", True, ["left", "changed"]),
+    ],
+)
+def test_configurations_that_are_switched_off_do_not_count(before, posture, statuses, tmp_path):
+    start = "starting_posture_deg = [0, 0, 0, 0, 30, 0]\n" if posture else ""
+    project = tmp_path / "project.toml"
+    project.write_text(
+        'format = 1\nname = "cell"\n[robot]\nserial = "A1"\nmodel = "abb_irb120"\nsmallest_sigma = 0.001\n'
+        + start
+    )
+    moves = "\n".join((SAME_POSTURE.format(20, -3).replace("MoveL", "MoveJ"), SAME_POSTURE.format(40, 0)))
+    module = tmp_path / "M.mod"
+    module.write_text(f"MODULE M\nPROC main()\n{before}{moves}\nENDPROC\nENDMODULE\n")
+    report = tmp_path / "report.json"
+    words = ["move", module, "--project", project, "--offset", "10,0,0,0,0,0", "--out", tmp_path / "out"]
+    run_command_line(["program", *map(str, words), "--json", str(report)])
+    (program,) = json.loads(report.read_text())["programs"]
+    assert [one["status"] for one in program["points"]] == statuses
+    if statuses[0] == "changed":
+        assert "[410.000,20,500],[0,0,1,0],[-3,0,0,0]" in (tmp_path / "out" / "M.mod").read_text()

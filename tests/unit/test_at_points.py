@@ -54,8 +54,8 @@ def test_an_identified_arm_stands_where_the_pose_says():
     [
         ("x_mm,y_mm,z_mm,qw,qx,qy,qz\n99000,0,0,1,0,0,0\n", "cannot be reached"),
         ("x_mm,y_mm,z_mm,qw,qx,qy,qz\n900,0,0,1,1,0,0\n", "unit length"),
-        ("x_mm,y_mm,z_mm,qw,qx,qy,qz\n900,nan,0,1,0,0,0\n", "not finite"),
-        ("x_mm,y_mm,z_mm,qw,qx,qy,qz\n900,,0,1,0,0,0\n", "needs numbers"),
+        ("x_mm,y_mm,z_mm,qw,qx,qy,qz\n900,nan,0,1,0,0,0\n", "'nan' cannot be read as a number"),
+        ("x_mm,y_mm,z_mm,qw,qx,qy,qz\n900,,0,1,0,0,0\n", "column y_mm: '' cannot be read as a number"),
         ("a,b\n1,2\n", "neither joints nor poses"),
         ("q1_deg\n", "no rows"),
     ],

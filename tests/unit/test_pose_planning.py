@@ -233,7 +233,10 @@ def test_a_file_of_shapes_that_is_wrong_is_refused(tmp_path, old, new, words):
     [
         ("q1_deg,q2_deg\n1,2\n", "q6_deg"),
         ("", "q6_deg|no rows"),
-        (",".join(f"q{i}_deg" for i in range(1, 7)) + "\n1,2,3,4,5,nan\n", "finite"),
+        (
+            ",".join(f"q{i}_deg" for i in range(1, 7)) + "\n1,2,3,4,5,nan\n",
+            "'nan' cannot be read as a number",
+        ),
     ],
 )
 def test_test_poses_that_cannot_be_read_are_refused(tmp_path, content, words):

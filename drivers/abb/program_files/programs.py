@@ -16,11 +16,13 @@ from cellcal.drivers.abb.program_files.collected_positions import LEAST_ANGLE_DE
 from cellcal.drivers.abb.program_files.configuration import AbbConfigurations, numbers_of
 from cellcal.drivers.abb.program_files.literals import AGGREGATES
 from cellcal.drivers.abb.program_files.rapid_module import read_module
+from cellcal.drivers.abb.program_files.unchecked_configurations import ignores_configurations
 from cellcal.drivers.abb.program_files.written_numbers import (
     LEAST_LENGTH_DECIMALS,
     LEAST_QUATERNION_DECIMALS,
     WrittenTargets,
 )
+from cellcal.drivers.programs.absent_places import absent_places
 from cellcal.drivers.programs.brands import ProgramBrand
 from cellcal.drivers.programs.columns import BEYOND, gets_only_a_pose, part_of
 from cellcal.drivers.programs.cross_file_uses import ExternalUses, FileDeclarations, settle_positions
@@ -142,12 +144,15 @@ class AbbFile:
             declared=frozenset(module.frames.declared),
             name=module.name or PurePath(name).stem,
             positions=replace(
-                found.to_positions(
-                    order,
-                    user_frames,
-                    tools,
-                    module.uses.barred,
-                    module.shifts.to_shifts(found, module.uses),
+                _with_configurations_that_count(
+                    found.to_positions(
+                        order,
+                        user_frames,
+                        tools,
+                        module.uses.barred,
+                        module.shifts.to_shifts(found, module.uses),
+                    ),
+                    source.text,
                 ),
                 conditions={
                     k: uses.conditions[row] for k, row in enumerate(order.tolist()) if row in uses.conditions
@@ -169,6 +174,8 @@ class AbbFile:
         frames = with_declared(
             self.frames, positions, external_uses.tools, external_uses.bases, own=self.declared
         )
+        places = absent_places(self.source, external_uses.absent)
+        positions = replace(positions, shifts=(*positions.shifts, *places))
         return replace(self, positions=positions, frames=frames, remarks=(*self.remarks, *remarks))
 
     def _refuse_unfit(self, row: int, *, pose: bool, joints: bool, frame: str | None) -> None:
@@ -257,6 +264,15 @@ def _changed_text(texts: Sequence[str] | None, k: int, old: str) -> str | None:
 def writes_program(data: bytes) -> bool:
     """Tell whether a .mod, .prg or .sys file is a RAPID module: others use these suffixes, too."""
     return _MODULE.search(data, 0, _LOOKED_AT) is not None
+
+
+def _with_configurations_that_count(positions: Positions, text: str) -> Positions:
+    """Return positions without the configurations that no move looks at: each posture is the one next to the last."""
+    return (
+        replace(positions, configurations=("",) * len(positions))
+        if ignores_configurations(text)
+        else positions
+    )
 
 
 BRAND = ProgramBrand(

@@ -13,6 +13,7 @@ from cellcal.drivers.fanuc.program_files.ls_computed import (
     registers_of,
 )
 from cellcal.drivers.fanuc.program_files.ls_positions import REMOTE
+from cellcal.drivers.fanuc.program_files.ls_registers import UNSURE, registers_used
 from cellcal.drivers.fanuc.program_files.ls_statements import (
     MotionStatement,
     Statement,
@@ -34,6 +35,11 @@ _WRITTEN_REMOTE = (
     "it is written with RX to RR, for a tool that stands in the cell; the listing does not say where"
 )
 _WORDS = (b"INC", b"COORD", b"RTCP", b"VR[", b"OFFSET", b"PR[", b"PAL_")
+_HOME = re.compile(  # the robot's own resting posture, which no work moves, where its comment says so
+    rb"\bJ[ \t]++PR\[ *+(\d{1,5}+) *+:[^\]\n]*?(?:home|perch|grund|park|ruhe)", re.IGNORECASE
+)
+_STRAIGHT = re.compile(rb"\b[LCAS][ \t]++PR\[ *+(\d{1,5}+)", re.IGNORECASE)
+_CARRY = "Carry it with `cellcal program registers`, or teach it there."
 _TO_PALLET = re.compile(
     rb"[JLCAS][ \t]++(PAL_\d++\[[^\]]{0,20}+\])"
 )  # its places are no positions of the listing
@@ -46,6 +52,7 @@ class _MotionFindings:
     increments: dict[int, str] = field(default_factory=dict)  # positions that are no places, and why
     needs: dict[int, ConditionalBar] = field(default_factory=dict)  # of positions, by number
     any_increment: str = ""
+    any_register: int = 0  # a line in which a number chooses the register that is gone to
     places: set[int] = field(default_factory=set)  # positions that a motion goes to as they stand
     goes_to: dict[int, int] = field(default_factory=dict)  # registers that are gone to, and in which line
     shifted: dict[int, int] = field(default_factory=dict)  # registers that are gone to with a shift
@@ -90,11 +97,12 @@ def with_motions(positions: Positions, data: bytes) -> Positions:
     shifted_here = [
         ProgramShift(line, f"PR[{each}]", ShiftAxes.USER_FRAME, point=f"PR[{each}]")
         for each, line in found.goes_to.items()
-        if each in registers.here and each in registers.altered
+        if each in registers.here and (each in registers.altered or each in found.shifted)
     ]
     all_shifts = [
         *shifted_here,
         *_pallet_places(data),
+        *_absent_places(data, found, registers),
         *_with_rows(shifts, rows, positions),
         *_with_all_rows(found.any_shift, positions),
     ]
@@ -112,6 +120,31 @@ def _pallet_places(data: bytes) -> Iterator[ProgramShift]:
             yield ProgramShift(
                 statement.line, "PALLETIZING", ShiftAxes.USER_FRAME, point=place, quaternion=None, sets=True
             )
+
+
+def _absent_places(
+    data: bytes, found: _MotionFindings, registers: ComputedRegisters
+) -> Iterator[ProgramShift]:
+    """Yield the motions to registers that this program fills from none of its positions, home aside."""
+    homes = {int(each) for each in _HOME.findall(data)} - {int(each) for each in _STRAIGHT.findall(data)}
+    lines = {
+        f"PR[{number}]": line
+        for number, line in {**found.shifted, **found.goes_to}.items()
+        if not registers.origins.get(number) and number not in registers.here and number not in homes
+    }
+    if found.any_register:
+        lines["PR[R[...]]"] = found.any_register
+    frames = {use.line: use.user_frame for use in registers_used(data)} if lines else {}
+    for point, line in lines.items():
+        frame = frames.get(line)
+        yield ProgramShift(
+            line,
+            "PR[...]",
+            ShiftAxes.USER_FRAME,
+            point=point,
+            user_frame=None if frame == UNSURE else frame,
+            absent=_CARRY,
+        )
 
 
 def bar_standing_tools(positions: Positions) -> Positions:
@@ -137,6 +170,8 @@ def _find_motions(data: bytes) -> _MotionFindings:
         motion = motion_of(statement)
         contents.follow_statement(statement)
         _take_targets(found, motion)
+        if motion.any_register and motion.is_place:
+            found.any_register = found.any_register or motion.line
         if motion.offset or region:
             amount, quaternion = (
                 contents.shift_of_motion(motion, turned) if not region else (UNREADABLE, None)

@@ -50,6 +50,7 @@ class MotionStatement:
     targets: tuple[int, ...]  # numbers of positions
     any_target: bool  # a register chooses a position
     register_targets: tuple[int, ...]
+    any_register: bool  # a register chooses the register
     relative: str  # the option that makes the target an increment, "" where none does
     led: str  # the option by which another group leads the motion
     standing_tool: str  # the option for a tool that stands in the cell
@@ -91,6 +92,7 @@ def motion_of(statement: Statement) -> MotionStatement:
         targets=tuple(int(number) for number in targets if number),
         any_target=None in targets,
         register_targets=tuple(int(number) for number in registers if number.isdigit()),
+        any_register=any(not number.isdigit() for number in registers),
         relative=_match_word(_RELATIVE, rest),
         led=_match_word(_LED, rest),
         standing_tool=_match_word(_STANDING_TOOL, rest),

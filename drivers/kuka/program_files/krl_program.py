@@ -13,6 +13,7 @@ from cellcal.drivers.kuka.program_files.data_list import (
     remark_hidden_positions,
 )
 from cellcal.drivers.kuka.program_files.found_shifts import ShiftNotes
+from cellcal.drivers.kuka.program_files.frame_data import FramesInForce, data_taken
 from cellcal.drivers.kuka.program_files.frame_uses import (
     BARRED,
     RESET,
@@ -49,7 +50,7 @@ class KrlProgram:
     points: PointUses
     shifts: ShiftNotes
     branches: Branches = ()
-    frame_data: str = ""  # the FDAT that BAS takes for the next move
+    force: FramesInForce = field(default_factory=FramesInForce)  # of the moves that are read next
     types: dict[str, str] = field(default_factory=dict)
     frames_set: list[tuple[NamedItem, KrlLiteral]] = field(default_factory=list)  # names that get a FRAME
 
@@ -61,7 +62,8 @@ class KrlProgram:
             return
         prepared = patterns.PREPARED.fullmatch(text, line.start, line.end)
         if prepared is not None:
-            self.frame_data = prepared[1].upper() if prepared[1] else self.frame_data
+            if prepared[1]:
+                self.force.take_data(prepared[1])
             remark_comment(self.found, line)
             return
         word = first_word(text, line)  # it rules most patterns out: a large program has a million lines
@@ -70,7 +72,7 @@ class KrlProgram:
             name = begun[1].upper()
             shown = len(self.points.routines) == 1 or "GLOBAL" in begun[0].upper()
             self.points.routines.append(KrlRoutine(len(self.points.routines), name, shown))
-            self.branches, self.frame_data = (), ""
+            self.branches, self.force = (), FramesInForce()
         motion = patterns.MOTION.match(text, line.start, line.end) if word in patterns.MOVE else None
         if motion is not None:
             self._take_motion(motion, line)
@@ -81,7 +83,7 @@ class KrlProgram:
     def read_taught_move(self, found: re.Match[str]) -> None:
         """Take a move as the inline forms write it, with all that stands around it."""
         self._set_both_frames(found.start("bas"), UNKNOWN)
-        self.frame_data = f"F{found['point']}".upper()
+        self.force.take_data(f"F{found['point']}")
 
     def _take_motion(self, motion: re.Match[str], line: KrlLine) -> None:
         text = self.found.source.text
@@ -199,23 +201,21 @@ class KrlProgram:
 
     def _use_point(self, name: re.Match[str], place: int, own: str) -> None:
         """Note a move to a named point, unless it is done with the point's own frame data."""
-        data = f"F{name[1][1:]}".upper()
-        if own:
-            taken = {found.upper() for found in patterns.OWN_FRAME_DATA.findall(own)}
-            if taken != {data}:
-                self._use_match(name, place, BARRED["computed"])
-        elif self.frame_data != data:
-            self._use_match(name, place, "")
+        taken = data_taken(own) if own else self.force.data
+        if own and not taken:
+            self._use_match(name, place, BARRED["computed"])
+        elif taken != f"F{name[1][1:]}".upper():
+            self._use_match(name, place, "", taken)
 
     def _use_all_words(self, code: str, place: int, why: str) -> None:
         for name in patterns.WORD.finditer(code):
             self._use_match(name, place, why)
 
-    def _use_match(self, name: re.Match[str], place: int, why: str) -> None:
-        self._note_use(name[1], name[2], place, why)
+    def _use_match(self, name: re.Match[str], place: int, why: str, data: str = "") -> None:
+        self._note_use(name[1], name[2], place, why, data)
 
-    def _note_use(self, name: str, index: str | None, place: int, why: str) -> None:
-        self.points.note_use(point_key(name, index), place, self.branches, why)
+    def _note_use(self, name: str, index: str | None, place: int, why: str, data: str = "") -> None:
+        self.points.note_use(point_key(name, index), place, self.branches, why, data)
 
     def _add_position(self, name: str, literal: KrlLiteral, *, is_constant: bool) -> None:
         why = "" if is_constant else BARRED["computed"]
@@ -240,8 +240,10 @@ class KrlProgram:
         elif "$" in code and (frame := patterns.FRAME_SET.search(code)) is not None:
             if patterns.WITH.search(code, 0, frame.start()) is None:
                 self._take_frame_setting(frame, line)
+                self.force.forget()
             else:  # of a spline block, whose segments may have their own
                 self._set_both_frames(line.start, UNKNOWN)
+                self.force.data = data_taken(code[frame.start() :])
         elif "." in code and patterns.COMPONENT.match(code):
             self._take_component(code, line)
         else:
@@ -249,27 +251,41 @@ class KrlProgram:
 
     def _take_flow(self, code: str, line: KrlLine, word: str) -> None:
         """Take calls, branches, and the frame data that the next move is done with."""
-        routine = self.points.routines[-1]
         begins = word in patterns.BEGIN_ROUTINE and patterns.ROUTINE.match(code) is not None
-        if "(" in code and not begins and word not in patterns.EXTERNAL_ROUTINE:
+        if "(" in code and not begins and word not in patterns.CALLS_NOTHING:
             self._take_calls(code, line)
         if word in patterns.BRANCHES:
             self._take_branch(word, line.start)
         elif word == "FDAT_ACT" and (data := patterns.FRAME_DATA_SET.match(code)) is not None:
-            self.frame_data = data[1].upper()
-        elif word in ("GOTO", "EXIT"):
-            routine.jumps.first = line.start if routine.jumps.first is None else routine.jumps.first
+            self.force.take_data(data[1])
+        elif word in ("SPLINE", "PTP_SPLINE"):
+            self.force.begin_block()
+        elif word == "ENDSPLINE":
+            self.force.end_block()
+        else:
+            self._take_jump(code, line, word)
+
+    def _take_jump(self, code: str, line: KrlLine, word: str) -> None:
+        jumps = self.points.routines[-1].jumps
+        if word in ("GOTO", "EXIT"):
+            jumps.first = line.start if jumps.first is None else jumps.first
         elif word in patterns.LANDINGS or code.rstrip().endswith(":"):
-            routine.jumps.landings.append(line.start)
+            jumps.landings.append(line.start)
+            self.force.forget()
+        elif word in patterns.LOOPS:
+            self.force.forget()
 
     def _take_calls(self, code: str, line: KrlLine) -> None:
         names = {name.upper() for name in patterns.CALLS.findall(code)} - patterns.KNOWN_CALLS
         self.points.routines[-1].calls |= names
+        if names:  # it may move, and what it sets stays
+            self.force.forget()
         for name in sorted(names):
             if name.startswith(patterns.SENSOR):
                 self.found.add_remark(line.start, "vision", make_message(patterns.FOUND, name))
 
     def _take_branch(self, word: str, place: int) -> None:
+        self.force.take_branch(word)
         if word not in ("IF", "SWITCH", "WHILE", "FOR"):
             self.branches = self.branches[:-1]
         if not word.startswith("END"):
@@ -296,11 +312,13 @@ class KrlProgram:
         if command in patterns.SET_BY_POINTS:  # taken from the point's own data, which is not in this file
             self._set_both_frames(place, UNKNOWN)
         elif command == "INITMOV":
+            self.force.forget()
             routine.resets = True
             for use in (routine.tool, routine.base):
                 if use.values:
                     use.take_value(place, RESET, self.branches)
         else:
+            self.force.forget()
             use = routine.tool if command == "TOOL" else routine.base
             number = argument if argument.isdigit() else UNKNOWN
             use.take_value(place, TURNED_BY_AXIS if command == "EX_BASE" else number, self.branches)

@@ -14,7 +14,6 @@ PREPARED = re.compile(  # what stands around every taught move
     rf"{B}*+(?:FDAT_ACT{B}*+={B}*+(\w++)|(?:LDAT_ACT|PDAT_ACT|\$BWDSTART){B}*+={B}*+\w++){B}*+",
     re.ASCII | re.IGNORECASE,
 )
-OWN_FRAME_DATA = re.compile(rf"\b(?:STOOL2?|SBASE){B}*+\({B}*+(\w++)", re.ASCII | re.IGNORECASE)
 NAMES_POINT = re.compile(rf"{B}*+([A-Za-z_]\w*+){B}*+(?:\[([^\[\]]*+)\])?+", re.ASCII)
 WORD = re.compile(r"(?<![\w.$#])([A-Za-z_]\w*+)(?:\[([^\[\]]*+)\])?+", re.ASCII)
 BAS = re.compile(
@@ -51,8 +50,9 @@ POINT_VALUE = re.compile(r":|\$POS_|\$AXIS_|\bINVERSE\b|\bFORWARD\b", re.IGNOREC
 MOST_TARGETS = 3  # a circle has two
 MOST_DIGITS = 9
 DEEPEST = 30  # branches inside each other
-EXTERNAL_ROUTINE = frozenset(("EXT", "EXTFCT"))
+CALLS_NOTHING = frozenset(("EXT", "EXTFCT", "SPLINE", "PTP_SPLINE"))  # declared, or functions of the language
 KNOWN_CALLS = frozenset(("BAS", "IF", "WHILE", "UNTIL", "SWITCH", "NOT", "AND", "OR", "FOR"))
+LOOPS = frozenset(("LOOP", "REPEAT"))
 LANDINGS = frozenset(("ENDLOOP", "UNTIL"))
 SENSOR = "TS_BC"  # TouchSense: corrections from what was found
 SET_BY_POINTS = frozenset(("PTP_PARAMS", "CP_PARAMS", "FRAMES"))

@@ -20,6 +20,7 @@ from cellcal.drivers.programs.conditions import ConditionalBar, ProjectNeed
 from cellcal.drivers.programs.cross_file_uses import COPIED, MoveFrames, RoutineEffects, array_name_of
 from cellcal.drivers.programs.positions import CARTESIAN, ProgramFrames
 
+FRAME_DATA = "FDAT "  # before the name of a point's frame data, which stands in the data list
 EXTERNAL_TOOL = "the program works with an external tool ($IPO_MODE)"
 Now = tuple[str | None, str | None]  # the tool and the base that hold where a routine runs straight on
 _MOST_COPIES = 100  # of one point, beyond which copies of copies are not looked for
@@ -34,6 +35,7 @@ class PointMove(NamedTuple):
     place: int
     branches: Branches
     why: str = ""  # why its tool and base are not the routine's
+    data: str = ""  # the frame data of another point that its tool and base are taken from
 
 
 @dataclass
@@ -43,7 +45,7 @@ class PointUses:
     found: KrlPositions
     routines: list[KrlRoutine] = field(default_factory=lambda: [KrlRoutine(0)])
     rows: list[PointMove] = field(default_factory=list)  # of points written into moves
-    uses: dict[str, dict[tuple[int, Branches, str, int], PointMove]] = field(
+    uses: dict[str, dict[tuple[int, Branches, str, int, str], PointMove]] = field(
         default_factory=dict
     )  # of named points
     set_frames: dict[str, list[Pose | None]] = field(default_factory=lambda: {"TOOL": [], "BASE": []})
@@ -57,18 +59,19 @@ class PointUses:
     deciding: dict[str, tuple[MoveFrames, ...]] = field(default_factory=dict)  # by name
     known_held: dict[tuple[int, str, bool, bool, bool, Now], MoveFrames] = field(default_factory=dict)
 
-    def note_use(self, key: str, place: int, branches: Branches, why: str) -> None:
-        """Note a move to a named point, or why its tool and base are not the routine's."""
+    def note_use(self, key: str, place: int, branches: Branches, why: str, data: str = "") -> None:
+        """Note a move to a named point, and its frame data or why its tool and base are not the routine's."""
         routine = len(self.routines) - 1
         uses_of_key = self.uses.setdefault(key, {})
         # The first move of a branch is the one that the least is set before.
         if len(uses_of_key) < _MOST_USES:
             frames_set = len(self.routines[routine].tool.order) + len(self.routines[routine].base.order)
             uses_of_key.setdefault(
-                (routine, branches, why, frames_set), PointMove(-1, routine, place, branches, why)
+                (routine, branches, why, frames_set, data),
+                PointMove(-1, routine, place, branches, why, data),
             )
         else:
-            uses_of_key.setdefault((-1, (), "", 0), PointMove(-1, routine, place, (), BARRED["several"]))
+            uses_of_key.setdefault((-1, (), "", 0, ""), PointMove(-1, routine, place, (), BARRED["several"]))
 
     def finish_reading(self) -> None:
         """Give points their tool and base."""
@@ -89,7 +92,7 @@ class PointUses:
         """Give a point that a statement sets the tool and base of the moves to it."""
         key = name.upper()
         frames_of_moves = {
-            move_frames
+            move_frames if data_of(move_frames) == "" else MoveFrames(None, None, BARRED["computed"])
             for one in {key, array_name_of(key), f"{array_name_of(key)}[]"}
             for move_frames in self._deciding_uses(one)
         }
@@ -140,6 +143,8 @@ class PointUses:
 
     def frames_of_move(self, used: PointMove, *, joints: bool) -> MoveFrames:
         """Return the tool and base of a move as far as this file says."""
+        if used.data:  # set right before: no other routine comes between
+            return MoveFrames(f"{FRAME_DATA}{used.data}", f"{FRAME_DATA}{used.data}")
         routine = self.routines[used.routine]
         tool_said = routine.tool.surely_before(used.place, used.branches, routine.jumps)
         base_said = routine.base.surely_before(used.place, used.branches, routine.jumps)
@@ -212,7 +217,10 @@ class PointUses:
         if copy not in self.bases_of:
             names = {copy, array_name_of(copy), f"{array_name_of(copy)}[]"}
             routines = {
-                used.routine for one in names for used in self.uses.get(one, {}).values() if not used.why
+                used.routine
+                for one in names
+                for used in self.uses.get(one, {}).values()
+                if not used.why and not used.data
             }
             named = self._name_of_set("BASE") or "$"
             self.bases_of[copy] = {
@@ -247,6 +255,12 @@ class PointUses:
     def _name_of_set(self, which: str) -> str | None:
         set_poses = self.set_frames[which]
         return f"${which}" if len(set_poses) == 1 and set_poses[0] is not None else None
+
+
+def data_of(move_frames: MoveFrames) -> str:
+    """Return the name of the frame data that a move takes its tool and base from; "" where it is none."""
+    tool = move_frames.tool or ""
+    return tool.removeprefix(FRAME_DATA) if tool.startswith(FRAME_DATA) else ""
 
 
 def in_set_table(set_tables: Container[str], tool: str | None, base: str | None, prefix: str = "") -> str:

@@ -16,6 +16,7 @@ from cellcal.calibration.orientation import values_from
 from cellcal.drivers.kuka.program_files.collected_positions import KrlPositions, change_error
 from cellcal.drivers.kuka.program_files.configuration import KukaConfigurations, parts_of
 from cellcal.drivers.kuka.program_files.data_list import declared_names, read_data_list
+from cellcal.drivers.kuka.program_files.frame_data import TaughtFrames, with_frame_data
 from cellcal.drivers.kuka.program_files.imports import imports_of, remark_imports
 from cellcal.drivers.kuka.program_files.krl_program import read_program
 from cellcal.drivers.kuka.program_files.literals import (
@@ -25,6 +26,7 @@ from cellcal.drivers.kuka.program_files.literals import (
     STATE_FIELDS,
     field_spans,
 )
+from cellcal.drivers.kuka.program_files.patterns import MOVE
 from cellcal.drivers.kuka.program_files.point_uses import in_set_table
 from cellcal.drivers.kuka.program_files.written_numbers import (
     LEAST_ANGLE_DECIMALS,
@@ -32,6 +34,7 @@ from cellcal.drivers.kuka.program_files.written_numbers import (
     LEAST_TURN,
     WrittenPoints,
 )
+from cellcal.drivers.programs.absent_places import absent_places
 from cellcal.drivers.programs.barred import COMPUTED
 from cellcal.drivers.programs.brands import ProgramBrand
 from cellcal.drivers.programs.columns import BEYOND, gets_only_a_pose, part_of
@@ -63,6 +66,7 @@ _DEFINED_BYTES = re.compile(
     rb"^(?:\xef\xbb\xbf)?[ \t]*+(?:GLOBAL[ \t]++)?+(?:DEFDAT|DEFFCT|DEF)\b|^&[A-Z]", re.I | re.M
 )
 _TABLES = re.compile(rb"\b(?:TOOL|BASE)_DATA[ \t]*+\[", re.IGNORECASE)
+_HOME = re.compile(r"X?HOME\d*\b", re.IGNORECASE)  # joint angles of $CONFIG.DAT, which no work moves
 _ROOT = re.compile(r"R\d", re.IGNORECASE)  # KRC/R1: where the programs of a controller stand
 Spans = dict[str, tuple[int, int]]
 _LOOKED_AT = 1 << 16  # bytes in which a program names itself
@@ -84,6 +88,7 @@ class KukaFile:
     keys: tuple[str, ...]  # (N,) the positions' names as other files write them
     taught: frozenset[int]  # rows with frame data of their own
     routines: Mapping[int, str]  # rows written into moves, and their routine
+    frame_data: Mapping[str, TaughtFrames]  # of a data list
     brand: str = "kuka"
 
     def to_bytes(self) -> bytes:
@@ -157,6 +162,7 @@ class KukaFile:
             routines={
                 k: summary.routines[row] for k, row in enumerate(rows.tolist()) if row in summary.routines
             },
+            frame_data=summary.frame_data,
             positions=found.to_positions(rows, written, summary.shifts),
             remarks=tuple(sorted(found.remarks, key=lambda remark: remark.line)),
             frames=frames,
@@ -166,6 +172,7 @@ class KukaFile:
 
     def with_external_uses(self, external_uses: ExternalUses) -> Self:
         """Return the file with what others say of its positions."""
+        external_uses = with_frame_data(external_uses, self.frame_data)
         used = frozenset(self.routines) | {
             k
             for k, (tool, base) in enumerate(
@@ -186,6 +193,9 @@ class KukaFile:
         frames = with_declared(
             self.frames, positions, external_uses.tools, external_uses.bases, own=frozenset()
         )
+        absent = {name: moves for name, moves in external_uses.absent.items() if not _HOME.match(name)}
+        places = absent_places(self.source, absent, "|".join(sorted(MOVE)))
+        positions = replace(positions, shifts=(*positions.shifts, *places))
         return replace(self, positions=positions, frames=frames, remarks=(*self.remarks, *remarks))
 
     def _refuse_unfit(self, row: int, *, pose: bool, joints: bool, base: str | None) -> None:
@@ -260,6 +270,7 @@ class _FileSummary:
     taught: Set[int] = frozenset()
     routines: Mapping[int, str] = field(default_factory=dict)
     shifts: Sequence[ProgramShift] = ()
+    frame_data: Mapping[str, TaughtFrames] = field(default_factory=dict)
 
 
 _Read = tuple[KrlPositions, ProgramFrames, _FileSummary]
@@ -274,7 +285,7 @@ def _read_data(source: ProgramText) -> _Read:
         bases=_of_tables(data.bases),
         imports=remark_imports(data.found),
     )
-    return data.found, data.to_frames(), _FileSummary(declarations, data.taught)
+    return data.found, data.to_frames(), _FileSummary(declarations, data.taught, frame_data=data.frame_data)
 
 
 def _of_tables(poses: Mapping[str, Pose]) -> Poses:

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from cellcal.calibration.message import make_message
 from cellcal.drivers.programs.positions import Remark
+from cellcal.drivers.universal_robots.program_files.script_numbers import LARGEST_RAD
 from cellcal.drivers.universal_robots.program_files.script_text import ScriptLiteral, ScriptStatements
 
 BASE = "base"
@@ -117,8 +118,21 @@ class PositionFinder:
                 yield literal
         taken = {literal.start for literal in (*self.unused_poses, *self.steps)}
         for literal in self.found.literals:
-            if not literal.is_pose and literal.start not in taken and self._is_posture(literal):
+            if (
+                not literal.is_pose
+                and literal.start not in taken
+                and self._is_posture(literal)
+                and not self._is_beyond_joints(literal)
+            ):
                 yield literal
+
+    def _is_beyond_joints(self, literal: ScriptLiteral) -> bool:
+        """Tell whether six numbers that no move goes to are gains or forces: no joint turns as far."""
+        try:
+            numbers = [float(text) for text in self.text[literal.start : literal.end].split(",")]
+        except ValueError:
+            return False
+        return any(abs(number) > LARGEST_RAD for number in numbers)
 
     def _unread_place(self, literal: ScriptLiteral) -> ScriptPlace:
         name = literal.name if literal.role == "value" else f"line {self.line_of(literal.start)}"

@@ -28,6 +28,10 @@ _FOLLOWS = re.compile(rf"{_B}(?:{'|'.join(_FOLLOWING)}){_B}\(", re.ASCII)
 _OF_TIP = re.compile(rf"{_B}(?:pose_\w++|interpolate_pose|get_(?:actual|target)_tcp_pose|p\[)", re.ASCII)
 _VALUE = r"^[ \t]*+(?:(?:global|local)[ \t]++)?{}[ \t]*+=(?!=)[ \t]*+(?P<value>[^\r\n#]*+)"
 _PLAIN = re.compile(rf"(?:[A-Za-z_]\w*+|p?\[{SIX}\]){_B}", re.ASCII)
+_NO_NUMBER = re.compile(r"\][ \t]*+=(?!=)[ \t]*+(?:True|False|\"[^\"\n]*+\")[ \t\r]*+(?:#[^\n]*+)?$")
+_NEVER_SIX = re.compile(rf"{_B}(?:integer_to_binary_list|struct|str_\w++|to_str){_B}\(", re.ASCII)
+_FLAT_LIST = re.compile(r"\[[^\[\]()\n]*+\]")
+_COMMAS_OF_SIX = 5
 _PARAMETERS = re.compile(r"^[ \t]*+def[ \t]+\w++[ \t]*+\(([^)\n]*+)\)", re.ASCII | re.MULTILINE)
 _IN_BASE_AXES = ("speedl", "force_mode", "path_offset_set", "track_conveyor_linear")
 _BY_ANY_CHANGE = ("pose_inv", "speedj", "track_conveyor_circular")  # any change may cost something
@@ -131,6 +135,8 @@ class ScriptShifts:
 
     def _element_shifts(self) -> Iterator[ProgramShift]:
         for one in self.finder.found.elements:
+            if self._is_no_place(one):
+                continue
             what = " ".join(self.text[one.offset : self._end_of_line(one.offset)].split())[:80]
             added = (
                 None
@@ -139,6 +145,13 @@ class ScriptShifts:
             )
             translation, turn = (UNREADABLE, None) if added is None else (added, NO_TURN)
             yield self._make_shift(one.offset, what, one.name, translation, turn, each_time=True)
+
+    def _is_no_place(self, one: ElementSet) -> bool:
+        """Tell whether an element is set to a truth or a text, or is one of a list that has no six numbers."""
+        if _NO_NUMBER.search(self.text, one.offset, self._end_of_line(one.offset)) is not None:
+            return True
+        values = self._assigned_values(one.name)
+        return bool(values) and one.name not in self.parameters and all(map(_is_other_list, values))
 
     def _holds_pose(self, name: str) -> bool:
         values = self._assigned_values(name)
@@ -178,6 +191,14 @@ class ScriptShifts:
     def _end_of_line(self, offset: int) -> int:
         end = self.text.find("\n", offset)
         return len(self.text) if end < 0 else end
+
+
+def _is_other_list(value: str) -> bool:
+    """Tell whether a value is a list that cannot be six numbers: its elements are counted where nothing is nested."""
+    if _NEVER_SIX.match(value) is not None:
+        return True
+    found = _FLAT_LIST.fullmatch(value.strip())
+    return found is not None and found[0].count(",") != _COMMAS_OF_SIX
 
 
 def _place_of(six: Sequence[float], sign: float) -> Triple:

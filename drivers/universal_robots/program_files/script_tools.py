@@ -16,6 +16,10 @@ from cellcal.drivers.universal_robots.program_files.script_text import SIX_NUMBE
 
 PROGRAM = re.compile(r"^[ \t]*def[ \t]+(\w+)[ \t]*\(", re.ASCII | re.MULTILINE)
 _DEEPEST = 100  # functions that call each other
+_INVERSE = re.compile(r"\bget_inverse_kin[ \t]*\([ \t]*(?:x[ \t]*=[ \t]*)?(?:p[ \t]*\[)?[ \t]*\Z", re.ASCII)
+_TOOL_NAMED = re.compile(r"\btcp[ \t]*=(?!=)", re.ASCII)
+_TOOL_ARGUMENT = 4  # commas before it
+_LONGEST_BEFORE, _LONGEST_CALL = 100, 2000  # characters
 
 
 class ScriptTools:
@@ -26,6 +30,7 @@ class ScriptTools:
         self.offsets = [offset for offset, _, _ in self.calls]
         self.several = len({name for _, name, _ in self.calls}) > 1
         self.line = finder.line_of
+        self.text = source.text
         holding = [
             b for b in source.blocks if bisect_right(self.offsets, b[0]) < bisect_left(self.offsets, b[1])
         ]
@@ -58,6 +63,8 @@ class ScriptTools:
     def barred_reason(self, place: ScriptPlace) -> str:
         """Return why the tool of a position cannot be determined though the text sets one; "" where it can."""
         found = self._in_force(place)
+        if self._has_own_tool(place):
+            return "the call that brings it to joints names a tool of its own"
         if len({name for name, _ in found}) > 1:
             return "the program goes to it with different tools"
         if any(not name for name, _ in found):
@@ -65,6 +72,11 @@ class ScriptTools:
         if not all(sure for _, sure in found) and (self.several or place.pose is not None):
             return "which tool the program has there depends on the way that it takes"
         return ""
+
+    def _has_own_tool(self, place: ScriptPlace) -> bool:
+        """Tell whether a move to a place goes through ``get_inverse_kin`` with a tool, its fifth argument."""
+        uses = place.used or ((place.pose.start,) if place.pose else ())
+        return any(_names_tool(self.text, use) for use in uses)
 
     def _in_force(self, place: ScriptPlace) -> list[tuple[str, bool]]:
         """Return for each move to a place the tool that stands last above it, and whether it surely holds there."""
@@ -109,6 +121,27 @@ class ScriptTools:
             yield Remark(
                 0, "foreign", "the tool is the one that is active on the robot: no set_tcp is in this file."
             )
+
+
+def _names_tool(text: str, use: int) -> bool:
+    """Tell whether what stands at a place is the pose of a ``get_inverse_kin`` with a tool."""
+    call = _INVERSE.search(text, max(0, use - _LONGEST_BEFORE), use)
+    if call is None:
+        return False
+    begin = (
+        text.find("]", use) + 1 if call[0].rstrip().endswith("[") else use
+    )  # behind six numbers, or at a name
+    deep, commas = 0, 0
+    for at in range(begin, min(len(text), use + _LONGEST_CALL)):
+        if text[at] in "([":
+            deep += 1
+        elif text[at] in ")]":
+            deep -= 1
+            if deep < 0 and text[at] == ")":
+                return commas >= _TOOL_ARGUMENT or _TOOL_NAMED.search(text, begin, at) is not None
+        elif text[at] == "," and deep <= 0:
+            commas += 1
+    return False
 
 
 def _innermost_functions(functions: Sequence[tuple[int, int, Sequence[int]]]) -> list[int]:

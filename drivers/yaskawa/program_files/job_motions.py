@@ -32,6 +32,7 @@ _TAKEN = re.compile(r"(?<!\$)\b(L?)P(?:X)?(\d{3,5})\b|\bC(\d{3,5})\b")
 _CHOSEN = re.compile(r"\bL?PX?\[")
 _FRAME = re.compile(r"\b(BF|RF|TF|MTF|UF#)")
 _SECOND = re.compile(r"\+S?MOV")
+_TEACH_THERE = "Teach it there, or write its value into the job."
 _MADE = re.compile(r"\b(UF|TL)#\((\d{1,3}|[A-Z])")
 _HERE = frozenset(("GETS", "GETPOS"))
 _AMOUNTS = frozenset(
@@ -40,6 +41,7 @@ _AMOUNTS = frozenset(
 _JUMPS = re.compile(r"^[ \t]*(?:JUMP\b|\*)", re.MULTILINE)
 _SPECIAL = re.compile(
     r"\b(?:SFTON|MFRAME|SETTOOL|SETUF|SETUFRM|GETS|GETPOS|SYSTART|[A-Z]+MOV[A-Z]*)\b|\bL?PX?\["
+    r"|\bMOV[JLCS][ \t]++P\d"
 )
 _CAUSE_OF_INSTRUCTION = (
     ("IMOV", _INCREMENT),
@@ -57,6 +59,7 @@ class _JobFindings:
     shifts: list[tuple[Key | None, ProgramShift]] = field(default_factory=list)
     from_here: set[int] = field(default_factory=set)  # variables that get where the robot was
     computed: set[int] = field(default_factory=set)  # of these, those that the job computes with
+    absent: set[str] = field(default_factory=set)  # variables gone to of which the file holds no value
 
 
 def motions_in(
@@ -213,6 +216,10 @@ def _take_motion(
             found.shifts += [(key, shift) for shift in active]
         elif taken[2] and int(taken[2]) in found.computed:
             found.shifts.append((None, ProgramShift(line, word, ShiftAxes.BASE, point=taken[0])))
+        elif taken[2] and not (taken[1] or int(taken[2]) in found.from_here) and taken[0] not in found.absent:
+            found.absent.add(taken[0])
+            place = ProgramShift(line, word, ShiftAxes.USER_FRAME, point=taken[0], absent=_TEACH_THERE)
+            found.shifts.append((None, place))
     if "IMOV" in word and (shift := _shift_of(line, word, own, found.from_here, rows)) is not None:
         named_row = _TAKEN.search(own)
         found.shifts += [] if named_row is not None and _row_key(named_row) in rows else [(None, shift)]

@@ -16,7 +16,10 @@ from cellcal.calibration.errors import CalibrationError
 from cellcal.calibration.geometry import Array, homogeneous_matrix
 from cellcal.calibration.message import make_message
 from cellcal.calibration.orientation import CONVENTIONS, rotation_from
+from cellcal.service.engineering.measured.cell_numbers import number_in
+from cellcal.service.engineering.measured.headings import unit_of
 from cellcal.service.engineering.measured.table import MeasurementError
+from cellcal.service.engineering.measured.units import ANGLE_UNITS, LENGTH_UNITS
 
 _PLACE = ("x_mm", "y_mm", "z_mm")
 _QUATERNION = ("qw", "qx", "qy", "qz")
@@ -56,17 +59,20 @@ def read_points(options: AtOptions, arm: RobotModel | int) -> AtPoints:
         The file is not there, lacks the columns, or holds what is no finite number.
     """
     try:
-        rows = parse_rows(read_plain_text(options.path))
+        text = read_plain_text(options.path)
+        rows = parse_rows(text, _separator_of(text))
     except (OSError, DocumentError) as broken:
         raise MeasurementError(f"{options.path} cannot be read: {broken}") from broken
     if not rows:
-        raise MeasurementError(f"{options.path} holds no rows.", remedy="Write one point a row.")
+        raise MeasurementError(
+            make_message("{path} holds no rows.", path=options.path), remedy="Write one point a row."
+        )
     axes = arm if isinstance(arm, int) else arm.axis_count
-    names, factors = joint_columns_in(arm)
+    names = joint_columns_in(arm)[0]
     attitude = _attitude_columns(options)
     words = {key: tuple(str(row.get(key) or "") for row in rows) for key in ("target",) if key in rows[0]}
     if set(names) <= rows[0].keys():
-        return AtPoints(_read_numbers(options.path, rows, names) / factors, None, words)
+        return AtPoints(read_joint_rows(options.path, rows, arm), None, words)
     if not {*_PLACE, *attitude} <= rows[0].keys():
         raise MeasurementError(
             f"{options.path} holds neither joints nor poses.",
@@ -80,6 +86,12 @@ def read_points(options: AtOptions, arm: RobotModel | int) -> AtPoints:
     except CalibrationError as broken:
         raise MeasurementError(make_message("{path}: {broken}", path=options.path, broken=broken)) from broken
     return AtPoints(np.zeros((len(rows), axes)), homogeneous_matrix(rotations, places), words)
+
+
+def _separator_of(text: str) -> str:
+    """Return what stands between the names of the first line."""
+    heading = text.partition("\n")[0]
+    return next((mark for mark in (";", "\t") if mark in heading), ",")
 
 
 def joint_columns_in(arm: RobotModel | int) -> tuple[tuple[str, ...], Array]:
@@ -123,10 +135,38 @@ def _attitude_columns(options: AtOptions) -> tuple[str, ...]:
 
 
 def _read_numbers(path: Path, rows: list[dict[str, str]], names: list[str] | tuple[str, ...]) -> Array:
-    try:
-        numbers = np.array([[float(row[name]) for name in names] for row in rows])
-    except (KeyError, TypeError, ValueError) as broken:
-        raise MeasurementError(f"{path} needs numbers in the columns {', '.join(names)}.") from broken
-    if not np.isfinite(numbers).all():
-        raise MeasurementError(f"{path} holds numbers that are not finite.")
+    return np.array([_read_row(path, row, names, at) for at, row in enumerate(rows)])
+
+
+def _read_row(path: Path, row: dict[str, str], names: list[str] | tuple[str, ...], at: int) -> list[float]:
+    numbers = []
+    for name in names:
+        unit = unit_of(name)
+        try:
+            numbers.append(
+                number_in(row.get(name) or "", unit, ANGLE_UNITS if unit in ANGLE_UNITS else LENGTH_UNITS)
+            )
+        except ValueError as broken:
+            raise MeasurementError(
+                make_message(
+                    "{path}, point {point} (counted from 1), column {column}: {broken}.",
+                    path=path,
+                    point=at + 1,
+                    column=name,
+                    broken=str(broken),
+                ),
+                remedy="Write a number with a decimal point, in the unit of the column's name.",
+            ) from broken
     return numbers
+
+
+def read_joint_rows(path: Path, rows: list[dict[str, str]], arm: RobotModel | int) -> Array:
+    """Return the joints (N, n) [rad, m] of rows with columns such as q1_deg, or q2_mm of a slide.
+
+    Raises
+    ------
+    MeasurementError
+        A cell holds no number in the unit of its column.
+    """
+    names, factors = joint_columns_in(arm)
+    return _read_numbers(path, rows, names) / factors

@@ -14,6 +14,7 @@ from cellcal.calibration.message import make_message
 from cellcal.service.csv_writing import write_rows
 from cellcal.service.engineering.identification.at_points import AtOptions, read_points, solve_joints
 from cellcal.service.engineering.identification.identify import IdentifyReport
+from cellcal.service.engineering.measured.measurements import REPEAT
 from cellcal.service.engineering.measured.table import MeasurementError
 
 
@@ -97,7 +98,7 @@ def tips_at(options: AtOptions, report: IdentifyReport) -> TipsAt:
         (readings.covariances_m2, readings.expanded_m, readings.parameters_expanded_m),
         (np.flatnonzero(readings.beyond), np.flatnonzero(readings.far)),
         "robot base" if lengths else "measuring device",
-        statement_of(learnt, report.rows, len(report.rejected), far=bool(readings.far.any())),
+        statement_of(learnt, report.rows, _left_out(report), far=bool(readings.far.any())),
     )
     return replace(predicted, shown=(shown_units(state.nominal)[0], joint_columns_of(state.nominal)))
 
@@ -126,6 +127,11 @@ def tips_of(
         frame,
         statement,
     )
+
+
+def _left_out(report: IdentifyReport) -> int:
+    """Return how many rows the statement does not cover; a copy of a row that is covered is no other reading."""
+    return sum(row.kind != REPEAT for row in report.rejected)
 
 
 def statement_of(learnt: str, rows: int, rejected: int, *, far: bool) -> tuple[str, ...]:

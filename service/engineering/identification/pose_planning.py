@@ -38,8 +38,9 @@ from cellcal.calibration.poses.measurement_poses import (
 )
 from cellcal.service.configuration.cell_shapes import read_cell_shape
 from cellcal.service.csv_writing import write_rows
-from cellcal.service.engineering.identification.at_points import joint_columns_in
+from cellcal.service.engineering.identification.at_points import joint_columns_in, read_joint_rows
 from cellcal.service.engineering.identification.identify import IdentifyOptions, identify_file
+from cellcal.service.engineering.measured.table import MeasurementError
 
 Place = tuple[float, float, float]
 _TEST_POSES = 200
@@ -200,16 +201,19 @@ def write_plan(path: Path, report: PlanReport) -> None:
 
 def read_joints(path: Path, arm: RobotModel | int) -> Array:
     """Read joints from CSV with columns q1_deg, q2_mm (of a slide) …; others are ignored. Returns (T, n) [rad, m]."""
-    names, factors = joint_columns_in(arm)
+    names = joint_columns_in(arm)[0]
     try:
-        rows = [[float(row[name]) for name in names] for row in parse_rows(read_plain_text(path))]
+        rows = parse_rows(read_plain_text(path))
     except (OSError, DocumentError) as broken:
         raise PlanError(f"{path} cannot be read: {broken}") from broken
-    except (KeyError, TypeError, ValueError) as broken:
-        raise PlanError(f"{path} needs numbers in the columns {', '.join(names)}.") from broken
-    if not rows or not np.isfinite(rows).all():
-        raise PlanError(f"{path} holds no rows, or numbers that are not finite.")
-    return np.array(rows) / factors
+    if not rows:
+        raise PlanError(make_message("{path} holds no rows.", path=path), remedy="Write one posture a row.")
+    if not set(names) <= rows[0].keys():
+        raise PlanError(f"{path} needs numbers in the columns {', '.join(names)}.")
+    try:
+        return read_joint_rows(path, rows, arm)
+    except MeasurementError as broken:
+        raise PlanError(broken.message, remedy=broken.remedy) from broken
 
 
 def _prediction_basis(request: PlanRequest, model: RobotModel) -> MeasurementOutlook:

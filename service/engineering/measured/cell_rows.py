@@ -34,6 +34,7 @@ from cellcal.calibration.identification.observations import (
 from cellcal.calibration.message import make_message
 from cellcal.calibration.orientation import CONVENTIONS, rotation_from
 from cellcal.service.engineering.measured.cells import CellLayoutFile, LayoutItem, LayoutReading
+from cellcal.service.engineering.measured.headings import unit_of
 from cellcal.service.engineering.measured.joint_coupling import controller_joints
 from cellcal.service.engineering.measured.joint_units import refuse_typed_zeros
 from cellcal.service.engineering.measured.no_readings import no_readings
@@ -258,9 +259,27 @@ class _CellTable:
         of_kind = {True: "slides", False: "joints"}
         slides = [False] * model.axis_count if model.sliding is None else model.sliding.tolist()
         unit = np.array([_UNITS[self._layout.units[of_kind[slide]]] for slide in slides])
+        for name, slide in zip(names, slides, strict=True):
+            self._refuse_other_unit((name,), self._layout.units[of_kind[slide]])
         refuse_typed_zeros(np.array(zeros), model)
         angles = self._read_columns(names) * unit + np.deg2rad(zeros)
         return controller_joints(angles, model, self._layout.joint_coupling)
+
+    def _refuse_other_unit(self, names: tuple[str, ...], unit: str) -> None:
+        """Refuse columns whose headings or cells are in another unit than the layout says."""
+        for column in parse_columns(self._table.names, names):
+            found = unit_of(column.name)
+            if found in _UNITS and found != unit:
+                raise MeasurementError(
+                    make_message(
+                        "{path}: column {column!r} is in {found}, and the layout says {unit}.",
+                        path=self._path,
+                        column=column.name,
+                        found=found,
+                        unit=unit,
+                    ),
+                    remedy="Write the unit of the file under [units] of the layout.",
+                )
 
     def _require_columns(self, names: tuple[str, ...]) -> None:
         for name in names:
@@ -275,6 +294,7 @@ class _CellTable:
     ) -> CellObservations:
         layout, count = self._layout, len(rows)
         unit = _UNITS[layout.units["readings"]]
+        self._refuse_other_unit(reading.columns, layout.units["readings"])
         joints = self._read_joints(layout.joints, model)[rows]
         sigma, once = np.full(count, reading.sigma_m), np.zeros(count, dtype=np.intp)
         values = np.full((count, 1), reading.nominal_m)
@@ -307,6 +327,7 @@ class _CellTable:
                 f"{self._path}: {self._layout.convention} has {len(convention.fields)} numbers, not {turns.shape[1]}."
             )
         if len(convention.fields) == 3:
+            self._refuse_other_unit(reading.rotation, self._layout.units["rotation"])
             turns = turns * _UNITS[self._layout.units["rotation"]]
         else:
             turns = turns / np.linalg.norm(turns, axis=1, keepdims=True)

@@ -85,10 +85,12 @@ def detect_layout(
     joint_names: Sequence[str],
     columns: Mapping[str, Sequence[str]] | None = None,
     slides: Sequence[bool] = (),
+    numeric: Sequence[str] | None = None,
 ) -> TableLayout:
     """Find out what each column is; ``columns`` names those that the user knows better.
 
-    ``slides`` tells which joints are prismatic, if any are: their unit is one of length.
+    ``slides`` tells which joints are prismatic, if any are: their unit is one of length. ``numeric`` are the columns
+    that hold numbers, where the caller knows.
 
     Raises
     ------
@@ -98,7 +100,7 @@ def detect_layout(
     typed = _typed_columns(names, columns or {})
     typed_names = {meaning: tuple(column.name for column in found) for meaning, found in typed.items()}
     plain = {name: plain_name(name) for name in names}
-    joints = typed_names.get("joints") or find_joints(names, plain, joint_names, slides)
+    joints = typed_names.get("joints") or find_joints(names, plain, joint_names, slides, numeric)
     rest = [name for name in names if name not in joints]
     length = "".join(typed_names.get("length", ())) or _find_length(rest, plain)
     measured, controller = _find_positions(rest, plain, has_length=bool(length))
@@ -132,7 +134,11 @@ def detect_layout(
         controller=controller,
         temperature=next((n for n in rest if "temp" in plain[n]), ""),
         group="".join(typed_names.get("group", ())) or next((n for n in rest if plain[n] in _GROUP), ""),
-        units={key: unit for key, found in layout.items() if (unit := _common_unit(found))},
+        units={
+            key: unit
+            for key, found in layout.items()
+            if (unit := _joint_units(found) if key == "joints" else _common_unit(found))
+        },
         typed={column.name: column for found in typed.values() for column in found if column.is_modified},
     )
 
@@ -177,6 +183,12 @@ def _of_kind(
             ),
         )
     return found
+
+
+def _joint_units(names: Sequence[str]) -> str:
+    """Return the unit of joints that their names tell; where each tells its own, all of them with commas between."""
+    each = [unit_of(name) for name in names]
+    return ",".join(each) if all(each) and len(set(each)) > 1 else _common_unit(names)
 
 
 def _common_unit(names: Sequence[str]) -> str:

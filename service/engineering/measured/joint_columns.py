@@ -26,7 +26,11 @@ Family = tuple[str, str, str]  # what stands before the stem, the stem, what sta
 
 
 def find_joints(
-    names: Sequence[str], plain: Mapping[str, str], joint_names: Sequence[str], slides: Sequence[bool] = ()
+    names: Sequence[str],
+    plain: Mapping[str, str],
+    joint_names: Sequence[str],
+    slides: Sequence[bool] = (),
+    numeric: Sequence[str] | None = None,
 ) -> tuple[str, ...]:
     """Return the columns of the joints, in the order of the robot's; ``plain`` is each name in one spelling.
 
@@ -58,7 +62,7 @@ def find_joints(
             joint_name_count=count,
             names=", ".join(names),
         ),
-        remedy=_joints_remedy(names, plain, joint_names),
+        remedy=_joints_remedy(names if numeric is None else numeric, plain, joint_names),
     )
 
 
@@ -136,20 +140,33 @@ def _external_joints(
 
 
 def _joints_remedy(names: Sequence[str], plain: Mapping[str, str], joint_names: Sequence[str]) -> str:
-    """Return what helps where joints are missing: what the file is tells what it can be used for."""
+    """Return what helps where joints are missing: what the file is tells what it can be used for.
+
+    ``names`` are columns of numbers, as far as that is known.
+    """
     count = len(joint_names)
-    places = find_triples(names, plain, "xyz")
+    numbered = are_numbered(list(plain))
     some_joints = sum(_JOINT.match(plain[name]) is not None for name in names) > 1
-    if places and len(names) < count + 3 and not some_joints:
+    if find_triples(names, plain, "xyz") and len(names) < count + 3 and not some_joints:
         return (
             "This is a list of points without the joints of the robot: `cellcal simulate-cell` reads such files; "
             "for an identification every row needs the joints, too."
         )
-    if are_numbered(names):
+    if numbered and len(names) <= count:
+        return make_message(
+            "It has {columns} columns of numbers without a heading: too few for the {count} joints and what the "
+            "device read, which every row needs. Lists of points alone are read by `cellcal simulate-cell`.",
+            columns=len(names),
+            count=count,
+        )
+    if numbered:
         joints = ",".join(str(at + 1) for at in range(count))
+        reading = f"position={count + 1},{count + 2},{count + 3}"
+        if len(plain) < count + 3:
+            reading = f"length={count + 1}"
         return (
             f"It has no heading: say which columns are which by their numbers, such as `--columns joints={joints}` "
-            f"`--columns position={count + 1},{count + 2},{count + 3}`."
+            f"`--columns {reading}`."
         )
     return make_message(
         "Name the columns of its joints ({joints}) in this order: `--columns joints=q1,q2,…` (or by their numbers), "

@@ -23,11 +23,11 @@ def joint_units(units: UnitChoice, columns: Sequence[str], values: Array, model:
     found = np.ones(len(columns))
     slides = model.sliding
     if slides is None:
-        found[:] = units.angle_factor("joints", columns, values)
+        found[:] = units.angle_factors(columns, values)
         return found
     if not slides.all():
         turning = [name for name, slide in zip(columns, slides, strict=True) if not slide]
-        found[~slides] = units.angle_factor("joints", turning, values[:, ~slides])
+        found[~slides] = units.angle_factors(turning, values[:, ~slides])
     sliding = [name for name, slide in zip(columns, slides, strict=True) if slide]
     travel = np.maximum(np.abs(model.lower_rad), np.abs(model.upper_rad))[slides]
     in_metres = bool((np.abs(values[:, slides]) <= _BEYOND * travel).all())

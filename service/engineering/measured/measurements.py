@@ -19,24 +19,31 @@ from cellcal.calibration.identification.observations import (
     pose_from_points,
 )
 from cellcal.calibration.identification.unrounding import find_resolution
+from cellcal.calibration.message import make_message
 from cellcal.calibration.orientation import CONVENTIONS, rotation_from
 from cellcal.service.engineering.measured.columns import TableLayout, detect_layout
 from cellcal.service.engineering.measured.joint_coupling import controller_joints
 from cellcal.service.engineering.measured.joint_units import joint_units, refuse_typed_zeros
 from cellcal.service.engineering.measured.no_readings import no_readings, usable_without
-from cellcal.service.engineering.measured.table import MeasurementError, MeasurementTable, read_table
+from cellcal.service.engineering.measured.table import (
+    WRITE_PLAINLY,
+    MeasurementError,
+    MeasurementTable,
+    read_table,
+)
 from cellcal.service.engineering.measured.unit_choice import UnitChoice
 from cellcal.service.engineering.measured.units import to_celsius
 
 _LEAST_SIGMA_M = 3e-4  # what an arm adds to any instrument: direction of approach, temperature
 _SIGMA_RAD = 2e-3
 _CONSISTENT_RAD = float(np.deg2rad(2.0))
-UNREAD, OUTLIER = "no reading", "outlier"
+UNREAD, OUTLIER, REPEAT = "no reading", "outlier", "repeat"
 _LIKELY = ("ur_rotation_vector", "ros_rpy", "instrument_xyz")  # of equal formulas, the first is named
 _ROUNDED = 0.01
 _ENOUGH_ROWS = 20_000  # to tell a unit by
 _UNBELIEVABLE = 1e9  # in any unit that instruments write
 _EQUAL = 1.001
+_NO_NUMBER = ", which is no number"
 _DISTINCT = 0.5  # the best orientation convention must be twice as consistent as the next
 
 
@@ -46,7 +53,7 @@ class RejectedRow:
 
     row: int
     reason: str
-    kind: str = UNREAD  # or OUTLIER: it was read, and the fit does not believe it
+    kind: str = UNREAD  # or OUTLIER: it was read, and the fit does not believe it; or REPEAT of another row
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,7 +100,7 @@ def read_measurements(path: Path, model: RobotModel, options: ReadOptions | None
     options = options or ReadOptions()
     table = read_table(path, sheet=options.sheet)
     slides = () if model.sliding is None else model.sliding.tolist()
-    layout = detect_layout(table.names, model.joint_names, options.columns, slides)
+    layout = detect_layout(table.names, model.joint_names, options.columns, slides, table.numeric_names())
     names = [name for name in (*layout.joints, *layout.position, *layout.turn, layout.length) if name]
     numbers = {name: table.column_values(name) for name in (*names, *layout.spread, *layout.controller)}
     good, rejected = _usable_rows(table, names, numbers)
@@ -105,8 +112,9 @@ def read_measurements(path: Path, model: RobotModel, options: ReadOptions | None
     unit = joint_units(units, layout.joints, raw, model)
     joints = controller_joints(_as_typed(raw * unit, layout, model), model, options.joint_coupling)
     good, joints, silent = _with_readings(table, good, joints, (layout, numbers, model))
-    rejected = tuple(sorted([*rejected, *silent], key=lambda item: item.row))
-    _refuse_none(path, good, rejected)
+    _refuse_none(path, good, (*rejected, *silent))
+    good, joints, again = _without_repeats(table, good, joints, [numbers[name] for name in names])
+    rejected = tuple(sorted([*rejected, *silent, *again], key=lambda item: item.row))
     numbers = {name: values[good] * layout.column_sign(name) for name, values in numbers.items()}
     raw = np.column_stack([numbers[name] for name in layout.joints])
     source = _NumberSource(layout, numbers, model, options, units, joints)
@@ -148,7 +156,9 @@ def _as_typed(joints_rad: Array, layout: TableLayout, model: RobotModel) -> Arra
 def _refuse_none(path: Path, good: np.typing.NDArray[np.bool_], rejected: tuple[RejectedRow, ...]) -> None:
     if not good.any():
         first = f"row {rejected[0].row}: {rejected[0].reason}" if rejected else "it has no rows"
-        raise MeasurementError(f"{path} has no usable row; {first}.", remedy="Name columns with `--columns`.")
+        unread = bool(rejected) and rejected[0].reason.endswith(_NO_NUMBER)
+        remedy = WRITE_PLAINLY if unread else "Name columns with `--columns`."
+        raise MeasurementError(f"{path} has no usable row; {first}.", remedy=remedy)
 
 
 def _with_readings(
@@ -172,6 +182,30 @@ def _with_readings(
     return usable_without(good, list(found)), np.delete(joints_rad, list(found), axis=0), silent
 
 
+def _without_repeats(
+    table: MeasurementTable, good: np.typing.NDArray[np.bool_], joints_rad: Array, columns: Sequence[Array]
+) -> tuple[np.typing.NDArray[np.bool_], Array, list[RejectedRow]]:
+    """Return usable rows and their joints without copies: rows that repeat another to the last digit."""
+    rows = np.flatnonzero(good)
+    values = np.column_stack(columns)[rows]
+    _, first, of = np.unique(values, axis=0, return_index=True, return_inverse=True)
+    earlier = first[of.reshape(-1)]
+    copies = np.flatnonzero(earlier != np.arange(len(rows))).tolist()
+    again = [
+        RejectedRow(
+            int(rows[at]),
+            make_message(
+                "line {line} repeats line {other_line} to the last digit: it counts once",
+                line=int(table.lines[rows[at]]),
+                other_line=int(table.lines[rows[earlier[at]]]),
+            ),
+            REPEAT,
+        )
+        for at in copies
+    ]
+    return usable_without(good, copies), np.delete(joints_rad, copies, axis=0), again
+
+
 def _usable_rows(
     table: MeasurementTable, names: Sequence[str], numbers: Mapping[str, Array]
 ) -> tuple[np.typing.NDArray[np.bool_], tuple[RejectedRow, ...]]:
@@ -182,7 +216,7 @@ def _usable_rows(
     for row in np.flatnonzero(~good).tolist():
         name = names[int(np.argmax(missing[row]))]
         cell = table.texts.get((row, table.names.index(name)), "")
-        what = f"holds {cell!r}, which is no number" if cell else "is empty"
+        what = f"holds {cell!r}{_NO_NUMBER}" if cell else "is empty"
         if not np.isnan(numbers[name][row]):
             what = f"holds {numbers[name][row]:g}, which marks a missing measurement"
         rejected.append(RejectedRow(row, f"line {table.lines[row]}: column {name!r} {what}"))

@@ -6,7 +6,7 @@ import re
 from array import array
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import chain, islice
 from pathlib import Path
 from typing import Any
@@ -21,6 +21,7 @@ from cellcal.calibration.errors import CellError
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.identification.observations import Rows
 from cellcal.calibration.message import make_message
+from cellcal.service.engineering.measured.cell_numbers import ColumnMarks, WrittenNumber, parse_cell
 from cellcal.service.engineering.measured.encodings import encoding_of
 from cellcal.service.engineering.measured.table_heads import (
     doubled_name,
@@ -34,11 +35,18 @@ _SEPARATORS = (";", "\t", ",", "|", " ")
 _LOOK_AHEAD = 200  # lines, to find separator and decimal mark
 _HEAD = 2000  # lines, to find the column names
 _FEWEST_COLUMNS = 3
-_GROUP_MARKS = re.compile("[ \u2009\u202f'\u2019]")
-_GROUPED = re.compile(r"^[+-]?\d{1,3}([ \u2009\u202f'\u2019]\d{3})+([.,]\d+)?$")
-_THOUSANDS = re.compile(r"^[+-]?\d{1,3}(,\d{3})+\.\d+$")  # without a point, a comma is a decimal mark
+_MOSTLY = 0.5  # of the rows of a column of numbers
+_SHOWN = 40  # characters of a cell
 _UNIT_APART = re.compile(r"[ \t]+([\[(][^\s\])]*[\])])")  # J1 [deg] is one name between blanks
+_UNIT_BEHIND = re.compile(
+    r"(?<=[\d.])[ \t]+(mm|cm|m|um|\u00b5m|inch|deg|degrees|rad|mrad|\u00b0)(?=[ \t\r\n]|$)"
+)  # 12.3 deg is one cell between blanks
 _EXCEL = {".xlsx", ".xlsm"}
+_BEGINS_AS_NUMBER = re.compile(r"[+-]?[\d.,]*\d")
+WRITE_PLAINLY = (
+    "Write numbers with a decimal point and no marks of thousands, and all of a column in the unit that its heading "
+    "names."
+)
 
 
 class MeasurementError(CellError):
@@ -57,14 +65,31 @@ class MeasurementTable:
     lines: Rows  # (N,) of the file, counted from one
     dialect: str  # for people
     has_heading: bool = True  # else the names are numbers of columns, or from a remark
+    doubts: Mapping[int, str] = field(
+        default_factory=dict
+    )  # columns whose numbers have no one meaning, and why
 
     def __len__(self) -> int:
         return len(self.lines)
 
     def column_values(self, name: str) -> Array:
-        """Return the numbers of a column."""
-        found: Array = self.numbers[:, self.names.index(name)]
+        """Return the numbers of a column.
+
+        Raises
+        ------
+        MeasurementError
+            Its cells have different units, or more than one decimal mark.
+        """
+        at = self.names.index(name)
+        if at in self.doubts:
+            raise MeasurementError(make_message("{why}.", why=self.doubts[at]), remedy=WRITE_PLAINLY)
+        found: Array = self.numbers[:, at]
         return found
+
+    def numeric_names(self) -> tuple[str, ...]:
+        """Return the columns in which most of the filled rows hold numbers."""
+        often = np.isfinite(self.numbers).mean(axis=0) >= _MOSTLY if len(self) else np.ones(len(self.names))
+        return tuple(name for name, numeric in zip(self.names, often, strict=True) if numeric)
 
     def column_texts(self, name: str) -> list[str]:
         """Return the cells of a column as text."""
@@ -105,7 +130,7 @@ def _read_text(path: Path) -> MeasurementTable:
     )
     lines.seek(0)
     mark = {"\t": "tab", " ": "blanks"}.get(separator, repr(separator))
-    cells = ([_parse_cell(cell, comma) for cell in _split_line(line, separator)] for line in lines)
+    cells = ([parse_cell(cell, comma=comma) for cell in _split_line(line, separator)] for line in lines)
     return _build_table(path, cells, f"separated by {mark}, decimal {'comma' if comma else 'point'}")
 
 
@@ -114,7 +139,7 @@ _LONGEST_LINE, _MOST_EXCEL_CELLS = 200_000, 5_000_000
 
 def _split_line(line: str, separator: str) -> list[str]:
     if separator == " ":
-        return _UNIT_APART.sub(r"\1", line).split()
+        return _UNIT_BEHIND.sub(r"\1", _UNIT_APART.sub(r"\1", line)).split()
     # One line, one row: a quotation mark that is never closed must not swallow the rest of the file.
     if len(line) > _LONGEST_LINE:
         raise DocumentError("a line in it is longer than any of a table.", remedy="Export the table again.")
@@ -129,7 +154,7 @@ def _detect_dialect(lines: Sequence[str]) -> tuple[str, bool]:
             if separator == "," and comma:
                 continue
             counts = [
-                sum(isinstance(_parse_cell(cell, comma), float) for cell in _split_line(line, separator))
+                sum(isinstance(parse_cell(cell, comma=comma), float) for cell in _split_line(line, separator))
                 for line in lines
             ]
             common, often = (
@@ -143,34 +168,13 @@ def _detect_dialect(lines: Sequence[str]) -> tuple[str, bool]:
     return best[1], best[2]
 
 
-def _parse_cell(text: str, comma: bool) -> float | str:
-    cleaned = text.strip().strip('"').strip()
-    number = cleaned.replace("\u2212", "-").replace("\u00a0", "")
-    if _GROUPED.match(number):
-        number = _GROUP_MARKS.sub("", number)
-    if comma:
-        number = number.replace(".", "").replace(",", ".") if "," in number else number
-    elif _THOUSANDS.match(number):
-        number = number.replace(",", "")
-    if number[:1].isalpha() or "_" in number:  # float() would take nan, infinity and 1_000
-        return cleaned
-    try:
-        value = float(number)
-    except ValueError:
-        return cleaned
-    return value if math.isfinite(value) else cleaned
-
-
 def _build_table(path: Path, cells: Iterable[list[float | str]], dialect: str) -> MeasurementTable:
     rows = iter(cells)
     head = list(islice(rows, _HEAD))
     counts = [0 if is_remark(row) else sum(isinstance(cell, float) for cell in row) for row in head]
     widths = Counter(count for count in counts if count >= _FEWEST_COLUMNS)
     if not widths:
-        raise MeasurementError(
-            make_message("{path} holds no table of numbers.", path=path),
-            remedy="A file of measurements has one row a posture: joints, and what the device read.",
-        )
+        raise _no_table(path, head)
     usual = widths.most_common(1)[0][0]
     first = next(i for i, count in enumerate(counts) if count >= max(_FEWEST_COLUMNS, 0.5 * usual))
     names = heading_names(head[:first], _filled_width(head[first]))
@@ -183,18 +187,60 @@ def _build_table(path: Path, cells: Iterable[list[float | str]], dialect: str) -
             make_message("{path}: the column name {twice!r} occurs twice.", path=path, twice=twice),
             remedy="Rename one of them.",
         )
+    return _fill_table(names, chain(head[first:], rows), first + 1, dialect, has_heading=has_heading)
+
+
+def _fill_table(
+    names: tuple[str, ...], rows: Iterable[list[float | str]], line: int, dialect: str, *, has_heading: bool
+) -> MeasurementTable:
+    """Return the table of rows that begin at a line of the file."""
+    marks = ColumnMarks()
     numbers, texts, lines = array("d"), dict[tuple[int, int], str](), array("q")
-    for line, row in enumerate(chain(head[first:], rows), start=first + 1):
+    for at_line, row in enumerate(rows, start=line):
         if not any(cell != "" for cell in row) or is_remark(row):
             continue
         padded = [*row[: len(names)], *[""] * (len(names) - len(row))]
         for at, cell in enumerate(padded):
-            if isinstance(cell, str) and cell:
-                texts[len(lines), at] = cell
+            if isinstance(cell, str):
+                if cell:
+                    texts[len(lines), at] = cell
+            elif isinstance(cell, WrittenNumber):
+                marks.note_cell(at, len(lines), at_line, cell)
         numbers.extend(cell if isinstance(cell, float) else math.nan for cell in padded)
-        lines.append(line)
+        lines.append(at_line)
     shaped = np.frombuffer(numbers, dtype=float).reshape(-1, len(names))
-    return MeasurementTable(names, shaped, texts, np.frombuffer(lines, dtype=np.int64), dialect, has_heading)
+    numbers_of_lines = np.frombuffer(lines, dtype=np.int64)
+    return MeasurementTable(
+        marks.names_with_units(names),
+        shaped,
+        texts,
+        numbers_of_lines,
+        dialect,
+        has_heading,
+        marks.doubts(names, shaped, numbers_of_lines),
+    )
+
+
+def _no_table(path: Path, head: list[list[float | str]]) -> MeasurementError:
+    """Return the refusal of a file without rows of numbers; it names the cell that keeps one from being a number."""
+    for line, row in enumerate(head, start=1):
+        begun = [cell for cell in row if isinstance(cell, float) or _BEGINS_AS_NUMBER.match(cell)]
+        strange = [cell for cell in begun if isinstance(cell, str)]
+        if len(begun) >= _FEWEST_COLUMNS and strange and not is_remark(row):
+            return MeasurementError(
+                make_message(
+                    "{path} holds no table of numbers: in line {line}, {cell!r} is no number and no number with a "
+                    "unit.",
+                    path=path,
+                    line=line,
+                    cell=strange[0][:_SHOWN],
+                ),
+                remedy=WRITE_PLAINLY,
+            )
+    return MeasurementError(
+        make_message("{path} holds no table of numbers.", path=path),
+        remedy="A file of measurements has one row a posture: joints, and what the device read.",
+    )
 
 
 def _filled_width(row: list[float | str]) -> int:
@@ -262,4 +308,4 @@ def _excel_cell(value: object) -> float | str:
         return "" if value is None else str(value)
     if isinstance(value, int | float):
         return float(value) if math.isfinite(value) else str(value)
-    return _parse_cell(str(value), "," in str(value) and "." not in str(value))
+    return parse_cell(str(value), comma="," in str(value) and "." not in str(value))

@@ -94,4 +94,4 @@ def _are_units(row: Sequence[str]) -> bool:
 
 def are_numbered(names: Sequence[str]) -> bool:
     """Tell whether names only count the columns of a table without heading."""
-    return any(re.fullmatch(r"column \d+", name) for name in names[:1])
+    return any(re.fullmatch(r"column \d+( \[.*\])?", name) for name in names[:1])

@@ -32,6 +32,24 @@ class UnitChoice:
         self._note_guess(meaning, columns, name)
         return ANGLE_UNITS[name]
 
+    def angle_factors(self, columns: Sequence[str], values: Array) -> Array:
+        """Return rad per unit of each column of joints (n,): one unit of all, or one of each with commas between."""
+        stated = self.stated.get("joints", "")
+        if "," not in stated:
+            return np.full(len(columns), self.angle_factor("joints", columns, values))
+        each = [unit.strip() for unit in stated.split(",")]
+        if len(each) != len(columns):
+            raise MeasurementError(
+                make_message(
+                    "{count} units were stated for {columns}.", count=len(each), columns=", ".join(columns)
+                ),
+                remedy="Write one unit, or one for each joint that turns: `--units joints=deg,deg,deg,rad,rad,rad`.",
+            )
+        for unit in each:
+            self._check_unit("joints", unit, ANGLE_UNITS)
+        self.used["joints"] = ",".join(each)
+        return np.array([ANGLE_UNITS[unit] for unit in each])
+
     def slide(self, meaning: str, columns: Sequence[str], guess: str) -> float:
         """Return m per unit of joints that slide, as stated or as guessed from their travel."""
         if meaning in self.stated:
@@ -62,13 +80,17 @@ class UnitChoice:
 
     def _stated_factor(self, meaning: str, table: Mapping[str, float]) -> float:
         unit = self.stated[meaning]
+        self._check_unit(meaning, unit, table)
+        self.used[meaning] = unit
+        return table[unit]
+
+    @staticmethod
+    def _check_unit(meaning: str, unit: str, table: Mapping[str, float]) -> None:
         if unit not in table:
             raise MeasurementError(
                 make_message("{meaning} cannot be in {unit!r}.", meaning=meaning, unit=unit),
                 remedy=f"`--units {meaning}=UNIT` takes {', '.join(table)}.",
             )
-        self.used[meaning] = unit
-        return table[unit]
 
     def _note_guess(self, meaning: str, columns: Sequence[str], unit: str) -> None:
         self.used[meaning] = unit

@@ -356,7 +356,8 @@ def refuse_foreign(program: ProgramFile, project: Project) -> None:
         )
     _refuse_other_kinematics(program, project)
     places = program.positions.frame_tip[:, :3, 3]
-    places = places[~np.isnan(places[:, 0])]  # a position that is no pose holds none
+    stands = ~np.nan_to_num(program.positions.external).any(axis=1)  # what axes carry may be anywhere
+    places = places[~np.isnan(places[:, 0]) & stands]  # a position that is no pose holds none
     if not len(places):
         return
     sizes = np.sqrt((places * places).sum(axis=1))

@@ -28,8 +28,9 @@ _FACTORY = CompensationLimits(branch_rad=0.3)
 OTHER_CONFIGURATION = "no posture of the arm reaches this pose with the configuration {text}"
 OTHER_TURNS = "no joints inside the limits have the turn numbers of {text}"
 NO_POSTURE = (
-    "the file says neither joints nor configuration, and no position before it does: write its configuration "
-    "(KUKA: S and T) into it, or put a move to joint angles in front of it"
+    "the file says neither joints nor a configuration that counts, and no position before it does: state a starting "
+    "posture in the project, put a move to joint angles in front of it, or write its configuration (KUKA: S and T) "
+    "into it"
 )
 
 

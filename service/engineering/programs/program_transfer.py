@@ -327,7 +327,8 @@ class ProgramTransfer:
         points.refuse_points(
             rows[wrong],
             lambda i: make_message(
-                "its joints and its pose are {distances_mm:.1f} mm apart: another robot's, or another tool",
+                "its joints and its pose are {distances_mm:.1f} mm apart: another robot's, another tool, or joints "
+                "that only choose the posture",
                 distances_mm=distances_m[i] * 1000.0,
             ),
         )

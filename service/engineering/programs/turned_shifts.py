@@ -47,6 +47,15 @@ _MAY_TURN = (
     "{what} shifts {point} and may turn it by what is not readable: the point then misses by up to {distance} mm. "
     "Turn the shift in the program, too, or teach the point there."
 )
+_STAYS = (
+    "the motion goes to {point}, whose place no file here holds: its frame moves by {distance} mm and turns by "
+    "{angle} deg with the work, and {point} stays. {cure}"
+)
+_OF_OTHER_CONTROLLER = (
+    "the motion goes to {point}, whose place no file here holds: what the other robot's controller has there counts. "
+    "{cure}"
+)
+_NOT_CORRECTED = "the motion goes to {point}, whose place no file here holds: it is not corrected. {cure}"
 
 
 class ChangeRoute(Protocol):
@@ -58,6 +67,8 @@ class ChangeRoute(Protocol):
     def target(self) -> Project: ...
     @property
     def change(self) -> Array: ...
+    @property
+    def real_ends(self) -> tuple[bool, bool]: ...
     def covers_frame(self, frame: str | None, *, bare_joints: bool) -> bool | str: ...
 
 
@@ -92,7 +103,11 @@ def _findings_of(
             if frame is None or route.covers_frame(frame, bare_joints=False) is True:
                 turned = _turned_change(by_frame, program, frame, shift, route)
                 turned = turned if carried is None else turned._replace(exact=False)
-                found.append(_shift_finding(shift, shift.point, -1, None, turned))
+                found.append(
+                    _absent_finding(shift, turned, route)
+                    if shift.absent
+                    else _shift_finding(shift, shift.point, -1, None, turned)
+                )
             continue
         for row in shift.rows:
             at = start + row
@@ -164,6 +179,30 @@ def _shift_finding(
     form = form if turned.exact else _COSTS_UP_TO  # which axis of an unknown frame turns is unknown, too
     text = _finding_text(form, shift, point, angle, distance, turn) if costs else ""
     return PointFinding(shift.line, point, shift.what, angle, distance, turn, text, row)
+
+
+def _absent_finding(shift: ProgramShift, turned: _TurnedChange, route: ChangeRoute) -> PointFinding:
+    """Return what becomes of a motion to a place that no file holds; without a text where nothing is asked of it."""
+    change = turned.change
+    angle, distance_m = (
+        float(np.linalg.norm(log_rotation(change[:3, :3]))),
+        float(np.linalg.norm(change[:3, 3])),
+    )
+    if route.source is not route.target:
+        text = make_message(_OF_OTHER_CONTROLLER, point=shift.point, cure=shift.absent)
+    elif route.real_ends != (True, True):
+        text = make_message(_NOT_CORRECTED, point=shift.point, cure=shift.absent)
+    elif angle > _LEAST_RAD or distance_m > _LEAST_M:
+        text = make_message(
+            _STAYS,
+            point=shift.point,
+            distance=f"{distance_m * 1000.0:.2f}",
+            angle=f"{math.degrees(angle):.2f}",
+            cure=shift.absent,
+        )
+    else:
+        text = ""
+    return PointFinding(shift.line, shift.point, shift.what, angle, math.nan, math.nan, text, -1)
 
 
 def _size_counts(shift: ProgramShift, turned: _TurnedChange) -> bool:

@@ -1,0 +1,105 @@
+"""Which frame data (FDAT) a move is done with: its own, those of the inline form before it, or those of its block."""
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Protocol
+
+from cellcal.drivers.kuka.program_files.patterns import B
+from cellcal.drivers.kuka.program_files.point_uses import EXTERNAL_TOOL, data_of
+from cellcal.drivers.programs.barred import COMPUTED
+from cellcal.drivers.programs.cross_file_uses import ExternalUses, MoveFrames
+
+_TOOL_OF = re.compile(rf"\$TOOL{B}*+={B}*+STOOL2?{B}*+\({B}*+(\w++)", re.ASCII | re.IGNORECASE)
+_BASE_OF = re.compile(rf"\$BASE{B}*+={B}*+SBASE{B}*+\({B}*+(\w++)", re.ASCII | re.IGNORECASE)
+_FRAME_SET = re.compile(rf"\$(?:TOOL|BASE)\b{B}*+(?:\.\w++{B}*+)?+=", re.IGNORECASE)
+
+
+def data_taken(settings: str) -> str:
+    """Return the frame data that a WITH takes tool and base from; "" where it takes them from elsewhere."""
+    tools, bases = _TOOL_OF.findall(settings), _BASE_OF.findall(settings)
+    if len(tools) != 1 or len(bases) != 1 or len(_FRAME_SET.findall(settings)) != 2:
+        return ""
+    return tools[0].upper() if tools[0].upper() == bases[0].upper() else ""
+
+
+@dataclass
+class FramesInForce:
+    """The frame data that moves without their own are done with, along the text of a routine."""
+
+    data: str = ""  # "" where something else set tool or base, or may have
+    _outside: str = ""  # of the spline block
+    _branches: list[tuple[str, bool]] = field(
+        default_factory=list
+    )  # at the begin of each; whether one changed it
+
+    def take_data(self, name: str) -> None:
+        """Take frame data that an inline form sets."""
+        self.data = name.upper()
+        self._mark_changed()
+
+    def forget(self) -> None:
+        """Take note that tool or base may be others from here."""
+        self.data = ""
+        self._mark_changed()
+
+    def begin_block(self) -> None:
+        """Enter a spline block, whose own tool and base end with it."""
+        self._outside = self.data
+
+    def end_block(self) -> None:
+        """Leave a spline block."""
+        self.data, self._outside = self._outside, ""
+
+    def take_branch(self, word: str) -> None:
+        """Enter, change or leave a branch; what was set in one holds behind it for no branch."""
+        if word in ("IF", "SWITCH"):
+            self._branches.append((self.data, False))
+        elif word in ("WHILE", "FOR"):  # its first line is reached from its last, too
+            self.forget()
+            self._branches.append(("", False))
+        elif self._branches:
+            before, changed = self._branches[-1]
+            self.data = before
+            if word.startswith("END"):
+                self._branches.pop()
+                if changed:
+                    self.forget()
+
+    def _mark_changed(self) -> None:
+        self._branches = [(before, True) for before, _ in self._branches]
+
+
+class TaughtFrames(Protocol):
+    """What frame data say."""
+
+    @property
+    def tool(self) -> str | None: ...
+
+    @property
+    def base(self) -> str | None: ...
+
+    @property
+    def external_tool(self) -> bool: ...
+
+
+def with_frame_data(external_uses: ExternalUses, frame_data: Mapping[str, TaughtFrames]) -> ExternalUses:
+    """Return the uses of a data list's points with the tools and bases of its frame data."""
+    uses = {name: _with_data(moves, frame_data) for name, moves in external_uses.uses.items()}
+    return replace(external_uses, uses=uses)
+
+
+def _with_data(
+    moves: Sequence[tuple[MoveFrames, str]], frame_data: Mapping[str, TaughtFrames]
+) -> list[tuple[MoveFrames, str]]:
+    return [(_frames_of(each, frame_data), file) for each, file in moves]
+
+
+def _frames_of(move_frames: MoveFrames, frame_data: Mapping[str, TaughtFrames]) -> MoveFrames:
+    name = data_of(move_frames)
+    if not name:
+        return move_frames
+    data = frame_data.get(name)
+    if data is None or data.tool is None or data.base is None:
+        return MoveFrames(None, None, COMPUTED)
+    return MoveFrames(None, None, EXTERNAL_TOOL) if data.external_tool else MoveFrames(data.tool, data.base)

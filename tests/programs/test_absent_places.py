@@ -1,0 +1,111 @@
+"""Motions to places that only a controller holds: a changed program that goes there is no PASS."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from cellcal.service.cli.app import run_command_line
+from cellcal.service.exit_codes import ExitCode
+from tests.programs.test_field_cases import CASES, move_program
+
+SHIFTED, UNMOVED = "30,-20,5,0,0,0", "0,0,0,0,0,0"
+LISTING = (CASES / "fanuc" / "offset_pr.LS").read_text()
+STAYS = "the motion goes to {}, whose place no file here holds"
+
+
+def fanuc(*statements: str) -> str:
+    lines = ";\n".join(f"   {at}:{text} " for at, text in enumerate(statements, 3))
+    return LISTING.replace("   3:L P[1] 100mm/sec CNT50 Offset,PR[3]    ", lines.removesuffix(" "))
+
+
+def rapid(*lines: str) -> str:
+    target = "[[400,0,400],[0,0,1,0],[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]]"
+    own = f"CONST robtarget p10:={target};\nVAR robtarget pOwn;"
+    body = "\n".join(("MoveL p10,v100,fine,tool0\\WObj:=wobj0;", *lines))
+    return f"MODULE M\n{own}\nPROC main()\n{body}\nENDPROC\nENDMODULE\n"
+
+
+def yaskawa(*lines: str) -> str:
+    text = (CASES / "yaskawa" / "one_point_refuses_all.JBI").read_text()
+    return text.replace("NOP\n", "NOP\n" + "".join(f"{line}\n" for line in lines), 1)
+
+
+@pytest.mark.parametrize(
+    ("brand", "file", "text", "point"),
+    [
+        ("fanuc", "offset_pr.LS", fanuc("J PR[1] 100% FINE"), "PR[1]"),
+        ("fanuc", "offset_pr.LS", fanuc("L PR[GP1:4:home] 100mm/sec FINE"), "PR[4]"),
+        ("fanuc", "offset_pr.LS", fanuc("L PR[R[2]] 100mm/sec FINE"), "PR[R[...]]"),
+        ("fanuc", "offset_pr.LS", fanuc("J PR[1:Home] 100% FINE", "L PR[1:Home] 100mm/sec FINE"), "PR[1]"),
+        ("fanuc", "offset_pr.LS", fanuc("PR[1]=PR[2]", "L PR[1] 100mm/sec FINE"), "PR[1]"),
+        ("abb", "pdisp_rotated.mod", rapid("MoveL pOther,v100,fine,tool0\\WObj:=wobj0;"), "pOther"),
+        (
+            "abb",
+            "pdisp_rotated.mod",
+            rapid("MoveL Offs(pOther,0,0,9),v100,fine,tool0\\WObj:=wobj0;"),
+            "pOther",
+        ),
+        (
+            "kuka",
+            "lin_rel_rotated.src",
+            (CASES / "kuka" / "lin_rel_rotated.src").read_text().replace("LIN_REL {X 100}", "LIN XELSE"),
+            "XELSE",
+        ),
+        ("yaskawa", "one_point_refuses_all.JBI", yaskawa("MOVL P010 V=50.0"), "P010"),
+    ],
+)
+def test_a_motion_to_a_place_of_the_controller_is_a_finding(brand, file, text, point, tmp_path: Path):
+    moved = move_program(tmp_path, brand, file, offset=SHIFTED, text=text)
+    (found,) = [one for one in moved.report["findings"] if one["text"].startswith(STAYS.format(point))]
+    assert moved.code == ExitCode.REFUSED
+    assert "moves by 36.40 mm and turns by 0.00 deg" in found["text"]
+
+
+@pytest.mark.parametrize(
+    ("brand", "file", "text"),
+    [
+        ("fanuc", "offset_pr.LS", fanuc("J PR[1:Home] 100% FINE")),  # the robot's own, as KUKA's HOME
+        ("fanuc", "offset_pr.LS", fanuc("PR[1]=P[1]", "L PR[1] 100mm/sec FINE")),  # goes along with P[1]
+        ("fanuc", "offset_pr.LS", fanuc("PR[2]=P[1]", "PR[1]=PR[2]", "L PR[1] 100mm/sec FINE")),
+        ("abb", "pdisp_rotated.mod", rapid("pOwn:=p10;", "MoveL pOwn,v100,fine,tool0\\WObj:=wobj0;")),
+        ("yaskawa", "one_point_refuses_all.JBI", yaskawa("GETS PX010 $PX000", "MOVL P010 V=50.0")),
+    ],
+)
+def test_a_place_that_the_program_fills_or_that_is_home_is_none(brand, file, text, tmp_path: Path):
+    moved = move_program(tmp_path, brand, file, offset=SHIFTED, text=text)
+    assert not [one for one in moved.report["findings"] if "whose place no file here holds" in one["text"]]
+
+
+@pytest.mark.parametrize(("offset", "findings"), [(SHIFTED, 0), ("0,0,0,0,0,20", 1)])
+def test_a_shift_from_where_the_robot_is_is_a_finding_where_its_axes_turn(offset, findings, tmp_path: Path):
+    text = fanuc("PR[51]=LPOS", "PR[52,1]=R[100]", "J PR[51] 100% CNT100 Offset,PR[52]")
+    moved = move_program(tmp_path, "fanuc", "offset_pr.LS", offset=offset, text=text)
+    shifts = [one for one in moved.report["findings"] if one["point"] == "PR[51]"]
+    assert len(shifts) == findings
+
+
+def test_a_frame_that_does_not_move_leaves_its_registers_where_they_belong(tmp_path: Path):
+    moved = move_program(tmp_path, "fanuc", "offset_pr.LS", offset=UNMOVED, text=fanuc("J PR[1] 100% FINE"))
+    assert (moved.code, moved.report["findings"]) == (ExitCode.PASS, [])
+
+
+def test_a_clone_says_that_the_other_controller_has_its_own_registers(tmp_path: Path, capsys):
+    cells = Path(__file__).parents[2] / "deploy" / "example_projects" / "door_line"
+    listing = tmp_path / "TO_PR.LS"
+    text = (cells / "cell_1" / "programs" / "RACK_PICK.LS").read_text()
+    first = next(line for line in text.splitlines() if ":J P[" in line or ":L P[" in line)
+    listing.write_text(text.replace(first, f"{first}\n   1:J PR[9] 100% FINE ;"))
+    report = tmp_path / "clone.json"
+    code = run_command_line(
+        [
+            "program", "clone", str(cells / "cell_1" / "project.toml"), str(cells / "cell_7" / "project.toml"),
+            str(listing), "--out", str(tmp_path / "out"), "--json", str(report),
+        ]
+    )  # fmt: skip
+    capsys.readouterr()
+    assert code == ExitCode.REFUSED
+    (program,) = json.loads(report.read_text())["programs"]
+    assert any(
+        "what the other robot's controller has there counts" in one["text"] for one in program["findings"]
+    )
