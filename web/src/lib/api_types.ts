@@ -309,7 +309,7 @@ export interface IdentifyResult {
   unknown: UnknownParameters[];
   row_errors: RowErrors;
   understood: Record<string, unknown>;
-  series: SeriesErrors[];
+  series: MeasuredSeriesErrors[];
   not_savable: IdentifyFault | null;
 }
 
@@ -373,6 +373,16 @@ export interface LossSeen {
   settings: Record<string, unknown>;
   reasons: string[];
   alone_wanted: boolean;
+}
+
+export interface MeasuredSeriesErrors {
+  name: string;
+  rows: number;
+  rejected: number;
+  is_held_out: boolean;
+  before_m: number;
+  held_out_m: number;
+  fit_m: number;
 }
 
 export interface NameAndPin {
@@ -829,16 +839,6 @@ export interface SecondApproval {
 export interface SelectRobot {
   op: "select_robot";
   robot: string;
-}
-
-export interface SeriesErrors {
-  name: string;
-  rows: number;
-  rejected: number;
-  is_held_out: boolean;
-  before_m: number;
-  held_out_m: number;
-  fit_m: number;
 }
 
 export interface SeriesPose {

@@ -132,7 +132,7 @@ class RowErrors(IdentifyResponseModel):
     rows_per_point: int
 
 
-class SeriesErrors(IdentifyResponseModel):
+class MeasuredSeriesErrors(IdentifyResponseModel):
     """Errors of the readings that one device took of one target: RMS [m]."""
 
     name: str
@@ -157,7 +157,7 @@ class IdentifyResult(IdentifyResponseModel):
     understood: Annotated[
         dict[str, Any], Field(description="columns, units and convention, as `--show-layout` prints them")
     ]
-    series: list[SeriesErrors]  # of a layout of several readings; empty of a single device
+    series: list[MeasuredSeriesErrors]  # of a layout of several readings; empty of a single device
     not_savable: IdentifyFault | None  # why there is nothing to save
 
 
