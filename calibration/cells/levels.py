@@ -23,6 +23,7 @@ from cellcal.calibration.identification.selection import (
     possible_levels,
     terms_of_level,
 )
+from cellcal.calibration.message import make_message
 
 _FEWEST_VOTING = 12  # rows of a series: fewer are needed to place its device, and are always fitted
 _MOST_ROWS = 4000
@@ -136,7 +137,13 @@ def choose_level(trial: CellTrial) -> tuple[int, tuple[str, ...]]:
     """Return the level that predicts unseen groups best, and why; wider ones must be surely better."""
     forced_level = trial.options.level
     if forced_level is not None:
-        return forced_level, (f"level {forced_level}, {LEVEL_NAMES[forced_level]}, was asked for",)
+        return forced_level, (
+            make_message(
+                "level {level}, {level_name}, was asked for",
+                level=forced_level,
+                level_name=LEVEL_NAMES[forced_level],
+            ),
+        )
     few = trial.restricted_to(evenly_spaced(len(trial.groups), _MOST_ROWS))
     sizes = {level: len(few.layout_of(level)) for level in LEVELS}
     observations = [series.observations for series in few.frames.cell.series]

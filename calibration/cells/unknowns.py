@@ -7,6 +7,7 @@ from cellcal.calibration.cells.state import CellFrames, CellState, FrameRoute, F
 from cellcal.calibration.geometry import Array, adjoint_matrix, inverse_transform
 from cellcal.calibration.identification.identifiability import NotIdentified, hiding_partners
 from cellcal.calibration.identification.parameters import Parameter
+from cellcal.calibration.message import join_messages, make_message
 
 _LEARNED = 0.5  # of the prior deviation: above, the prior speaks rather than the data
 _FOUND_M, _FOUND_RAD = 0.05, 0.05  # an unknown place that stays vaguer than this has not been found
@@ -49,7 +50,7 @@ def _is_undetermined(fit: CellFit, number: int, sigma: float) -> bool:
 def _describe_unknown(fit: CellFit, own: int, ratio: float) -> NotIdentified:
     parameters = fit.layout.parameters
     blocks, share = hiding_partners(fit, own, _block_name)
-    words = ", ".join(_describe_partner(fit, own, block) for block in blocks)
+    words = join_messages(", ", [_describe_partner(fit, own, block) for block in blocks])
     cure = _suggest_measurement(parameters[own], [parameters[block[0]] for block in blocks])
     return NotIdentified(parameters[own].name, words, cure, ratio, share)
 
@@ -74,15 +75,26 @@ def _describe_partner(fit: CellFit, own: int, block: list[int]) -> str:
     twist = adjoint_matrix(frame) @ twist
     turning, sliding = np.linalg.norm(twist[3:]), np.linalg.norm(twist[:3])
     if max(axes) >= 3 and turning > _TURNS:
-        return f"rotation of {_slot_text(slot)} about {_axis_text(twist[3:])} of {outer}"
-    along = f" ({_axis_text(twist[:3])} of {outer})" if sliding > 0 and max(axes) < 3 else ""
-    return f"place of {_slot_text(slot)}{along}"
+        return make_message(
+            "rotation of {frame} about {axis} of {outer}",
+            frame=_slot_text(slot),
+            axis=_axis_text(twist[3:]),
+            outer=outer,
+        )
+    if sliding > 0 and max(axes) < 3:
+        return make_message(
+            "place of {frame} ({axis} of {outer})",
+            frame=_slot_text(slot),
+            axis=_axis_text(twist[:3]),
+            outer=outer,
+        )
+    return make_message("place of {frame}", frame=_slot_text(slot))
 
 
 def _slot_text(slot: FrameSlot) -> str:
-    return {"base": f"the {slot.name}", "tool": f"the {slot.name}", "device": f"device {slot.name!r}"}.get(
-        slot.role, slot.name
-    )
+    if slot.role in ("base", "tool"):
+        return make_message("the {name}", name=slot.name)
+    return make_message("device {name!r}", name=slot.name) if slot.role == "device" else slot.name
 
 
 def _known_axes(frames: CellFrames, state: CellState, slot: FrameSlot, number: int) -> tuple[Array, str]:
@@ -92,7 +104,9 @@ def _known_axes(frames: CellFrames, state: CellState, slot: FrameSlot, number: i
     route = _route_of(frames, number)
     base = inverse_transform(state.places[route.base])
     robot = frames.slots[route.base].name
-    return base @ state.places[number], f"the {robot}" if len(state.arms) > 1 else "the base"
+    return base @ state.places[number], make_message("the {name}", name=robot) if len(
+        state.arms
+    ) > 1 else "the base"
 
 
 def _route_of(frames: CellFrames, number: int) -> FrameRoute:

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 from cellcal.calibration.identification.effect_mixture import KINDS, UnmodelledEffects
 from cellcal.calibration.identification.lints import Lint
+from cellcal.calibration.message import join_messages, make_message
 
 _LIKELY = 0.9  # probability
 _EXCLUDED = 0.1
@@ -41,8 +42,12 @@ def misfit_notes(misfit: UnmodelledEffects | None, rows: int, rejected: int) -> 
         notes.append(
             Lint(
                 "outliers",
-                f"{rejected} of {rows} rows stand out and were not fitted: more than chance makes. Look at what they "
-                "share (hidden targets, a joint that moved, a typing error) before the rest is believed.",
+                make_message(
+                    "{rejected} of {rows} rows stand out and were not fitted: more than chance makes. Look at what "
+                    "they share (hidden targets, a joint that moved, a typing error) before the rest is believed.",
+                    rejected=rejected,
+                    rows=rows,
+                ),
             )
         )
     if misfit is None:
@@ -50,17 +55,34 @@ def misfit_notes(misfit: UnmodelledEffects | None, rows: int, rejected: int) -> 
     chances = dict(zip(KINDS, misfit.probability, strict=True))
     likely_kinds = [kind for kind in KINDS if chances[kind] > _LIKELY]
     notes += [
-        Lint("misfit", f"the model lacks something (probability {chances[kind]:.0%}): {_CURES[kind]}")
+        Lint(
+            "misfit",
+            make_message(
+                "the model lacks something (probability {chance:.0%}): {cure}",
+                chance=chances[kind],
+                cure=_CURES[kind],
+            ),
+        )
         for kind in likely_kinds
     ]
     open_still = [kind for kind in KINDS if _EXCLUDED < chances[kind] <= _LIKELY]
     if open_still:
-        listed = ", ".join(f"{_WHAT[kind]} ({chances[kind]:.0%})" for kind in open_still)
+        listed = join_messages(
+            ", ",
+            [
+                make_message("{effect} (probability {chance:.0%})", effect=_WHAT[kind], chance=chances[kind])
+                for kind in open_still
+            ],
+        )
         notes.append(
             Lint(
                 "misfit_open",
-                f"{rows} rows are too few to tell whether the model lacks something: {listed}. The stated deviations "
-                "count it; measure more rows.",
+                make_message(
+                    "{rows} rows are too few to tell whether the model lacks something: {listed}. The stated "
+                    "deviations count it; measure more rows.",
+                    rows=rows,
+                    listed=listed,
+                ),
             )
         )
     return notes

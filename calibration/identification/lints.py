@@ -9,6 +9,7 @@ from cellcal.calibration.arm.joint_kinds import shown_units
 from cellcal.calibration.arm.kinematics import RobotModel
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.identification.observations import Rows
+from cellcal.calibration.message import make_message
 
 _FAR_FROM_ZERO_RAD = float(np.deg2rad(10.0))
 _NEAR_RAD = float(np.deg2rad(2.0))
@@ -89,7 +90,9 @@ def find_leakage(fitted_joints_rad: Array, check_joints_rad: Array) -> list[Lint
     return [
         Lint(
             "leakage",
-            f"{len(rows)} check rows have joints that the fit has seen: not independent.",
+            make_message(
+                "{rows} check rows have joints that the fit has seen: not independent.", rows=len(rows)
+            ),
             tuple(rows),
         )
     ]

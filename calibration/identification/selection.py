@@ -179,7 +179,13 @@ def _choose_level(
     trial: _LevelTrial, forced_level: int | None, runner: PartRunner
 ) -> tuple[int, tuple[str, ...]]:
     if forced_level is not None:
-        return forced_level, (f"level {forced_level}, {LEVEL_NAMES[forced_level]}, was asked for",)
+        return forced_level, (
+            make_message(
+                "level {level}, {level_name}, was asked for",
+                level=forced_level,
+                level_name=LEVEL_NAMES[forced_level],
+            ),
+        )
     if trial.options.start.free:
         return trial.level_of_free()
     sizes = {level: trial.unknown_count(level) for level in LEVELS}

@@ -10,6 +10,7 @@ import numpy as np
 
 from cellcal.calibration.errors import CalibrationError
 from cellcal.calibration.geometry import Array, Pose, homogeneous_matrix
+from cellcal.calibration.message import make_message
 from cellcal.calibration.orientation import CONVENTIONS, rotation_from
 from cellcal.drivers.errors import BusyError, DeviceError, RefusedError
 from cellcal.drivers.file_import.number_text import TextRow, metres_per
@@ -96,8 +97,12 @@ class _Instrument:
             self._busy = False
 
     def _refused_error(self, row: TextRow, message: str) -> RefusedError:
-        where = f"line {row.line}: " if row.line else ""
-        return RefusedError(self.name, f"{where}{message} ({row.text[:60]}).", remedy=_AGAIN)
+        where = make_message("line {line}: ", line=row.line) if row.line else ""
+        return RefusedError(
+            self.name,
+            make_message("{where}{message} ({text}).", where=where, message=message, text=row.text[:60]),
+            remedy=_AGAIN,
+        )
 
 
 class FileGauge(_Instrument):
@@ -174,7 +179,12 @@ class FileTracker(_Instrument):
         distance_m = math.hypot(x, y, z)
         if distance_m > self._options.range_m:
             raise self._refused_error(
-                row, f"the point is {distance_m:.3f} m away, the range is {self._options.range_m:g} m"
+                row,
+                make_message(
+                    "the point is {distance_m:.3f} m away, the range is {limit_m:g} m",
+                    distance_m=distance_m,
+                    limit_m=self._options.range_m,
+                ),
             )
         return x, y, z
 

@@ -15,6 +15,7 @@ from collections.abc import Awaitable, Callable
 from contextlib import suppress
 from functools import partial
 
+from cellcal.calibration.message import make_message
 from cellcal.drivers.errors import DeviceError, RefusedError, UnreachableError, WireProtocolError
 from cellcal.drivers.laser_tracker.packets import (
     ANSWER,
@@ -160,7 +161,7 @@ class EmsconLink:
         entry = status_meaning(status)
         return RefusedError(
             self.device,
-            f"the tracker said no to {doing}: {entry.text}.",
+            make_message("the tracker said no to {doing}: {status}.", doing=doing, status=entry.text),
             remedy=entry.remedy,
             vendor_code=status,
             vendor_text=entry.text,
@@ -175,7 +176,10 @@ class EmsconLink:
         except TimeoutError:
             raise
         except OSError as error:
-            raise self._connection_lost_error(f"nothing answers at {self._address}:{self._port}.") from error
+            where = f"{self._address}:{self._port}"
+            raise self._connection_lost_error(
+                make_message("nothing answers at {where}.", where=where)
+            ) from error
         self._writer = writer
         self._listener = start_link_task(
             f"answers of {self.device}", partial(self._read_packets, reader, writer), self._drop_broken
@@ -312,5 +316,5 @@ class EmsconLink:
         return UnreachableError(self.device, message, remedy=_CABLE)
 
     def _damaged_packet_error(self, found: str, data: bytes) -> WireProtocolError:
-        message = f"the tracker sent {found}, which its document does not allow."
+        message = make_message("the tracker sent {found}, which its document does not allow.", found=found)
         return WireProtocolError(self.device, message, remedy=_BYTES, frame=data.hex())

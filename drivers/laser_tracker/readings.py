@@ -50,7 +50,9 @@ class ResultChecker:
         self._check_result(found, MeasurementMode.PROBE, (PacketKind.PROBE,))
         bits = found.rotation_status
         if not bits & _VALID or bits & (_WRONG | _FROZEN | _TOO_FAR):
-            raise self._refused_error(f"the turn of the probe is not valid (status {bits:#x})", _AGAIN)
+            raise self._refused_error(
+                make_message("the turn of the probe is not valid (status {bits:#x})", bits=bits), _AGAIN
+            )
         if found.tip_status:
             raise self._refused_error(
                 "the probe has another tip than expected", "Mount one tip, and choose it."
@@ -70,7 +72,11 @@ class ResultChecker:
     ) -> None:
         if found.status:
             entry = status_meaning(found.status)
-            raise self._refused_error(f"the result has the status {entry.text}", entry.remedy, found.status)
+            raise self._refused_error(
+                make_message("the result has the status {status}", status=entry.text),
+                entry.remedy,
+                found.status,
+            )
         if found.kind not in kinds or found.mode != mode:
             raise self._refused_error("the result belongs to another measurement mode", _AGAIN)
         if found.is_try:
@@ -85,12 +91,21 @@ class ResultChecker:
         distance_m, limit_m = math.hypot(*found.value), self._limits.range_m
         if not 0.0 < distance_m <= limit_m:
             raise self._refused_error(
-                f"the point is {distance_m:.3f} m away, the range is {limit_m:g} m",
+                make_message(
+                    "the point is {distance_m:.3f} m away, the range is {limit_m:g} m",
+                    distance_m=distance_m,
+                    limit_m=limit_m,
+                ),
                 "Check range_m in cell.toml and the line of sight; this may be a reflection.",
             )
         if max(found.scatter) > self._limits.steady_m:
             moved_mm = max(found.scatter) * 1e3
-            raise self._refused_error(f"the target moved by {moved_mm:.2f} mm while it was measured", _AGAIN)
+            raise self._refused_error(
+                make_message(
+                    "the target moved by {moved_mm:.2f} mm while it was measured", moved_mm=moved_mm
+                ),
+                _AGAIN,
+            )
 
     def _check_covariance(self, found: StationaryResult, sigma_m: Triple) -> None:
         """Refuse covariances that no three coordinates can have."""
@@ -112,7 +127,13 @@ class ResultChecker:
         if not all(low <= value <= high for value, (low, high) in zip(found.air, _AIR, strict=True)):
             t, p, h = found.air
             raise self._refused_error(
-                f"it reckons with impossible air ({t:.1f} °C, {p:.0f} mbar, {h:.0f} %): its lengths are wrong",
+                make_message(
+                    "it reckons with impossible air ({celsius:.1f} °C, {mbar:.0f} mbar, {humidity:.0f} %): "
+                    "its lengths are wrong",
+                    celsius=t,
+                    mbar=p,
+                    humidity=h,
+                ),
                 "Connect its weather station, or enter the air by hand on the tracker.",
             )
         temperature, pressure, humidity = found.air
@@ -125,5 +146,8 @@ class ResultChecker:
 
     def _damaged_result_error(self, found: str, result: StationaryResult) -> WireProtocolError:
         return WireProtocolError(
-            self._device, f"the result has {found}.", remedy="The reading was not used.", frame=result.raw
+            self._device,
+            make_message("the result has {found}.", found=found),
+            remedy="The reading was not used.",
+            frame=result.raw,
         )

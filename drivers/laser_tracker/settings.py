@@ -6,6 +6,7 @@ Set by us, read back, and read again after every measurement, because other prog
 import struct
 from dataclasses import dataclass
 
+from cellcal.calibration.message import make_message
 from cellcal.drivers.errors import RefusedError
 from cellcal.drivers.laser_tracker.link import EmsconLink
 from cellcal.drivers.laser_tracker.packets import MeasurementMode, TrackerCommand
@@ -86,7 +87,10 @@ class TrackerSettings:
             if found != _expected_values(setting, found, mode):
                 raise RefusedError(
                     self._link.device,
-                    f"another program changed the tracker's {setting.name} while it measured; not used.",
+                    make_message(
+                        "another program changed the tracker's {setting} while it measured; not used.",
+                        setting=setting.name,
+                    ),
                     remedy=_OTHERS,
                 )
         await self._check_reflector()
@@ -101,7 +105,12 @@ class TrackerSettings:
         if found != expected:
             raise RefusedError(
                 self._link.device,
-                f"the tracker did not take the {setting.name}: it has {found}, wanted were {expected}.",
+                make_message(
+                    "the tracker did not take the {setting}: it has {found}, wanted were {expected}.",
+                    setting=setting.name,
+                    found=found,
+                    expected=expected,
+                ),
                 remedy=_OTHERS,
             )
 
@@ -117,8 +126,15 @@ class TrackerSettings:
         if found != self._reflector:
             raise RefusedError(
                 self._link.device,
-                f"reflector {found} is chosen on the tracker, it was {self._reflector}: their offsets differ.",
-                remedy=f"Mount and choose reflector {self._reflector} again, or begin anew with the other one.",
+                make_message(
+                    "reflector {found} is chosen on the tracker, it was {before}: their offsets differ.",
+                    found=found,
+                    before=self._reflector,
+                ),
+                remedy=make_message(
+                    "Mount and choose reflector {before} again, or begin anew with the other one.",
+                    before=self._reflector,
+                ),
             )
 
 

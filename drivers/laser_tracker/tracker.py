@@ -110,7 +110,7 @@ class LaserTracker:
 
     async def read_condition(self) -> Condition:
         if self._doing:
-            return Condition(Readiness.READY, f"It is {self._doing}.")
+            return Condition(Readiness.READY, make_message("It is {doing}.", doing=self._doing))
         try:
             with self._exclusive_use("telling its condition"):
                 await self._link.ensure_connected()
@@ -213,7 +213,11 @@ class LaserTracker:
         if int(status[9]) != self._options.serial:
             raise WrongDeviceError(
                 self.name,
-                f"at this address is serial number {int(status[9])}, cell.toml says {self._options.serial}.",
+                make_message(
+                    "at this address is serial number {found}, cell.toml says {serial}.",
+                    found=int(status[9]),
+                    serial=self._options.serial,
+                ),
                 remedy="Check the address; change cell.toml only if the tracker was exchanged.",
             )
         self._initialised = status[1] == _INITIALISED
@@ -248,7 +252,11 @@ class LaserTracker:
         if self._moved:
             raise RefusedError(
                 self.name,
-                f"the tracker no longer stands in station {self._options.station}: {self._moved}.",
+                make_message(
+                    "the tracker no longer stands in station {station}: {why}.",
+                    station=self._options.station,
+                    why=self._moved,
+                ),
                 remedy=_NEW_STATION,
             )
 
@@ -275,7 +283,10 @@ class LaserTracker:
         if not self._initialised:
             message = "It is not initialised"
             if self._options.initialise:
-                return Condition(Readiness.READY, f"{message}; the first reading will do it, its head turns.")
+                return Condition(
+                    Readiness.READY,
+                    make_message("{message}; the first reading will do it, its head turns.", message=message),
+                )
             return Condition(
                 Readiness.NOT_READY,
                 make_message("{message}.", message=message),
@@ -290,7 +301,9 @@ class LaserTracker:
     @contextmanager
     def _exclusive_use(self, doing: str) -> Iterator[None]:
         if self._doing:
-            raise BusyError(self.name, f"{doing} while it is {self._doing}.")
+            raise BusyError(
+                self.name, make_message("{doing} while it is {current}.", doing=doing, current=self._doing)
+            )
         self._doing = doing
         try:
             yield

@@ -11,7 +11,6 @@ from cellcal.service.cli.identify_report import (
     print_offsets,
     print_unknown,
 )
-from cellcal.service.engineering.identification.identify_findings import LEARNT
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -107,29 +106,16 @@ def _print_frames(console: "Console", report: "IdentifiedCellReport") -> None:
 
 def _print_parameters(console: "Console", report: "IdentifiedCellReport") -> None:
     from cellcal.service.cli.printing import PlainTable
+    from cellcal.service.engineering.identification.cell_findings import identified_numbers
 
     table = PlainTable("identified", "off nominal", "sd", "unit")
-    prior = {item.name: item.prior for item in report.parameters}
-    tables: set[str] = set()
-    for arm in report.arms:
-        mark = f"{arm.name} " if len(report.arms) > 1 else ""
-        # As four numbers a joint: beside its beta an offset as fitted means nothing.
-        for entry in () if arm.dh is None else arm.dh.entries:
-            tables |= {
-                f"{mark}J{i + 1} {what}" for i in range(9) for what in ("offset", "d", "a", "alpha", "beta")
-            }
-            name = mark + entry.name
-            if name in prior and entry.sigma < LEARNT * prior[name]:
-                _add_number_row(table, name, (entry.value - entry.nominal, entry.sigma), entry.unit)
-    rest = [p for p in report.parameters if p.name not in tables and p.sigma < LEARNT * p.prior]
-    ripple = [p for p in rest if " ripple " in p.name]
-    for item in rest:
-        if item not in ripple:
-            _add_number_row(table, item.name, (item.value, item.sigma), item.unit)
+    rows, ripple_count = identified_numbers(report)
+    for row in rows:
+        _add_number_row(table, row.name, (row.deviation, row.sigma), row.unit)
     if table.row_count:
         console.print(table)
-    if ripple:
-        console.print(f"and {len(ripple)} coefficients of ripple (`--json` lists them)")
+    if ripple_count:
+        console.print(f"and {ripple_count} coefficients of ripple (`--json` lists them)")
 
 
 def _add_number_row(table: "PlainTable", name: str, numbers: tuple[float, float], kind: str) -> None:

@@ -14,7 +14,9 @@ from fastapi import APIRouter, FastAPI, Path, Request
 from pydantic import BaseModel, ConfigDict, Field, StringConstraints
 from starlette.requests import HTTPConnection
 
+from cellcal.calibration.identification.parameters import LEVEL_NAMES
 from cellcal.calibration.message import make_message
+from cellcal.calibration.orientation import CONVENTIONS
 from cellcal.service.cell_process.messages import AnswerPrompt, Name
 from cellcal.service.configuration.cell_file import CellConfig
 from cellcal.service.engineering.identification.jobs.jobs import (
@@ -30,6 +32,7 @@ from cellcal.service.engineering.identification.jobs.shapes import (
     IdentifyRequest,
     RobotToIdentify,
 )
+from cellcal.service.engineering.measured.units import ANGLE_UNITS, LENGTH_UNITS
 from cellcal.service.engineering.parameters.parameter_sets import FOLDER, ParameterSets
 from cellcal.service.engineering.programs.jobs.shapes import MOST_FILE_BYTES
 from cellcal.service.people.roles import Right
@@ -80,7 +83,15 @@ async def get_identify_overview(request: Request, who: Who) -> IdentifyOverview:
     del who
     robots = await asyncio.to_thread(_list_robots, app_context(request).config)
     jobs = identifications_of(request).newest_first()
-    return IdentifyOverview(robots=robots, jobs=jobs, most_bytes=MOST_FILE_BYTES)
+    return IdentifyOverview(
+        robots=robots,
+        jobs=jobs,
+        most_bytes=MOST_FILE_BYTES,
+        levels=list(LEVEL_NAMES),
+        conventions=list(CONVENTIONS),
+        angle_units=list(ANGLE_UNITS),
+        length_units=list(LENGTH_UNITS),
+    )
 
 
 @router.post(

@@ -49,6 +49,11 @@ AXE = ROOT / "web/node_modules/axe-core/axe.min.js"
 RUN_AXE = """async () => (await axe.run(document,
     {runOnly: ['wcag2a', 'wcag2aa', 'wcag21aa', 'wcag22aa'], rules: {'color-contrast-enhanced': {enabled: true}}}))
     .violations.map(v => v.id + ': ' + v.nodes.map(n => n.html.slice(0, 120)).join(' | '))"""
+RUN_AXE_ON_COLOURS = """async () => (await axe.run(document,
+    {runOnly: {type: 'rule', values: ['color-contrast', 'color-contrast-enhanced']}}))
+    .violations.map(v => v.id + ': ' + v.nodes.map(n => n.html.slice(0, 120)).join(' | '))"""
+THEMES = ("usual", "dark", "bright")
+SHOW_THEME = "(theme) => { document.documentElement.dataset.theme = theme; }"
 BUTTONS = "button, a.button, select, input:not([type=file]), summary"
 CRAMPED = """(buttons) => {
     const shown = document.querySelector('dialog[open]') ?? document;
@@ -161,6 +166,20 @@ async def axe_violations(page: Page) -> list[str]:
     return found
 
 
+async def theme_faults(page: Page) -> list[str]:
+    """Return what axe finds wrong with the colours of the page at rest in each other theme."""
+    found: list[str] = []
+    before = await page.evaluate("document.documentElement.dataset.theme")
+    for theme in THEMES:
+        if theme != before:
+            await page.evaluate(SHOW_THEME, theme)
+            await page.evaluate(DRAWN)
+            found += [f"{theme}: {fault}" for fault in await page.evaluate(RUN_AXE_ON_COLOURS)]
+    await page.evaluate(SHOW_THEME, before)
+    await page.evaluate(DRAWN)
+    return found
+
+
 async def layout_faults(page: Page) -> list[str]:
     """Return what a glove would miss, what is longer than its place, and whether the page is too wide."""
     found: list[str] = await page.evaluate(CRAMPED, BUTTONS)
@@ -168,8 +187,13 @@ async def layout_faults(page: Page) -> list[str]:
 
 
 async def hold_to_rules(page: Page, where: str) -> None:
-    """Hold a page at rest to its accessibility, to targets for gloves and their gaps, and to texts that fit."""
+    """Hold a page at rest to its accessibility, to targets for gloves and their gaps, and to texts that fit.
+
+    In English its colours are looked at in every theme: a colour depends on no language.
+    """
     wrong = [*await axe_violations(page), *await layout_faults(page)]
+    if await page.evaluate("document.documentElement.lang") == "en":
+        wrong += await theme_faults(page)
     assert not wrong, (where, wrong)
 
 

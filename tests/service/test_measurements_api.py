@@ -24,10 +24,48 @@ from tests.service.service_client import PINS, ROLES, ServiceClient, open_servic
 from tests.service.source_sentences import ROOT
 from tests.unit.helpers.hidden_arm import NOISE_M, HiddenArm
 from tests.unit.helpers.simulated_arm import tracker_points
+from tests.unit.helpers.simulated_cell import REFLECTORS, SimulatedWorld
 from tests.unit.test_identify_report import file_of
 
 PATIENCE_S = stretched_s(120.0)
 JOBS = "/api/measurements/jobs"
+ANCHOR_M = np.array([0.9, -0.7, -0.4])
+TWO_DEVICES = """
+[columns]
+joints = ["J1", "J2", "J3", "J4", "J5", "J6"]
+group = "stop"
+[units]
+joints = "deg"
+readings = "mm"
+[[tool]]
+name = "plate"
+[[target]]
+name = "reflector 1"
+tool = "plate"
+place_mm = [0.0, 0.0, 0.0]
+[[target]]
+name = "reflector 2"
+tool = "plate"
+place_mm = [100.0, 0.0, 20.0]
+[[device]]
+name = "wire device"
+place_mm = [900.0, -700.0, -400.0]
+known_to_mm = 0.2
+[[reading]]
+name = "tracker"
+kind = "point"
+device = "tracker device"
+target = "reflector 1"
+columns = ["x", "y", "z"]
+sigma_mm = 0.05
+[[reading]]
+name = "wire"
+kind = "length"
+device = "wire device"
+target = "reflector 2"
+columns = ["wire"]
+sigma_mm = 0.05
+"""
 CHANGING = ("seconds",)  # all else of a report is the same at every run
 
 
@@ -43,6 +81,20 @@ def bytes_of(file: Path) -> bytes:
 
 def uploaded_file(name: str, content: bytes) -> dict[str, str]:
     return {"name": name, "content_base64": base64.b64encode(content).decode()}
+
+
+def two_devices() -> tuple[bytes, bytes]:
+    """Return rows that a tracker and a draw-wire measured at the same stops, and the layout that says so."""
+    world = SimulatedWorld(robot="fanuc_m6ib", seed=2)
+    joints = world.draw_joints(60)
+    points = world.point_rows(offset=REFLECTORS[0], joints=joints).positions_m
+    lengths = np.linalg.norm(
+        world.tip_positions(joints, REFLECTORS[1]) - ANCHOR_M, axis=1
+    ) + world.draw_noise(60)
+    names = ["J1", "J2", "J3", "J4", "J5", "J6", "x", "y", "z", "wire", "stop"]
+    rows = np.column_stack([np.rad2deg(joints), 1e3 * points, 1e3 * lengths, np.arange(60.0)])
+    text = "\n".join([",".join(names), *(",".join(f"{value:.7f}" for value in row) for row in rows)])
+    return text.encode(), TWO_DEVICES.encode()
 
 
 @asynccontextmanager
@@ -248,3 +300,104 @@ async def test_a_file_that_takes_too_much_is_told_in_one_sentence(tmp_path: Path
         assert job["state"] == "failed"
         assert "more than 1 s of computing" in job["fault"]["message"], job["fault"]
         assert job["fault"]["remedy"]
+
+
+async def _run_again(service_client: ServiceClient, job: dict[str, Any], **asked: Any) -> dict[str, Any]:
+    begun = await service_client.post_json(JOBS, {"again": job["id"], **asked})
+    assert begun.status_code == 202, begun.text
+    return await wait_for_end(service_client, begun.json()["id"])
+
+
+async def test_the_same_file_is_computed_with_another_level_and_judged_by_a_check_file(
+    tmp_path: Path, points_file: Path
+) -> None:
+    head, *rows = bytes_of(points_file).decode().splitlines()
+    check = "\n".join([head, *rows[:20]]).encode()
+    async with an_engineer(tmp_path) as service_client:
+        first = await run_job(service_client, points_file.name, bytes_of(points_file))
+        assert first["result"]["report"]["check"] is None
+        assert first["result"]["report"]["level"] != 1
+        assert first["headings"] == head.split(",")
+        found = await _run_again(
+            service_client, first, check=uploaded_file("check.csv", check), wishes={"level": 1}
+        )
+        assert found["state"] == "done", found["fault"]
+        report = found["result"]["report"]
+        assert (found["file"], found["check"], report["level"]) == (points_file.name, "check.csv", 1)
+        assert report["level_reasons"] == ["level 1, mastering offsets, was asked for"]
+        assert report["check"]["n"] == 20
+        third = await _run_again(service_client, found)  # the check file goes on with the measurements
+        assert third["result"]["report"]["check"]["n"] == 20
+        assert third["result"]["report"]["level"] == first["result"]["report"]["level"]
+        nothing = await service_client.post_json(JOBS, {})
+        both = await service_client.post_json(
+            JOBS, {"again": first["id"], "file": uploaded_file("a.csv", check)}
+        )
+        gone = await service_client.post_json(JOBS, {"again": "0" * 12})
+        assert [each.status_code for each in (nothing, both, gone)] == [422, 422, 422]
+        assert "one file" in nothing.json()["message"]
+        assert "no such identification" in gone.json()["message"]
+
+
+async def test_columns_that_no_heading_tells_are_named_by_the_page(tmp_path: Path, points_file: Path) -> None:
+    head, *rows = bytes_of(points_file).decode().splitlines()
+    names = [f"channel {letter}" for letter in "ABCDEFGHIJKLMNOP"[: len(head.split(","))]]
+    unclear = "\n".join([",".join(names), *rows]).encode()
+    async with an_engineer(tmp_path) as service_client:
+        failed = await run_job(service_client, "unclear.csv", unclear)
+        assert failed["state"] == "failed"
+        assert failed["headings"] == names
+        joints, position = names[:6], names[6:9]
+        found = await _run_again(
+            service_client,
+            failed,
+            wishes={
+                "columns": {"joints": joints, "position": position},
+                "units": {"joints": "deg", "position": "mm"},
+            },
+        )
+        assert found["state"] == "done", found["fault"]
+        known = await run_job(service_client, points_file.name, bytes_of(points_file))
+        assert found["result"]["understood"]["columns"] == {"joints": joints, "position": position}
+        assert found["result"]["report"]["held_out"] == pytest.approx(
+            known["result"]["report"]["held_out"], rel=1e-6
+        )
+        columns = f"[columns]\njoints = {json.dumps(joints)}\nposition = {json.dumps(position)}\n"
+        layout = columns + "[units]\njoints = 'deg'\nposition = 'mm'\n"
+        same = await _run_again(service_client, failed, layout=uploaded_file("a.toml", layout.encode()))
+        assert same["state"] == "done", same["fault"]
+        assert same["result"]["report"]["level"] == found["result"]["report"]["level"]
+        swapped = await _run_again(
+            service_client,
+            failed,
+            wishes={"columns": {"joints": joints, "position": [joints[0], *position[:2]]}},
+        )
+        assert swapped["state"] == "failed"
+
+
+async def test_readings_of_several_devices_are_identified_together_and_saved(tmp_path: Path) -> None:
+    measured, layout = two_devices()
+    async with an_engineer(tmp_path) as service_client:
+        request = {"file": uploaded_file("plate.csv", measured), "layout": uploaded_file("cell.toml", layout)}
+        begun = await service_client.post_json(JOBS, request)
+        assert begun.status_code == 202, begun.text
+        job = await wait_for_end(service_client, begun.json()["id"])
+        assert job["state"] == "done", job["fault"]
+        series = {each["name"]: each for each in job["result"]["series"]}
+        assert set(series) == {"tracker", "wire"}
+        for each in series.values():
+            assert each["is_held_out"]
+            assert each["held_out_m"] < each["before_m"] / 3
+        assert job["result"]["not_savable"] is None
+        await _is_saved(service_client, job, tmp_path)
+        refused = await _run_again(service_client, job, wishes={"units": {"joints": "deg"}})
+        assert refused["state"] == "failed"
+        assert "several readings" in refused["fault"]["message"]
+
+
+async def _is_saved(service_client: ServiceClient, job: dict[str, Any], folder: Path) -> None:
+    saved = await service_client.post_json(f"{JOBS}/{job['id']}/save", {"id": "1", "newest": 0})
+    assert saved.status_code == 200, saved.text
+    found = ParameterSets(folder / "parameter_sets").load_set(job["serial"])
+    assert found.source.startswith("identification of a cell: plate.csv, sha256 ")
+    assert {value.name for value in found.values} >= {"J2 offset", "J3 offset"}

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 import pytest_asyncio
-from playwright.async_api import Page, expect
+from playwright.async_api import FilePayload, Page, expect
 
 from cellcal.service.demo.fake_cell import write_cell_file
 from cellcal.service.engineering.parameters.parameter_sets import ParameterSets
@@ -16,7 +16,7 @@ from tests.service.service_with_tablets import (
     ServiceWithTablets,
     open_service_with_tablets,
 )
-from tests.service.test_measurements_api import bytes_of
+from tests.service.test_measurements_api import bytes_of, two_devices
 from tests.service.test_programs_pages import IdleProcess
 from tests.unit.helpers.simulated_arm import tracker_points
 from tests.unit.test_identify_report import file_of
@@ -141,3 +141,80 @@ async def test_a_file_that_does_not_fit_is_told_with_its_cause_and_cure(
         await expect(refusal).to_contain_text("Was zu tun ist:")
         await expect(refusal.locator("[lang=en]")).to_have_count(0)
         await hold_to_rules(page, "a misfit in de")
+
+
+async def _open_drawer(page: Page, *testids: str) -> None:
+    for testid in testids:
+        drawer = page.get_by_test_id(testid)
+        if await drawer.get_attribute("open") is None:
+            await drawer.locator("summary").first.click()
+
+
+def _in_memory(name: str, content: bytes) -> FilePayload:
+    return {"name": name, "mimeType": "text/plain", "buffer": content}
+
+
+async def test_an_engineer_computes_again_with_a_level_and_a_check_file(
+    tablet_service: ServiceWithTablets, points_file: Path
+) -> None:
+    head, *rows = bytes_of(points_file).decode().splitlines()
+    async with tablet_service.signed_in_tablet("Emil") as page:
+        await page.evaluate("location.hash = '#/measurements'")
+        await _drop_file(page, points_file.name, bytes_of(points_file))
+        await expect(page.get_by_test_id("found")).to_be_visible()
+        await expect(page.get_by_test_id("level")).to_be_hidden()  # the main question first
+        await _open_drawer(page, "otherwise", "columns")
+        await expect(page.get_by_test_id("column-q2")).to_have_value("joints 2")
+        await expect(page.get_by_test_id("column-x")).to_have_value("position 1")
+        await _hold_to_rules_in_every_language(page, "for the engineer")
+        await page.get_by_test_id("level").select_option("1")
+        check = "\n".join([head, *rows[:20]]).encode()
+        await page.get_by_test_id("check-file").set_input_files(_in_memory("check.csv", check))
+        await page.get_by_test_id("compute-again").click()
+        found = page.get_by_test_id("found")
+        await expect(found).to_have_attribute("data-level", "1")
+        await expect(page.get_by_test_id("check-error")).to_contain_text("check.csv, 20 rows: 0.")
+        await page.get_by_test_id("language").select_option("de")
+        await wait_for_language(page, "de")
+        await page.get_by_test_id("reasons").locator("summary").click()
+        await expect(page.get_by_test_id("reasons")).to_contain_text("verlangt")
+        await expect(page.locator("main [lang=en]")).to_have_count(0)
+
+
+async def test_columns_without_headings_are_named_on_the_page(
+    tablet_service: ServiceWithTablets, points_file: Path
+) -> None:
+    head, *rows = bytes_of(points_file).decode().splitlines()
+    names = [f"channel {letter}" for letter in "ABCDEFGHI"]
+    assert len(names) == len(head.split(","))
+    async with tablet_service.signed_in_tablet("Emil", size=(800, 1280)) as page:
+        await page.evaluate("location.hash = '#/measurements'")
+        await _drop_file(page, "unclear.csv", "\n".join([",".join(names), *rows]).encode())
+        await expect(page.get_by_test_id("not-identified")).to_be_visible()
+        wanted = [f"joints {k}" for k in range(1, 7)] + [f"position {k}" for k in range(1, 4)]
+        for name, meaning in zip(names, wanted, strict=True):
+            await page.get_by_test_id(f"column-{name}").select_option(meaning)
+        await page.get_by_test_id("unit-joints").select_option("deg")
+        await page.get_by_test_id("unit-position").select_option("mm")
+        await hold_to_rules(page, "columns that were named")
+        await page.get_by_test_id("compute-again").click()
+        await expect(page.get_by_test_id("found")).to_be_visible()
+
+
+async def test_readings_of_several_devices_are_shown_side_by_side(tablet_service: ServiceWithTablets) -> None:
+    measured, layout = two_devices()
+    async with tablet_service.signed_in_tablet("Emil") as page:
+        await page.evaluate("location.hash = '#/measurements'")
+        await _drop_file(page, "plate.csv", measured)
+        await expect(page.get_by_test_id("otherwise")).to_be_visible()
+        await _open_drawer(page, "otherwise", "columns")
+        await page.get_by_test_id("layout-file").set_input_files(_in_memory("cell.toml", layout))
+        await page.get_by_test_id("compute-again").click()
+        series = page.get_by_test_id("series").locator("tbody tr")
+        await expect(series).to_have_count(2)
+        await expect(series.nth(1)).to_contain_text("wire")
+        await _open_drawer(page, "parameters", "reasons")
+        await _hold_to_rules_in_every_language(page, "several devices")
+        await page.get_by_test_id("language").select_option("de")
+        await wait_for_language(page, "de")
+        await expect(page.locator("main [lang=en]")).to_have_count(0)

@@ -35,6 +35,7 @@ WHOLE = (
     "drivers/draw_wire/gauge.py",
     "drivers/fanuc",
     "drivers/kuka",
+    "drivers/laser_tracker",
     "drivers/modbus_robot/condition.py",
     "drivers/modbus_robot/frames.py",
     "drivers/modbus_robot/mastering.py",

@@ -131,7 +131,13 @@ def _read_text(path: Path) -> MeasurementTable:
     lines.seek(0)
     mark = {"\t": "tab", " ": "blanks"}.get(separator, repr(separator))
     cells = ([parse_cell(cell, comma=comma) for cell in _split_line(line, separator)] for line in lines)
-    return _build_table(path, cells, f"separated by {mark}, decimal {'comma' if comma else 'point'}")
+    return _build_table(
+        path,
+        cells,
+        make_message("separated by {mark}, decimal comma", mark=mark)
+        if comma
+        else make_message("separated by {mark}, decimal point", mark=mark),
+    )
 
 
 _LONGEST_LINE, _MOST_EXCEL_CELLS = 200_000, 5_000_000

@@ -94,4 +94,11 @@ class UnitChoice:
 
     def _note_guess(self, meaning: str, columns: Sequence[str], unit: str) -> None:
         self.used[meaning] = unit
-        self.guesses.append(f"{meaning} ({', '.join(columns)}) taken as {unit}")
+        self.guesses.append(
+            make_message(
+                "{meaning} ({columns}) taken as {unit}",
+                meaning=meaning,
+                columns=", ".join(columns),
+                unit=unit,
+            )
+        )

@@ -246,6 +246,10 @@ export interface IdentifyJob {
   model: string;
   who: string;
   at_utc: string;
+  wishes: IdentifyWishes;
+  check: string;
+  layout: string;
+  headings: string[];
   state: "waiting" | "running" | "done" | "failed" | "stopped";
   stage: string;
   done: number;
@@ -263,6 +267,10 @@ export interface IdentifyJobWithResult {
   model: string;
   who: string;
   at_utc: string;
+  wishes: IdentifyWishes;
+  check: string;
+  layout: string;
+  headings: string[];
   state: "waiting" | "running" | "done" | "failed" | "stopped";
   stage: string;
   done: number;
@@ -278,13 +286,21 @@ export interface IdentifyOverview {
   robots: RobotToIdentify[];
   jobs: IdentifyJob[];
   most_bytes: number;
+  levels: string[];
+  conventions: string[];
+  angle_units: string[];
+  length_units: string[];
   messages?: TextMessages;
 }
 
 export interface IdentifyRequest {
-  file: UploadedFile;
+  file?: UploadedFile | null;
+  again?: string;
   robot?: string;
   description?: RobotDescription | null;
+  check?: UploadedFile | null;
+  layout?: UploadedFile | null;
+  wishes?: IdentifyWishes;
 }
 
 export interface IdentifyResult {
@@ -293,7 +309,18 @@ export interface IdentifyResult {
   ripple_count: number;
   unknown: UnknownParameters[];
   row_errors: RowErrors;
+  understood: Record<string, unknown>;
+  series: MeasuredSeriesErrors[];
   not_savable: IdentifyFault | null;
+}
+
+export interface IdentifyWishes {
+  level?: 0 | 1 | 2 | 3 | 4 | 5 | null;
+  columns?: Record<string, string[]>;
+  units?: Record<string, string>;
+  convention?: string;
+  joint_coupling?: "" | "controller" | "geometric";
+  sheet?: string;
 }
 
 export interface JobPreview {
@@ -347,6 +374,16 @@ export interface LossSeen {
   settings: Record<string, unknown>;
   reasons: string[];
   alone_wanted: boolean;
+}
+
+export interface MeasuredSeriesErrors {
+  name: string;
+  rows: number;
+  rejected: number;
+  is_held_out: boolean;
+  before_m: number;
+  held_out_m: number;
+  fit_m: number;
 }
 
 export interface NameAndPin {

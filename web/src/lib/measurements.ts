@@ -5,6 +5,14 @@ import type * as Api from "./api_types";
 export type Identification = Api.IdentifyJobWithResult;
 export type Found = Api.IdentifyResult;
 
+/** What a column may be, and how many columns of a file are it. */
+export const MEANINGS = [
+  ["joints", 8], ["position", 3], ["length", 1], ["rotation", 4], ["controller", 3], ["group", 1],
+] as const;
+export type Meaning = (typeof MEANINGS)[number][0];
+export const MEASURED_ENDINGS = ".csv,.txt,.tsv,.dat,.xlsx,.xls,.ods";
+export const LAYOUT_ENDINGS = ".toml";
+
 export interface ErrorSummary {
   n: number;
   rmse_m: number;
@@ -22,6 +30,7 @@ export interface Report {
   before: ErrorSummary;
   fit: ErrorSummary;
   held_out: ErrorSummary;
+  check: ErrorSummary | null; // of another file
   held_out_by: string;
   rejected: { row: number; reason: string }[];
   level_reasons: string[];
@@ -33,6 +42,17 @@ export interface Report {
 }
 
 export const reportOf = (found: Found): Report => found.report as unknown as Report;
+
+/** The parts of the report of several readings that the page shows. */
+export interface CellReport {
+  level: number;
+  level_name: string;
+  level_reasons: string[];
+  group_effects: string[];
+  rejected: { series: string; line: number; reason: string }[];
+}
+
+export const cellReportOf = (found: Found): CellReport => found.report as unknown as CellReport;
 
 /** What an approval of saving is named by; the service asks with the same words. */
 export const saveQuestion = (job: Identification): string =>

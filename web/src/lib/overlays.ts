@@ -3,7 +3,6 @@
 import {
   BufferGeometry,
   CanvasTexture,
-  Color,
   CylinderGeometry,
   Float32BufferAttribute,
   Group,
@@ -21,22 +20,22 @@ import {
 } from "three";
 import type { URDFRobot } from "urdf-loader";
 import { magnification, type FrameSeen, type PlannedPose, type ToolDoubt } from "./cell_view";
+import { colour } from "./theme.svelte";
 import type { CellSeen } from "./types";
 
 export const FIELD_DEG = 32; // of the camera
 
 const AXES = [
-  ["X", 0xb3261e, new Vector3(1, 0, 0)],
-  ["Y", 0x1b7a3d, new Vector3(0, 1, 0)],
-  ["Z", 0x0b4fa8, new Vector3(0, 0, 1)],
+  ["X", "--axis-x", new Vector3(1, 0, 0)],
+  ["Y", "--axis-y", new Vector3(0, 1, 0)],
+  ["Z", "--axis-z", new Vector3(0, 0, 1)],
 ] as const;
 const AXIS_M = 0.2;
 const AXIS_RADIUS_M = 0.006;
 const LETTER_PX = 17; // on the screen, however far away
 const NAME_PX = 20;
 const FIELD_RAD = (FIELD_DEG * Math.PI) / 180;
-const GHOSTS = { to_do: 0x2f6fb5, next: 0x00897b, measured: 0xa9b5c0 }; // by where the series stands
-const DOUBT = 0x8e24aa;
+const GHOSTS = { to_do: "--pose-to-do", next: "--pose-next", measured: "--pose-measured" } as const; // by where the series stands
 
 /** Set an arm's description to the controller's joints [rad]. */
 export function bend(arm: URDFRobot, cellView: CellSeen, joints_rad: number[]) {
@@ -50,18 +49,18 @@ export function bend(arm: URDFRobot, cellView: CellSeen, joints_rad: number[]) {
 /** Three axes with their letters, and a name. */
 export function axes(name: string): Group {
   const group = new Group();
-  for (const [letter, colour, direction] of AXES) {
+  for (const [letter, tone, direction] of AXES) {
     const bar = new Mesh(
       new CylinderGeometry(AXIS_RADIUS_M, AXIS_RADIUS_M, AXIS_M, 8),
-      new MeshLambertMaterial({ color: colour }),
+      new MeshLambertMaterial({ color: colour(tone) }),
     );
     bar.quaternion.setFromUnitVectors(new Vector3(0, 1, 0), direction);
     bar.position.copy(direction).multiplyScalar(AXIS_M / 2);
-    const end = text(letter, LETTER_PX, colour);
+    const end = text(letter, LETTER_PX, colour(tone));
     end.position.copy(direction).multiplyScalar(AXIS_M * 1.15);
     group.add(bar, end);
   }
-  const label = text(name, NAME_PX, 0x12212e);
+  const label = text(name, NAME_PX, colour("--view-frame"));
   label.center.set(0.5, 2.2); // below the origin, whichever way the frame is turned
   label.userData["center_y"] = 2.2;
   group.add(label);
@@ -76,7 +75,7 @@ export function frame(frameView: FrameSeen, name: string): Group {
 }
 
 /** A short text that always faces the viewer, so high on the screen; ``fitTexts`` gives it its size. */
-export function text(words: string, high_px: number, colour: number): Sprite {
+export function text(words: string, high_px: number, ink: string): Sprite {
   const canvas = document.createElement("canvas");
   const pen = canvas.getContext("2d")!;
   const font = `600 44px ${getComputedStyle(document.documentElement).fontFamily}`;
@@ -87,9 +86,9 @@ export function text(words: string, high_px: number, colour: number): Sprite {
   pen.textBaseline = "middle";
   pen.lineJoin = "round";
   pen.lineWidth = 9;
-  pen.strokeStyle = "rgb(255 255 255 / 92%)";
+  pen.strokeStyle = colour("--view-halo");
   pen.strokeText(words, 8, 31);
-  pen.fillStyle = `#${new Color(colour).getHexString()}`;
+  pen.fillStyle = ink;
   pen.fillText(words, 8, 31);
   const map = new CanvasTexture(canvas);
   map.colorSpace = SRGBColorSpace;
@@ -149,11 +148,11 @@ export class Ghosts {
       this.shown.push({ name: pose.name, state: pose.state, flange_m: flange.toArray() });
     }
     for (const state of ["measured", "to_do", "next"] as const)
-      if (bones[state].length) this.group.add(lines(bones[state], GHOSTS[state]));
+      if (bones[state].length) this.group.add(lines(bones[state], colour(GHOSTS[state])));
     const whole = poses[chosen];
     if (!whole) return;
     bend(this.#arm, this.#cellView, whole.joints_rad);
-    this.#cloth.color.set(GHOSTS[whole.state]);
+    this.#cloth.color.set(colour(GHOSTS[whole.state]));
     this.#cloth.opacity = whole.state === "next" ? 0.5 : 0.32;
     this.group.add(this.#arm);
   }
@@ -166,7 +165,7 @@ export class Doubt {
   #ball: Mesh;
 
   constructor() {
-    const skin = new MeshLambertMaterial({ color: DOUBT, transparent: true, opacity: 0.55, depthTest: false });
+    const skin = new MeshLambertMaterial({ color: colour("--doubt"), transparent: true, opacity: 0.55, depthTest: false });
     this.#ball = new Mesh(new SphereGeometry(1, 24, 16), skin);
     this.#ball.matrixAutoUpdate = false;
     this.#ball.renderOrder = 2; // seen through the tool
@@ -197,8 +196,8 @@ export function release(part: Object3D) {
   });
 }
 
-function lines(points: Vector3[], colour: number): LineSegments {
+function lines(points: Vector3[], ink: string): LineSegments {
   const geometry = new BufferGeometry();
   geometry.setAttribute("position", new Float32BufferAttribute(points.flatMap((p) => p.toArray()), 3));
-  return new LineSegments(geometry, new LineBasicMaterial({ color: colour }));
+  return new LineSegments(geometry, new LineBasicMaterial({ color: ink }));
 }

@@ -1,10 +1,16 @@
 // uPlot, fetched when the first plot is shown; with the marks that all plots share: shape says what colour says.
 
 import type uPlot from "uplot";
+import { colour } from "./theme.svelte";
 
 export type { default as uPlot } from "uplot";
 
-export const COLOURS = { used: "#0072b2", out: "#b83a00", odd: "#7b1fa2", grid: "#c5d0da", ink: "#42566a", limit: "#a3150f" };
+const NAMES = {
+  used: "--plot-used", out: "--plot-out", odd: "--plot-odd", join: "--plot-join", limit: "--plot-limit", ink: "--plot-ink", grid: "--plot-grid",
+} as const;
+
+/** A colour of the marks and lines of plots, as the page shows it. */
+export const plotColour = (what: keyof typeof NAMES): string => colour(NAMES[what]);
 
 export async function plotter(): Promise<typeof uPlot> {
   const [{ default: made }] = await Promise.all([import("uplot"), import("uplot/dist/uPlot.min.css")]);
@@ -18,13 +24,13 @@ export function mark(pen: CanvasRenderingContext2D, kind: Mark, x: number, y: nu
   pen.save();
   pen.lineWidth = Math.max(2, size * 0.4);
   if (kind === "dot") {
-    pen.fillStyle = COLOURS.used;
+    pen.fillStyle = plotColour("used");
     pen.beginPath();
     pen.arc(x, y, size, 0, 2 * Math.PI);
     pen.fill();
   }
   if (kind === "cross" || kind === "cross-diamond") {
-    pen.strokeStyle = COLOURS.out;
+    pen.strokeStyle = plotColour("out");
     pen.beginPath();
     pen.moveTo(x - size, y - size);
     pen.lineTo(x + size, y + size);
@@ -34,8 +40,8 @@ export function mark(pen: CanvasRenderingContext2D, kind: Mark, x: number, y: nu
   }
   if (kind === "diamond" || kind === "cross-diamond") {
     const wide = size * 2;
-    pen.strokeStyle = COLOURS.odd;
-    pen.fillStyle = COLOURS.odd;
+    pen.strokeStyle = plotColour("odd");
+    pen.fillStyle = plotColour("odd");
     pen.beginPath();
     pen.moveTo(x, y - wide);
     pen.lineTo(x + wide, y);
@@ -60,9 +66,9 @@ export function axis(label: string, written: (value: number, apart: number) => s
   return {
     label,
     size,
-    stroke: COLOURS.ink,
-    grid: { stroke: COLOURS.grid, width: 1 },
-    ticks: { stroke: COLOURS.grid, width: 1 },
+    stroke: plotColour("ink"),
+    grid: { stroke: plotColour("grid"), width: 1 },
+    ticks: { stroke: plotColour("grid"), width: 1 },
     values: (_, values, _axis, _space, apart) => values.map((value) => (value === null ? "" : written(value, apart))),
   };
 }

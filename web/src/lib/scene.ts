@@ -31,6 +31,7 @@ import URDFLoader, { type URDFRobot } from "urdf-loader";
 import type { FrameSeen, PlannedPose, ToolDoubt } from "./cell_view";
 import { axes, bend, Doubt, FIELD_DEG, fitTexts, frame, Ghosts, release, text, type GhostShown } from "./overlays";
 import { spreadNames } from "./names_apart";
+import { colour } from "./theme.svelte";
 import type { CellSeen } from "./types";
 
 const LEAST_MS = 1000 / 12;
@@ -81,9 +82,9 @@ export class RobotScene {
     this.#arm = new URDFLoader().parse(description);
     this.#arm.traverse((part) => (part.matrixAutoUpdate = true));
     for (const joint of Object.values(this.#arm.joints)) joint.ignoreLimits = true; // the controller's are others
-    const sun = new DirectionalLight(0xffffff, 2.2);
+    const sun = new DirectionalLight(colour("--view-sun"), 2.2);
     sun.position.set(2, -3, 5);
-    this.#scene.add(new HemisphereLight(0xffffff, 0x8a97a3, 1.9), sun, this.#arm);
+    this.#scene.add(new HemisphereLight(colour("--view-sun"), colour("--view-ground"), 1.9), sun, this.#arm);
     this.#ghosts = new Ghosts(new URDFLoader().parse(description), cellView);
     this.#scene.add(this.#surroundings(), this.#ghosts.group, this.#doubt.group);
     this.#camera.up.copy(UP);
@@ -200,8 +201,8 @@ export class RobotScene {
     const from = new Vector3(...wireView.anchor_in_base_m);
     const to = flange.localToWorld(new Vector3(...wireView.hook_in_flange_m));
     if (!this.#wire) {
-      this.#wire = mesh(new CylinderGeometry(1, 1, 1, 8), 0xb3261e);
-      const house = mesh(new BoxGeometry(0.11, 0.11, 0.11), 0x0b3c5d);
+      this.#wire = mesh(new CylinderGeometry(1, 1, 1, 8), "--view-wire");
+      const house = mesh(new BoxGeometry(0.11, 0.11, 0.11), "--view-house");
       house.position.copy(from);
       this.#scene.add(this.#wire, house);
       this.#bounds.expandByPoint(from);
@@ -218,12 +219,12 @@ export class RobotScene {
   #surroundings(): Group {
     const group = new Group();
     for (const box of this.#cellView.boxes) {
-      const part = mesh(new BoxGeometry(...box.size_m), 0x7f93a5, 0.75);
+      const part = mesh(new BoxGeometry(...box.size_m), "--view-solid", 0.75);
       part.applyMatrix4(new Matrix4().fromArray(box.base_box).transpose());
       group.add(part, named(box.name, part.position.clone().add(new Vector3(0, 0, box.size_m[2] / 2 + 0.06))));
     }
     for (const ball of this.#cellView.balls) {
-      const part = mesh(new SphereGeometry(ball.radius_m, 24, 16), 0x7f93a5, 0.75);
+      const part = mesh(new SphereGeometry(ball.radius_m, 24, 16), "--view-solid", 0.75);
       part.position.set(...ball.centre_in_base_m);
       group.add(part, named(ball.name, part.position.clone().add(new Vector3(0, 0, ball.radius_m + 0.06))));
     }
@@ -264,32 +265,32 @@ export class RobotScene {
   }
 }
 
-function mesh(geometry: BufferGeometry, colour: number, opacity = 1): Mesh {
-  const material = new MeshLambertMaterial({ color: new Color(colour), transparent: opacity < 1, opacity });
+function mesh(geometry: BufferGeometry, tone: `--${string}`, opacity = 1): Mesh {
+  const material = new MeshLambertMaterial({ color: new Color(colour(tone)), transparent: opacity < 1, opacity });
   return new Mesh(geometry, material);
 }
 
 function named(name: string, at: Vector3): Object3D {
-  const label = text(name, 17, 0x42566a);
+  const label = text(name, 17, colour("--view-name"));
   label.position.copy(at);
   return label;
 }
 
 /** A floor with its grid and, where the base stands above it, a column: the column is for the eye only. */
 function floor(nearest: Vector3, normal: Vector3): Object3D[] {
-  const grid = new GridHelper(4, 16, 0x8fa1b1, 0xc5d0da);
+  const grid = new GridHelper(4, 16, colour("--view-grid-middle"), colour("--view-grid"));
   grid.quaternion.setFromUnitVectors(new Vector3(0, 1, 0), normal);
   grid.position.copy(nearest);
   const height = -nearest.z;
   if (height < 0.05) return [grid];
-  const column = mesh(new CylinderGeometry(0.13, 0.2, height, 32), 0x9aa8b4);
+  const column = mesh(new CylinderGeometry(0.13, 0.2, height, 32), "--view-column");
   column.rotation.x = Math.PI / 2;
   column.position.copy(nearest).multiplyScalar(0.5);
   return [grid, column];
 }
 
 function wall(nearest: Vector3, normal: Vector3): Object3D {
-  const part = mesh(new PlaneGeometry(3, 2), 0x7f93a5, 0.18);
+  const part = mesh(new PlaneGeometry(3, 2), "--view-solid", 0.18);
   (part.material as MeshLambertMaterial).side = DoubleSide;
   part.applyQuaternion(new Quaternion().setFromUnitVectors(UP, normal));
   part.position.copy(nearest);

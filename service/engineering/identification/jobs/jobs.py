@@ -5,6 +5,7 @@ import datetime
 import json
 import logging
 import os
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -18,7 +19,9 @@ from cellcal.service.configuration.cell_file import CellConfig
 from cellcal.service.engineering.identification.jobs.descriptions import DescribedRobot, read_description
 from cellcal.service.engineering.identification.jobs.limits import IdentifyProcessLimits
 from cellcal.service.engineering.identification.jobs.shapes import (
+    CHECK,
     DRAFTS,
+    LAYOUT,
     REQUEST_FILE,
     RESULT_FILE,
     SOURCES,
@@ -26,6 +29,7 @@ from cellcal.service.engineering.identification.jobs.shapes import (
     IdentifyJob,
     IdentifyRequest,
     IdentifyResult,
+    IdentifyWishes,
 )
 from cellcal.service.engineering.job_limits import JobLimits
 from cellcal.service.engineering.measured.embedded_files import content_of, plain_name
@@ -55,6 +59,10 @@ class IdentificationJob(PageJob):
     model: str
     described: DescribedRobot | None = None
     stage: str = ""
+    check: str = ""
+    layout: str = ""
+    wishes: IdentifyWishes = field(default_factory=IdentifyWishes)
+    headings: list[str] = field(default_factory=list)
     fault: IdentifyFault | None = None
     saved_version: int | None = None
     patience: asyncio.Timeout | None = None
@@ -65,6 +73,7 @@ class IdentificationJob(PageJob):
 
     def take_message(self, message: dict[str, Any]) -> None:
         super().take_message(message)
+        self.headings = message.get("headings", self.headings)
         if "stage" in message:
             self.stage, self.done, self.total = message["stage"], 0, 0
 
@@ -72,7 +81,8 @@ class IdentificationJob(PageJob):
         """Return how it stands."""
         return IdentifyJob(
             id=self.id, file=self.file, robot=self.robot, serial=self.serial, model=Path(self.model).name,
-            who=self.who, at_utc=self.at.isoformat(timespec="seconds"), state=self.state, stage=self.stage,
+            who=self.who, at_utc=self.at.isoformat(timespec="seconds"), wishes=self.wishes, check=self.check,
+            layout=self.layout, headings=self.headings, state=self.state, stage=self.stage,
             done=self.done, total=self.total, fault=self.fault, saved_version=self.saved_version,
         )  # fmt: skip
 
@@ -122,9 +132,7 @@ class IdentificationJobs(PageJobs[IdentificationJob]):
             It is not there, or not any more.
         """
         if job_id not in self._jobs:
-            raise IdentifyJobError(
-                "there is no such identification any more.", remedy="Bring the file along again."
-            )
+            raise _job_is_gone()
         job = self._jobs[job_id]
         if job.patience is not None and job.is_open and not job.patience.expired():
             job.patience.reschedule(asyncio.get_running_loop().time() + self._patience_s)
@@ -136,7 +144,7 @@ class IdentificationJobs(PageJobs[IdentificationJob]):
         Raises
         ------
         CellError
-            Too many wait; there is no such robot; the file did not arrive, or is too large.
+            Too many wait; there is no such robot; a file did not arrive, is too large, or is not there any more.
         """
         if self.is_full:
             raise IdentifyJobError(
@@ -144,21 +152,36 @@ class IdentificationJobs(PageJobs[IdentificationJob]):
                 remedy="Ask again in a moment.",
                 code="measurements.busy",
             )
-        robot = self._config.robot_named(request.robot or None)
-        name = plain_name(request.file.name, "measurements")
-        content = content_of(request.file.content_base64, name)
-        if len(content) > MOST_FILE_BYTES:
+        before = self.find_job(request.again) if request.again else None
+        if (before is None) == (request.file is None):
             raise IdentifyJobError(
-                make_message(
-                    "the file is larger than {most_file_bytes} MB.", most_file_bytes=MOST_FILE_BYTES >> 20
-                ),
-                remedy="Take fewer rows, or use `cellcal identify` at the service's computer.",
+                "measurements are one file, or those of an identification before.", remedy="Choose one file."
             )
-        described = None if request.description is None else read_description(request.description)
+        robot = self._config.robot_named(request.robot or (before.robot if before else None))
+        files = [] if before is None else await asyncio.to_thread(_files_of, before)
+        files += [
+            (place, plain_name(file.name, what), content_of(file.content_base64, what))
+            for place, file, what in (
+                (SOURCES, request.file, "measurements"),
+                (CHECK, request.check, "check"),
+                (LAYOUT, request.layout, "layout"),
+            )
+            if file is not None
+        ]
+        _refuse_large([content for _, _, content in files])
+        names = {place: name for place, name, _ in files}
+        if SOURCES not in names:  # newer jobs took the room of the one before
+            raise _job_is_gone()
+        described = before.described if before else None
+        if request.description is not None:
+            described = read_description(request.description)
         model = robot.model if described is None else described.reference
-        job = IdentificationJob(name, robot.name, robot.serial, model, described, who=who)
+        job = IdentificationJob(
+            names[SOURCES], robot.name, robot.serial, model, described, check=names.get(CHECK, ""),
+            layout=names.get(LAYOUT, ""), wishes=request.wishes, who=who,
+        )  # fmt: skip
         try:
-            await asyncio.to_thread(_write_files, job, content)
+            await asyncio.to_thread(_write_files, job, {place: content for place, _, content in files})
         except BaseException:
             job.delete_files()
             raise
@@ -186,6 +209,10 @@ class IdentificationJobs(PageJobs[IdentificationJob]):
             )
 
 
+def _job_is_gone() -> IdentifyJobError:
+    return IdentifyJobError("there is no such identification any more.", remedy="Bring the file along again.")
+
+
 def save_result(job: IdentificationJob, config: CellConfig, name: str, note: str) -> ParameterSet:
     """Save what a job found as the newest version of its robot's parameters, in a person's name.
 
@@ -207,13 +234,38 @@ def newest_version(config: CellConfig, serial: str) -> int:
     return sets.load_set(serial).version if serial in sets.robot_serials() else 0
 
 
-def _write_files(job: IdentificationJob, content: bytes) -> None:
-    (job.folder / SOURCES).mkdir()
-    (job.folder / SOURCES / job.file).write_bytes(content)
+def _files_of(job: IdentificationJob) -> list[tuple[str, str, bytes]]:
+    """Return the files of a job: where each stands in its folder, its name, its content."""
+    return [
+        (place, path.name, path.read_bytes())
+        for place in (SOURCES, CHECK, LAYOUT)
+        if (job.folder / place).is_dir()
+        for path in (job.folder / place).iterdir()
+    ]
+
+
+def _refuse_large(contents: Sequence[bytes]) -> None:
+    if sum(map(len, contents)) > MOST_FILE_BYTES:
+        raise IdentifyJobError(
+            make_message(
+                "the file is larger than {most_file_bytes} MB.", most_file_bytes=MOST_FILE_BYTES >> 20
+            ),
+            remedy="Take fewer rows, or use `cellcal identify` at the service's computer.",
+        )
+
+
+def _write_files(job: IdentificationJob, contents: Mapping[str, bytes]) -> None:
+    for place, name in ((SOURCES, job.file), (CHECK, job.check), (LAYOUT, job.layout)):
+        if name:
+            (job.folder / place).mkdir()
+            (job.folder / place / name).write_bytes(contents[place])
     if job.described is not None:
         job.described.write_file(job.folder)
     request = {
         "file": job.file,
+        "check": job.check,
+        "layout": job.layout,
+        "wishes": job.wishes.model_dump(),
         "model": job.model,
         "described": job.described is not None,
         "serial": job.serial,

@@ -1,6 +1,6 @@
 """What a page sends to identify a robot from a file of measurements, and what it is answered: numbers are SI."""
 
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, StringConstraints
 
@@ -8,9 +8,26 @@ from cellcal.service.engineering.page_jobs import JobState
 from cellcal.service.engineering.programs.jobs.shapes import UploadedFile
 
 REQUEST_FILE, RESULT_FILE = "request.json", "result.json"  # of a job's folder
-SOURCES, DRAFTS = "sources", "drafts"
+SOURCES, CHECK, LAYOUT, DRAFTS = "sources", "check", "layout", "drafts"
 DESCRIBED = "description"  # folder of a job: what its robot was described by
 LinkName = Annotated[str, StringConstraints(max_length=120, pattern=r"^[\w./:-]*$")]  # no mark of a reference
+ColumnMeaning = Literal["joints", "position", "length", "rotation", "controller", "group"]
+UnitMeaning = Literal["joints", "slides", "position", "length", "rotation", "controller"]
+_Name = Annotated[str, StringConstraints(max_length=200)]
+_MOST_COLUMNS = 24  # of one meaning
+
+
+class IdentifyWishes(BaseModel):
+    """What an engineer knows better than any guess; each is an option of ``cellcal identify``."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    level: Literal[0, 1, 2, 3, 4, 5] | None = None  # None: chosen by cross-validation
+    columns: dict[ColumnMeaning, Annotated[list[_Name], Field(max_length=_MOST_COLUMNS)]] = {}
+    units: dict[UnitMeaning, _Name] = {}
+    convention: _Name = ""  # of the measured attitude; "none" leaves it out
+    joint_coupling: Literal["", "controller", "geometric"] = ""
+    sheet: _Name = ""
 
 
 class RobotDescription(BaseModel):
@@ -31,9 +48,13 @@ class IdentifyRequest(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
-    file: UploadedFile
+    file: UploadedFile | None = None
+    again: Annotated[str, StringConstraints(max_length=32)] = ""  # or the job whose files are used once more
     robot: Annotated[str, StringConstraints(max_length=120)] = ""  # its name; empty: the cell's first
     description: RobotDescription | None = None
+    check: UploadedFile | None = None  # another file, on which the finished model is evaluated
+    layout: UploadedFile | None = None  # says what the columns are; of several devices, all readings
+    wishes: IdentifyWishes = IdentifyWishes()
 
 
 class IdentifyResponseModel(BaseModel):
@@ -68,6 +89,10 @@ class IdentifyJob(IdentifyResponseModel):
     model: str
     who: str
     at_utc: str
+    wishes: IdentifyWishes
+    check: str  # the name of that file; empty where there is none
+    layout: str
+    headings: list[str]  # of the file's columns, once it was read
     state: JobState
     stage: str  # what is being done, in words
     done: int
@@ -82,6 +107,10 @@ class IdentifyOverview(IdentifyResponseModel):
     robots: list[RobotToIdentify]
     jobs: list[IdentifyJob]
     most_bytes: int
+    levels: list[str]  # in words, from 0
+    conventions: list[str]  # of attitudes
+    angle_units: list[str]
+    length_units: list[str]
 
 
 class DeterminedParameter(IdentifyResponseModel):
@@ -117,6 +146,18 @@ class RowErrors(IdentifyResponseModel):
     rows_per_point: int
 
 
+class MeasuredSeriesErrors(IdentifyResponseModel):
+    """Errors of the readings that one device took of one target: RMS [m]."""
+
+    name: str
+    rows: int
+    rejected: int
+    is_held_out: bool  # else before_m and held_out_m say nothing: the series is too short
+    before_m: float  # of the nominal robot
+    held_out_m: float  # of rows that were not fitted
+    fit_m: float  # residuals, not an accuracy
+
+
 class IdentifyResult(IdentifyResponseModel):
     """What was found: ``report`` is the object that ``cellcal identify --json`` prints."""
 
@@ -127,6 +168,10 @@ class IdentifyResult(IdentifyResponseModel):
     ripple_count: int  # determined coefficients of ripple, which are not listed
     unknown: list[UnknownParameters]
     row_errors: RowErrors
+    understood: Annotated[
+        dict[str, Any], Field(description="columns, units and convention, as `--show-layout` prints them")
+    ]
+    series: list[MeasuredSeriesErrors]  # of a layout of several readings; empty of a single device
     not_savable: IdentifyFault | None  # why there is nothing to save
 
 

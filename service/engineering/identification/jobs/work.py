@@ -17,30 +17,43 @@ import numpy as np
 from cellcal.calibration.documents.json_text import parse_json
 from cellcal.calibration.documents.plain_files import read_plain_text
 from cellcal.calibration.errors import CellError
+from cellcal.calibration.identification.work_parts import PartRunner
 from cellcal.calibration.message_table import with_messages
 from cellcal.service.engineering.identification.forked_parts import share_parts
-from cellcal.service.engineering.identification.identify import IdentifyReport, identify_file
+from cellcal.service.engineering.identification.identify import (
+    IdentifyOptions,
+    IdentifyReport,
+    identify_file,
+)
 from cellcal.service.engineering.identification.identify_findings import (
     identified_rows,
     unknown_by_cure,
     unknown_of,
 )
 from cellcal.service.engineering.identification.identify_outputs import save_identification
+from cellcal.service.engineering.identification.jobs.cell_work import identify_uploaded_cell
 from cellcal.service.engineering.identification.jobs.descriptions import NOT_SAVABLE
 from cellcal.service.engineering.identification.jobs.limits import IdentifyProcessLimits
 from cellcal.service.engineering.identification.jobs.shapes import (
+    CHECK,
     DESCRIBED,
     DRAFTS,
+    LAYOUT,
     REQUEST_FILE,
     RESULT_FILE,
     SOURCES,
+    IdentifyWishes,
 )
 from cellcal.service.engineering.job_processes import leave_with_the_service, write_message
-from cellcal.service.engineering.measured.measurements import OUTLIER
+from cellcal.service.engineering.measured.cells import describes_a_cell
+from cellcal.service.engineering.measured.layouts import layout_document, overlay_options, read_layout
+from cellcal.service.engineering.measured.measurements import OUTLIER, ReadOptions
+from cellcal.service.engineering.measured.table import read_table
 from cellcal.service.engineering.parameters.parameter_files import SetOrigin
 from cellcal.service.unexpected_errors import log_in_lines, run_guarded
 
 _MOST_POINTS = 1500  # of the plot
+_MOST_HEADINGS, _LONGEST_HEADING = 200, 200
 _NICENESS = 10  # the cell's own processes come first
 _BROKEN = {"message": "The computation failed; the service's log has the cause.", "remedy": ""}
 _log = logging.getLogger(__name__)
@@ -72,18 +85,48 @@ def identify_upload(folder: Path) -> None:
         The file cannot be read, or does not fit the robot.
     """
     request = parse_json(read_plain_text(folder / REQUEST_FILE))
-    file = (folder / SOURCES / request["file"]).absolute()
     display = _MessageDisplay()
     display.show_stage("reading the measurements")
     with share_parts(display) as runner:  # before any thread begins: it forks
         threading.Thread(target=leave_with_the_service, daemon=True).start()
-        # A description is named by its file alone, so that no sentence names folders of this computer.
-        with contextlib.chdir(folder / DESCRIBED if request["described"] else Path.cwd()):
-            report = identify_file(file, request["model"], runner=runner)
-    refused = NOT_SAVABLE if request["described"] else _write_draft(report, file, folder, request)
-    result = result_document(report) | {"not_savable": refused}
+        result = (
+            identify_uploaded_cell(folder, request)
+            if request["layout"] and describes_a_cell(folder / LAYOUT / request["layout"])
+            else _identify_one_device(folder, request, runner)
+        )
     text = json.dumps(with_messages(result), allow_nan=False)
     (folder / RESULT_FILE).write_text(text, encoding="utf-8")
+
+
+def _identify_one_device(folder: Path, request: dict[str, Any], runner: PartRunner) -> dict[str, Any]:
+    folder = folder.absolute()
+    file = folder / SOURCES / request["file"]
+    options = _options_of(folder, request)
+    write_message(headings=_headings_of(file, options.read.sheet))
+    # A description is named by its file alone, so that no sentence names folders of this computer.
+    with contextlib.chdir(folder / DESCRIBED if request["described"] else Path.cwd()):
+        report = identify_file(file, request["model"], options, runner)
+    return result_document(report) | {
+        "understood": layout_document(report.measurements, options.read),
+        "not_savable": NOT_SAVABLE if request["described"] else _write_draft(report, file, folder, request),
+    }
+
+
+def _options_of(folder: Path, request: dict[str, Any]) -> IdentifyOptions:
+    """Return what was asked for: what the page says stands above what a layout file says."""
+    wishes = IdentifyWishes.model_validate(request["wishes"])
+    columns = {str(meaning): names for meaning, names in wishes.columns.items()}
+    units = {str(meaning): unit for meaning, unit in wishes.units.items()}
+    read = ReadOptions(columns, units, wishes.convention, wishes.sheet or None, wishes.joint_coupling)
+    if request["layout"]:
+        read = overlay_options(read_layout(folder / LAYOUT / request["layout"]), read)
+    check = folder / CHECK / request["check"] if request["check"] else None
+    return IdentifyOptions(level=wishes.level, check=check, read=read)
+
+
+def _headings_of(file: Path, sheet: str | None) -> list[str]:
+    """Return the names of a file's columns, so that a page can ask which is which."""
+    return [name[:_LONGEST_HEADING] for name in read_table(file, sheet=sheet).names[:_MOST_HEADINGS]]
 
 
 def result_document(report: IdentifyReport) -> dict[str, Any]:
@@ -106,6 +149,7 @@ def result_document(report: IdentifyReport) -> dict[str, Any]:
             for cure, behind in unknown_by_cure(unknown_of(report)).items()
         ],
         "row_errors": _row_errors(report),
+        "series": [],
     }
 
 
