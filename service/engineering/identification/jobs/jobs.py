@@ -2,7 +2,6 @@
 
 import asyncio
 import datetime
-import json
 import logging
 import os
 from collections.abc import Mapping, Sequence
@@ -30,6 +29,7 @@ from cellcal.service.engineering.identification.jobs.shapes import (
     IdentifyRequest,
     IdentifyResult,
     IdentifyWishes,
+    JobRequest,
 )
 from cellcal.service.engineering.job_limits import JobLimits
 from cellcal.service.engineering.measured.embedded_files import content_of, plain_name
@@ -261,15 +261,15 @@ def _write_files(job: IdentificationJob, contents: Mapping[str, bytes]) -> None:
             (job.folder / place / name).write_bytes(contents[place])
     if job.described is not None:
         job.described.write_file(job.folder)
-    request = {
-        "file": job.file,
-        "check": job.check,
-        "layout": job.layout,
-        "wishes": job.wishes.model_dump(),
-        "model": job.model,
-        "described": job.described is not None,
-        "serial": job.serial,
-        "who": job.who,
-        "at_utc": job.at.isoformat(timespec="seconds"),
-    }
-    (job.folder / REQUEST_FILE).write_text(json.dumps(request), encoding="utf-8")
+    request = JobRequest(
+        file=job.file,
+        check=job.check,
+        layout=job.layout,
+        wishes=job.wishes,
+        model=job.model,
+        described=job.described is not None,
+        serial=job.serial,
+        who=job.who,
+        at_utc=job.at.isoformat(timespec="seconds"),
+    )
+    (job.folder / REQUEST_FILE).write_text(request.model_dump_json(), encoding="utf-8")

@@ -57,6 +57,22 @@ class IdentifyRequest(BaseModel):
     wishes: IdentifyWishes = IdentifyWishes()
 
 
+class JobRequest(BaseModel):
+    """What a job's process is asked for: written by the service into the job's folder."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    file: str  # name in the folder of sources
+    check: str
+    layout: str
+    wishes: IdentifyWishes
+    model: str
+    described: bool  # the model is a file of the folder of descriptions
+    serial: str
+    who: str
+    at_utc: str
+
+
 class IdentifyResponseModel(BaseModel):
     """What is answered here."""
 

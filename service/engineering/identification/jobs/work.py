@@ -10,11 +10,9 @@ import os
 import sys
 import threading
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from cellcal.calibration.documents.json_text import parse_json
 from cellcal.calibration.documents.plain_files import read_plain_text
 from cellcal.calibration.errors import CellError
 from cellcal.calibration.identification.work_parts import PartRunner
@@ -42,7 +40,7 @@ from cellcal.service.engineering.identification.jobs.shapes import (
     REQUEST_FILE,
     RESULT_FILE,
     SOURCES,
-    IdentifyWishes,
+    JobRequest,
 )
 from cellcal.service.engineering.job_processes import leave_with_the_service, write_message
 from cellcal.service.engineering.measured.cells import describes_a_cell
@@ -84,43 +82,43 @@ def identify_upload(folder: Path) -> None:
     CellError
         The file cannot be read, or does not fit the robot.
     """
-    request = parse_json(read_plain_text(folder / REQUEST_FILE))
+    folder = folder.absolute()
+    request = JobRequest.model_validate_json(read_plain_text(folder / REQUEST_FILE))
     display = _MessageDisplay()
     display.show_stage("reading the measurements")
     with share_parts(display) as runner:  # before any thread begins: it forks
         threading.Thread(target=leave_with_the_service, daemon=True).start()
-        result = (
-            identify_uploaded_cell(folder, request)
-            if request["layout"] and describes_a_cell(folder / LAYOUT / request["layout"])
-            else _identify_one_device(folder, request, runner)
-        )
+        # A description is named by its file alone, so that no sentence names folders of this computer.
+        with contextlib.chdir(folder / DESCRIBED if request.described else Path.cwd()):
+            result = (
+                identify_uploaded_cell(folder, request)
+                if request.layout and describes_a_cell(folder / LAYOUT / request.layout)
+                else _identify_one_device(folder, request, runner)
+            )
     text = json.dumps(with_messages(result), allow_nan=False)
     (folder / RESULT_FILE).write_text(text, encoding="utf-8")
 
 
-def _identify_one_device(folder: Path, request: dict[str, Any], runner: PartRunner) -> dict[str, Any]:
-    folder = folder.absolute()
-    file = folder / SOURCES / request["file"]
+def _identify_one_device(folder: Path, request: JobRequest, runner: PartRunner) -> dict[str, object]:
+    file = folder / SOURCES / request.file
     options = _options_of(folder, request)
     write_message(headings=_headings_of(file, options.read.sheet))
-    # A description is named by its file alone, so that no sentence names folders of this computer.
-    with contextlib.chdir(folder / DESCRIBED if request["described"] else Path.cwd()):
-        report = identify_file(file, request["model"], options, runner)
+    report = identify_file(file, request.model, options, runner)
     return result_document(report) | {
         "understood": layout_document(report.measurements, options.read),
-        "not_savable": NOT_SAVABLE if request["described"] else _write_draft(report, file, folder, request),
+        "not_savable": _write_draft(report, file, folder, request),
     }
 
 
-def _options_of(folder: Path, request: dict[str, Any]) -> IdentifyOptions:
+def _options_of(folder: Path, request: JobRequest) -> IdentifyOptions:
     """Return what was asked for: what the page says stands above what a layout file says."""
-    wishes = IdentifyWishes.model_validate(request["wishes"])
+    wishes = request.wishes
     columns = {str(meaning): names for meaning, names in wishes.columns.items()}
     units = {str(meaning): unit for meaning, unit in wishes.units.items()}
     read = ReadOptions(columns, units, wishes.convention, wishes.sheet or None, wishes.joint_coupling)
-    if request["layout"]:
-        read = overlay_options(read_layout(folder / LAYOUT / request["layout"]), read)
-    check = folder / CHECK / request["check"] if request["check"] else None
+    if request.layout:
+        read = overlay_options(read_layout(folder / LAYOUT / request.layout), read)
+    check = folder / CHECK / request.check if request.check else None
     return IdentifyOptions(level=wishes.level, check=check, read=read)
 
 
@@ -129,7 +127,7 @@ def _headings_of(file: Path, sheet: str | None) -> list[str]:
     return [name[:_LONGEST_HEADING] for name in read_table(file, sheet=sheet).names[:_MOST_HEADINGS]]
 
 
-def result_document(report: IdentifyReport) -> dict[str, Any]:
+def result_document(report: IdentifyReport) -> dict[str, object]:
     """Return what a page is shown of a report, without what is said of saving it."""
     shown, ripple_count = identified_rows(report)
     return {
@@ -153,7 +151,7 @@ def result_document(report: IdentifyReport) -> dict[str, Any]:
     }
 
 
-def _row_errors(report: IdentifyReport) -> dict[str, Any]:
+def _row_errors(report: IdentifyReport) -> dict[str, object]:
     """Return the errors of rows in their order; of many rows, in each few the row with the largest."""
     order = np.argsort(report.held_out_rows, kind="stable")
     per_point = -(-len(order) // _MOST_POINTS)
@@ -173,10 +171,12 @@ def _row_errors(report: IdentifyReport) -> dict[str, Any]:
 
 
 def _write_draft(
-    report: IdentifyReport, file: Path, folder: Path, request: dict[str, Any]
+    report: IdentifyReport, file: Path, folder: Path, request: JobRequest
 ) -> dict[str, str] | None:
     """Write the parameters as a set that only this job has; return why there is nothing to save, if so."""
-    origin = SetOrigin(request["serial"], request["who"], request["at_utc"])
+    if request.described:
+        return NOT_SAVABLE
+    origin = SetOrigin(request.serial, request.who, request.at_utc)
     try:
         save_identification(report, file, folder / DRAFTS, origin)
     except CellError as error:
