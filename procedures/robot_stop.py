@@ -18,7 +18,7 @@ async def finish_cleanup(work: Coroutine[Any, Any, R]) -> R:
         try:
             await asyncio.wait({cleaning})
         except asyncio.CancelledError:
-            continue  # the first one is re-raised by our caller, once all is settled
+            continue  # our caller raises it, once all is settled: the task counts its cancellations
     return cleaning.result()
 
 

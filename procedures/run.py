@@ -22,6 +22,7 @@ from cellcal.calibration.errors import CellError
 from cellcal.calibration.message import make_message
 from cellcal.drivers.errors import DeviceError, DeviceTimeoutError, RefusedError, UnreachableError
 from cellcal.drivers.interfaces import Instruction
+from cellcal.drivers.supervision import raise_lost_cancellation
 from cellcal.procedures.canonical_json import is_alike, sha256_of
 from cellcal.procedures.cell import Cell
 from cellcal.procedures.instruction_page import page_of
@@ -292,6 +293,7 @@ class Run:
             book.cell.motion.approved = False
             stopped = await self._stop_robot()
             self._record_failure(body, error, stopped)
+            raise_lost_cancellation()  # it came while the robot was being stopped: nothing is tried again
             raise
         return stored
 

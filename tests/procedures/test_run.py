@@ -197,6 +197,31 @@ async def test_a_cancelled_step_stops_the_robot_once_and_re_raises_even_if_cance
     assert ledger.event_kinds("wait") == ["intent", "failed"]
 
 
+async def test_a_run_cancelled_while_a_failed_step_stops_the_robot_ends_and_asks_for_no_retry(
+    world: CountingWorld,
+) -> None:
+    ledger, stopping, stopped = MemoryLedger(), asyncio.Event(), asyncio.Event()
+
+    class SlowToStopArm(IdealArm):
+        async def stop(self) -> None:
+            stopping.set()
+            await stopped.wait()
+
+    async def failing_step(cell: Cell) -> None:
+        raise DeviceTimeoutError("arm", "no answer")
+
+    run = Run(Cell("test", SlowToStopArm(), world.technician), ledger)
+    task = asyncio.create_task(run.move("go", failing_step))
+    await stopping.wait()
+    task.cancel()
+    await asyncio.sleep(0)
+    stopped.set()
+    with pytest.raises(asyncio.CancelledError):
+        await task
+    assert world.technician.instructions == []
+    assert ledger.event_kinds("go") == ["intent", "failed"]
+
+
 async def test_an_unreachable_device_is_retried_only_after_confirmation(world: CountingWorld) -> None:
     ledger = MemoryLedger()
     tries: list[int] = []
