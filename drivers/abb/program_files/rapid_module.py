@@ -21,12 +21,10 @@ from cellcal.drivers.abb.program_files.literals import (
     AGGREGATES,
     NAME,
     TARGETS,
-    AggregateError,
     W,
-    after_blanks,
     decode_name,
-    end_of_element,
 )
+from cellcal.drivers.abb.program_files.rapid_declarations import RapidDeclarations
 from cellcal.drivers.abb.program_files.target_uses import TargetUses
 from cellcal.drivers.abb.program_files.unread import LIKE_A_POSITION, unread_positions
 from cellcal.drivers.abb.program_files.usual import USUAL
@@ -35,20 +33,13 @@ from cellcal.drivers.programs.spans import ProgramText
 
 _BYTE_ORDER_MARK = "\xef\xbb\xbf"  # of UTF-8, byte by byte
 _TOKEN = re.compile(rf'![^\n]*+|"(?:[^"\n]++|"")*+"?+|{NAME}', re.ASCII)
-_DECLARED = re.compile(rf"{W}([A-Za-z]\w*+){W}({NAME}){W}(?:\{{([^{{}};]*+)\}})?+{W}(:=)?+{W}", re.ASCII)
 _ASSIGNED = re.compile(
     rf"{W}(?:\{{([^{{}};]*+)\}})?+{W}((?:\.{W}\w++{W}(?:\{{[^{{}};]*+\}})?+{W}){{0,6}}+):={W}", re.ASCII
 )
 _NAME = re.compile(rf"{W}({NAME})", re.ASCII)
-_COPIED = re.compile(
-    rf"(?:(?:Offs|RelTool){W}\({W}){{0,4}}+({NAME}){W}(?:\{{[^{{}};]*+\}}{W})?+[,;\]]",
-    re.ASCII | re.IGNORECASE,
-)
 _PARAMETERS = re.compile(rf"{W}\(((?:[^()!]++|![^\n]*+){{0,1000}}+)\)", re.ASCII)
 _PARAMETER = re.compile(rf"({NAME}){W}(?:\{{[^{{}}]*+\}}{W})?+(?=[,\\|]|\Z)", re.ASCII)
 _FUNCTION_NAME = re.compile(rf"{W}[A-Za-z]\w*+{W}({NAME})", re.ASCII)
-_SIZES = re.compile(r"\s*\d+\s*")
-_MOST_DIGITS = 9  # of an array's size
 _HOLDS_A_POSITION = re.compile(r"\[\s*\[\s*[-+.\d]")
 _REMARKED = {
     "offs": ("offset", "Offs shifts this target while the program runs."),
@@ -65,8 +56,6 @@ _REMARKED = {
 }
 _COPY_TEXT = "{} is set to another target while the program runs."
 _ASSIGNED_TEXT = "{} is set while the program runs; that value is not read."
-_FILLED_TEXT = "{} is an array without values: it is filled while the program runs."
-_COMPUTED_TEXT = "{} is computed; it is not read."
 _INSIDE_TEXT = "A position stands inside this statement; it is not read, and stays as it is."
 _INSIDE = "it stands inside other data, or is computed in part, and is not read"
 _SET_LATER = "it gets its coordinates while the program runs"
@@ -75,13 +64,10 @@ _STAR_UNKNOWN = "its coordinates are not in the file"
 
 
 @dataclass
-class RapidModule:
+class RapidModule(RapidDeclarations):
     """A file of modules while it is read."""
 
-    found: RapidPositions
     shifts: FoundShifts
-    uses: TargetUses
-    frames: DeclaredFrames
     name: str = ""
     assigned: list[tuple[int, str, str]] = field(default_factory=list)  # place, name, scope
     assigned_here: list[tuple[str, str]] = field(
@@ -91,8 +77,6 @@ class RapidModule:
     overwritten: list[tuple[int, str, str]] = field(
         default_factory=list
     )  # by what is neither read nor a copy
-    declared_local: bool = False
-    local: bool = False  # the declaration that follows is its module's only
     looked_at: int = 0  # up to where the text was searched for positions inside other data
     displaced: bool = False  # moves are noted one by one, for displacements
     routine_begins: int = 0
@@ -192,114 +176,6 @@ class RapidModule:
         assigned = _ASSIGNED.match(self.found.source.text, end)
         return end if assigned is None else self._take_assignment(start, end, assigned)
 
-    def _take_declaration(self, word: str, end: int) -> int:
-        text = self.found.source.text
-        declared = _DECLARED.match(text, end)
-        if declared is None:
-            return end
-        kind, name, sizes = declared[1].lower(), decode_name(declared[2]), declared[3]
-        self.local, local = False, self.local
-        self.declared_local = local
-        if kind in ("tooldata", "wobjdata"):
-            self.frames.declare_name(name, shown=not local and self.uses.scope.endswith("/"))
-        if kind not in AGGREGATES:
-            return declared.end()
-        if sizes is not None:
-            return self._take_array(kind, name, sizes, declared)
-        if kind not in TARGETS:
-            return self.frames.take_declaration(kind, name, declared)
-        if not declared[4]:
-            self._declare_target(name, lambda: self.found.add_untaught(name, declared.start(2)))
-            return declared.end()
-        return self._take_target(kind, name, declared.end())
-
-    def _take_array(self, kind: str, name: str, sizes: str, declared: re.Match[str]) -> int:
-        if not declared[4] or kind not in TARGETS:
-            if kind in TARGETS:
-                self.found.add_remark(declared.start(2), "computed", make_message(_FILLED_TEXT, name))
-                self.uses.declare_without_row(name)
-            return declared.end()
-        counts = [size.strip() if _SIZES.fullmatch(size) else None for size in sizes.split(",")]
-        if any(count is not None and len(count) > _MOST_DIGITS for count in counts):
-            raise self.found.source.error_at(
-                declared.start(3),
-                make_message("{name} has more elements than any array.", name=name),
-                remedy="Correct its size.",
-            )
-        dimensions = [None if count is None else int(count) for count in counts]
-        return self._take_elements(kind, name, dimensions, declared.end())
-
-    def _take_elements(self, kind: str, name: str, sizes: list[int | None], place: int) -> int:
-        """Take the elements of an array of any dimension, in the order in which they are written.
-
-        A size is None where a constant or an expression says it.
-        """
-        text, source = self.found.source.text, self.found.source
-        index: list[int] = []
-        while True:
-            sign = text[place : place + 1]
-            if sign == "[" and len(index) < len(sizes):
-                index.append(1)
-                place = after_blanks(text, place + 1)
-                continue
-            if not index:
-                return self._take_computed(name, place)
-            place = self._take_element(kind, f"{name}{{{','.join(map(str, index))}}}", place)
-            while text[place : place + 1] == "]" and index:
-                if index[-1] != (sizes[len(index) - 1] or index[-1]):
-                    raise source.error_at(
-                        place, make_message("{name} does not have the elements that it declares.", name=name)
-                    )
-                index.pop()
-                place = after_blanks(text, place + 1)
-            if not index:
-                return place
-            if text[place : place + 1] != ",":
-                raise source.error_at(place, make_message("here should be ',' or ']' of {name}.", name=name))
-            index[-1] += 1
-            place = after_blanks(text, place + 1)
-
-    def _take_element(self, kind: str, name: str, place: int) -> int:
-        """Take one element of an array; return where the sign behind it stands."""
-        text = self.found.source.text
-        literal = AGGREGATES[kind].pattern.match(text, place)
-        if literal is None and (end := end_of_element(text, place)) > place:
-            if text[place] == "[":
-                self._refuse_or_bar(name, place, AGGREGATES[kind].error_at(text, place))
-            else:
-                self._take_computed(name, place)
-            return end
-        return after_blanks(text, self._take_target(kind, name, place))
-
-    def _take_target(self, kind: str, name: str, place: int) -> int:
-        """Take a target's value; return where it ends."""
-        try:
-            found = AGGREGATES[kind].match_at(self.found.source.text, place)
-        except AggregateError as error:
-            return self._refuse_or_bar(name, place, error)
-        add = self.found.add_robtarget if kind == "robtarget" else self.found.add_jointtarget
-        self._declare_target(name, lambda: add(name, found))
-        return found.end()
-
-    def _refuse_or_bar(self, name: str, place: int, error: AggregateError) -> int:
-        if not error.computed:
-            raise self.found.source.error_at(
-                error.place, str(error), remedy="Correct it on the controller, or leave this program out."
-            ) from None
-        return max(self._take_computed(name, place), error.place)
-
-    def _take_computed(self, name: str, place: int) -> int:
-        """Take a target whose value only the controller knows, or another target has."""
-        self.found.add_remark(place, "computed", make_message(_COMPUTED_TEXT, name))
-        self.uses.declare_without_row(name)
-        self._note_copy(self.found.source.text, place, name)
-        return place
-
-    def _declare_target(self, name: str, add: Callable[[], None]) -> None:
-        row = len(self.found.names)
-        add()
-        self.uses.declare_target(name, row, local=self.declared_local)
-
     def _take_assignment(self, start: int, end: int, assigned: re.Match[str]) -> int:
         text = self.found.source.text
         bare = decode_name(text[start:end])
@@ -314,7 +190,7 @@ class RapidModule:
         if assigned[2]:
             path = "".join(assigned[2].split())
             self.shifts.take_component(start, (name, self.uses.scope), path, assigned.end())
-        elif self._note_copy(text, assigned.end(), bare):
+        elif self.note_copy(text, assigned.end(), bare):
             self.copies.add(start)
         else:
             self.shifts.overwritten.append((name, self.uses.scope))
@@ -331,13 +207,6 @@ class RapidModule:
         if not self.uses.assign(name, row):
             self.uses.barred[row] = _ASSIGNED_ABROAD
         self.assigned_here.append((bare, self.uses.scope))
-
-    def _note_copy(self, text: str, place: int, to: str) -> bool:
-        """Note a target that is assigned to another, which moves go to in its place; tell whether it is one."""
-        copied = _COPIED.match(text, place)
-        if copied is not None:
-            self.uses.copied.add((self.uses.scope, decode_name(copied[1]), to))
-        return copied is not None
 
     def _take_instruction(self, word: str, start: int, end: int) -> int:
         if _ASSIGNED.match(self.found.source.text, end):
@@ -401,8 +270,8 @@ class RapidModule:
 
 
 _HANDLERS: dict[str, Callable[[RapidModule, str, int], int]] = {
-    **dict.fromkeys(("const", "pers", "var"), RapidModule._take_declaration),  # noqa: SLF001  # a table of its own methods
-    **dict.fromkeys(("proc", "func", "trap"), RapidModule._take_routine),  # noqa: SLF001
+    **dict.fromkeys(("const", "pers", "var"), RapidModule.take_declaration),
+    **dict.fromkeys(("proc", "func", "trap"), RapidModule._take_routine),  # noqa: SLF001  # a table of its own methods
     **dict.fromkeys(("endproc", "endfunc", "endtrap"), RapidModule._leave_routine),  # noqa: SLF001
     "local": RapidModule._take_local,  # noqa: SLF001
     "module": RapidModule._take_module,  # noqa: SLF001
@@ -412,7 +281,8 @@ _HANDLERS: dict[str, Callable[[RapidModule, str, int], int]] = {
 def read_module(source: ProgramText) -> RapidModule:
     """Read a module."""
     found, uses = RapidPositions(source), TargetUses()
-    module = RapidModule(found, FoundShifts(Displacements(source.text)), uses, DeclaredFrames(found, uses))
+    frames, shifts = DeclaredFrames(found, uses), FoundShifts(Displacements(source.text))
+    module = RapidModule(found, uses, frames, shifts)
     module.displaced = USED.search(source.text) is not None
     module.read_module()
     module.finish_reading()

@@ -8,20 +8,18 @@ from cellcal.drivers.kuka.program_files import patterns
 from cellcal.drivers.kuka.program_files.collected_positions import KrlPositions
 from cellcal.drivers.kuka.program_files.data_list import (
     FRAME_SET,
-    INSIDE,
     remark_comment,
     remark_hidden_positions,
 )
 from cellcal.drivers.kuka.program_files.found_shifts import ShiftNotes
 from cellcal.drivers.kuka.program_files.frame_data import FramesInForce, data_taken
 from cellcal.drivers.kuka.program_files.frame_uses import (
-    BARRED,
     RESET,
     TURNED_BY_AXIS,
     UNKNOWN,
-    Branches,
     KrlRoutine,
 )
+from cellcal.drivers.kuka.program_files.krl_motions import KrlMotions
 from cellcal.drivers.kuka.program_files.lines import (
     DECLARING,
     KrlLine,
@@ -31,11 +29,10 @@ from cellcal.drivers.kuka.program_files.lines import (
     first_word,
     line_at,
     point_key,
-    skip_blanks,
     without_strings,
 )
 from cellcal.drivers.kuka.program_files.literals import KrlLiteral
-from cellcal.drivers.kuka.program_files.point_uses import PointMove, PointUses
+from cellcal.drivers.kuka.program_files.point_uses import PointUses
 from cellcal.drivers.kuka.program_files.usual import TAUGHT_MOVE
 from cellcal.drivers.programs.barred import OVERWRITTEN
 from cellcal.drivers.programs.cross_file_uses import COPIED
@@ -43,15 +40,9 @@ from cellcal.drivers.programs.spans import ProgramText
 
 
 @dataclass
-class KrlProgram:
+class KrlProgram(KrlMotions):
     """A program while it is read."""
 
-    found: KrlPositions
-    points: PointUses
-    shifts: ShiftNotes
-    branches: Branches = ()
-    force: FramesInForce = field(default_factory=FramesInForce)  # of the moves that are read next
-    types: dict[str, str] = field(default_factory=dict)
     frames_set: list[tuple[NamedItem, KrlLiteral]] = field(default_factory=list)  # names that get a FRAME
 
     def read_line(self, line: KrlLine) -> None:
@@ -75,7 +66,7 @@ class KrlProgram:
             self.branches, self.force = (), FramesInForce()
         motion = patterns.MOTION.match(text, line.start, line.end) if word in patterns.MOVE else None
         if motion is not None:
-            self._take_motion(motion, line)
+            self.take_motion(motion, line)
         else:
             self._take_statement(line, word)
         remark_comment(self.found, line)
@@ -84,147 +75,6 @@ class KrlProgram:
         """Take a move as the inline forms write it, with all that stands around it."""
         self._set_both_frames(found.start("bas"), UNKNOWN)
         self.force.take_data(f"F{found['point']}")
-
-    def _take_motion(self, motion: re.Match[str], line: KrlLine) -> None:
-        text = self.found.source.text
-        code = without_strings(text[motion.end() : line.end])
-        if motion[2]:
-            self._take_relative(motion, code, line)
-            return
-        cut = patterns.WITH.search(code)
-        own = "" if cut is None else code[cut.end() :]
-        own_frames = patterns.FRAME_SET.search(own) is not None
-        code = code[: cut.start()] if cut else code
-        if "(" in code:
-            self._take_calls(code, line)
-        begin, end = motion.end(), motion.end() + len(code)
-        place, part = begin, 0
-        for _ in range(patterns.MOST_TARGETS):
-            if place >= end:
-                return
-            if text[place] == "{":
-                literal = self.found.read_literal(place, end)
-                if literal is None:
-                    self._note_unread(motion[1], place, line)
-                    return
-                part += 1
-                place = self._take_target(motion[1].upper(), part, literal, end, is_constant=not own_frames)
-            else:
-                place = begin + self._pass_named(code, place - begin, begin, own if own_frames else "")
-            if place >= end or text[place] != ",":
-                return
-            place = skip_blanks(text, place + 1, end)
-
-    def _take_relative(self, motion: re.Match[str], code: str, line: KrlLine) -> None:
-        """Take a relative move: it goes along with the work only as far as its axes do."""
-        self.found.add_remark(line.start, "relative", patterns.RELATIVE)
-        word = motion[1] + motion[2]
-        structs = [
-            self.found.literal_or_none(motion.end() + one.start(), line.end)
-            for one in patterns.STRUCT.finditer(code)
-        ]
-        for literal in structs or [None]:
-            if literal is not None and (literal.axes or any(literal.external)):
-                name = f"{word.upper()}@{self.found.source.line_of(line.start)}"
-                self.found.add_unread(name, literal.start, patterns.RELATIVE_AXES)
-            elif patterns.TOOL_AXES.search(code) is None:
-                self.shifts.note_relative(line.start, word, literal, self._move_here(line.start))
-
-    def _move_here(self, place: int) -> PointMove:
-        return PointMove(-1, len(self.points.routines) - 1, place, self.branches)
-
-    def _take_target(
-        self, keyword: str, part: int, literal: KrlLiteral, end: int, *, is_constant: bool
-    ) -> int:
-        """Take a position written into a move; return where what follows begins."""
-        text = self.found.source.text
-        after = skip_blanks(text, literal.end, end)
-        if text[after:end][:1] == ":":
-            self.found.add_remark(literal.start, "offset", patterns.OFFSET)
-            self._take_behind_frame(keyword, literal, after, end)
-            return end
-        if after < end and after == literal.end and text[after] != ",":
-            raise self.found.source.error_at(after, "after a position, a blank or a comma should stand.")
-        name = f"{keyword}@{self.found.source.line_of(literal.start)}" + (f".{part}" if part > 1 else "")
-        self._add_position(name, literal, is_constant=is_constant)
-        return after
-
-    def _take_behind_frame(self, keyword: str, literal: KrlLiteral, colon: int, end: int) -> None:
-        """Take a target behind a frame that is written out."""
-        code = self.found.source.text[literal.start : end]
-        name = patterns.NAMES_POINT.match(code, colon + 1 - literal.start)
-        if name is None:
-            self.found.add_unread(
-                f"{keyword}@{self.found.source.line_of(literal.start)}", literal.start, INSIDE
-            )
-            return
-        self.shifts.note_operators(code, literal.start, self.types, self._move_here(literal.start))
-        if self.types.get(name[1].upper()) == "FRAME":  # which of the two is the point, nothing tells
-            self._written_inside(code[: colon - literal.start], literal.start)
-        self._use_point(name, literal.start, "")
-
-    def _note_unread(self, keyword: str, place: int, line: KrlLine) -> None:
-        self.found.add_unread(f"{keyword.upper()}@{self.found.source.line_of(line.start)}", place, INSIDE)
-
-    def _pass_named(self, code: str, place: int, begin: int, own: str) -> int:
-        """Pass a target that is named or computed; return where it ends, all of the rest for a computed one."""
-        target = code[place : patterns.end_of_target(code, place)]
-        comma = place + len(target)
-        first = patterns.NAMES_POINT.match(target)
-        if patterns.CALLED.match(target):
-            self.found.add_remark(begin + place, "computed", patterns.CALL)
-            self.shifts.note_computed(begin + place, "move", self._move_here(begin + place))
-            self._written_inside(code[place:], begin + place)
-            self._use_all_words(code[place:], begin + place, BARRED["computed"])
-            return len(code)
-        if ":" in target:
-            self.found.add_remark(begin + place, "offset", patterns.OFFSET)
-            self.shifts.note_operators(target, begin + place, self.types, self._move_here(begin + place))
-            self._point_behind(code[place:], begin + place)
-            self._use_all_words(target[first.end() :] if first else target, begin + place, BARRED["computed"])
-        if first is not None:
-            self._use_point(first, begin + place, own)
-        return len(code) if ":" in target else comma
-
-    def _point_behind(self, target: str, place: int) -> None:
-        """Take positions that are written out behind a frame with a name, and in what follows it."""
-        frame = patterns.NAMES_POINT.match(target)
-        of_frame = frame is not None and self.types.get(frame[1].upper()) == "FRAME"
-        self._written_inside(target, place, any_frame=of_frame)
-
-    def _written_inside(self, code: str, place: int, *, any_frame: bool = True) -> None:
-        """Leave positions that are written into a computed target; a frame alone may be a shift of a point."""
-        line = self.found.source.line_of(place)
-        for struct in patterns.STRUCT.finditer(code):
-            if any_frame or patterns.OF_POINT.search(struct[0]):
-                self.found.add_unread(f"line {line}", place + struct.start(), INSIDE)
-
-    def _use_point(self, name: re.Match[str], place: int, own: str) -> None:
-        """Note a move to a named point, unless it is done with the point's own frame data."""
-        taken = data_taken(own) if own else self.force.data
-        if own and not taken:
-            self._use_match(name, place, BARRED["computed"])
-        elif taken != f"F{name[1][1:]}".upper():
-            self._use_match(name, place, "", taken)
-
-    def _use_all_words(self, code: str, place: int, why: str) -> None:
-        for name in patterns.WORD.finditer(code):
-            self._use_match(name, place, why)
-
-    def _use_match(self, name: re.Match[str], place: int, why: str, data: str = "") -> None:
-        self._note_use(name[1], name[2], place, why, data)
-
-    def _note_use(self, name: str, index: str | None, place: int, why: str, data: str = "") -> None:
-        self.points.note_use(point_key(name, index), place, self.branches, why, data)
-
-    def _add_position(self, name: str, literal: KrlLiteral, *, is_constant: bool) -> None:
-        why = "" if is_constant else BARRED["computed"]
-        if "@" in name:
-            row = len(self.found.names)
-            self.points.rows.append(
-                PointMove(row, len(self.points.routines) - 1, literal.start, self.branches, why)
-            )
-        self.found.add_position(name, literal)
 
     def _take_statement(self, line: KrlLine, word: str) -> None:
         text = self.found.source.text
@@ -253,7 +103,7 @@ class KrlProgram:
         """Take calls, branches, and the frame data that the next move is done with."""
         begins = word in patterns.BEGIN_ROUTINE and patterns.ROUTINE.match(code) is not None
         if "(" in code and not begins and word not in patterns.CALLS_NOTHING:
-            self._take_calls(code, line)
+            self.take_calls(code, line)
         if word in patterns.BRANCHES:
             self._take_branch(word, line.start)
         elif word == "FDAT_ACT" and (data := patterns.FRAME_DATA_SET.match(code)) is not None:
@@ -274,15 +124,6 @@ class KrlProgram:
             self.force.forget()
         elif word in patterns.LOOPS:
             self.force.forget()
-
-    def _take_calls(self, code: str, line: KrlLine) -> None:
-        names = {name.upper() for name in patterns.CALLS.findall(code)} - patterns.KNOWN_CALLS
-        self.points.routines[-1].calls |= names
-        if names:  # it may move, and what it sets stays
-            self.force.forget()
-        for name in sorted(names):
-            if name.startswith(patterns.SENSOR):
-                self.found.add_remark(line.start, "vision", make_message(patterns.FOUND, name))
 
     def _take_branch(self, word: str, place: int) -> None:
         self.force.take_branch(word)
@@ -390,7 +231,7 @@ class KrlProgram:
             literal is not None and (literal.type == "FRAME" or not any(literal.state))
         )
         if literal is not None and (literal.axes or not is_frame):
-            self._add_position(name.full_name, literal, is_constant=False)
+            self.add_position(name.full_name, literal, is_constant=False)
         elif literal is not None:
             self.found.add_remark(line.start, "computed", make_message(patterns.ASSIGNED, name.full_name))
             self.frames_set.append((name, literal))
@@ -414,16 +255,16 @@ class KrlProgram:
             self.shifts.note_operators(value, name.value or line.start, self.types, None)
         to = point_key(name.name, name.index)
         for source in patterns.WORD.finditer(value):
-            self._note_use(source[1], source[2], line.start, COPIED)
+            self.note_use(source[1], source[2], line.start, COPIED)
             self.points.copies.setdefault(point_key(source[1], source[2]), set()).add(to)
 
     def _take_overwrite(self, name: NamedItem, value: str, line: KrlLine) -> None:
         """Note that a name, which may be a point of a data list, gets a value that is not written here."""
         if name.name[0] != "$" and (value[:1] == "{" or patterns.NAME_VALUE.match(value)):
-            self._note_use(name.name, name.index, line.start, OVERWRITTEN)
+            self.note_use(name.name, name.index, line.start, OVERWRITTEN)
 
     def _take_component(self, code: str, line: KrlLine) -> None:
-        self.shifts.note_component(code, line.start, self._move_here(line.start))
+        self.shifts.note_component(code, line.start, self.move_here(line.start))
         self.found.add_remark(
             line.start, "computed", make_message(patterns.ASSIGNED, code.partition("=")[0].strip())
         )
