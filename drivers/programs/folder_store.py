@@ -5,10 +5,11 @@ import os
 import tempfile
 from pathlib import Path
 
+from cellcal.calibration.documents import DocumentError
+from cellcal.calibration.documents.plain_files import read_plain_bytes
 from cellcal.calibration.message import make_message
 from cellcal.drivers.errors import RefusedError, UnreachableError
 
-_MOST_OCTETS = 64 * 2**20
 _CHECK = "Check that the folder is mounted and that its files may be read and written."
 
 
@@ -54,13 +55,11 @@ class FolderStore:
         try:
             if name not in {entry.name for entry in self._folder.iterdir()}:
                 return None
-            with path.open("rb") as file:
-                content = file.read(_MOST_OCTETS + 1)
+            return read_plain_bytes(path)
         except OSError as error:
             raise self._unreachable(error) from error
-        if len(content) > _MOST_OCTETS:
-            raise RefusedError(self.device, make_message("{name} is too large for a program.", name=name))
-        return content
+        except DocumentError as error:  # too large for a program, a pipe or a device
+            raise RefusedError(self.device, error.message, remedy=error.remedy) from error
 
     def _write_file(self, name: str, content: bytes) -> None:
         try:

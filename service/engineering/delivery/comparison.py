@@ -5,13 +5,12 @@ from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
 
+from cellcal.calibration.documents.plain_files import read_plain_bytes
 from cellcal.calibration.errors import CellError
 from cellcal.calibration.message import make_message
 from cellcal.drivers.interfaces.program_store import ProgramStore
 from cellcal.service.engineering.delivery.deliveries import check_names
 from cellcal.service.files import make_private_folder, replace_file
-
-_MOST_OCTETS = 64 * 2**20
 
 
 class Difference(StrEnum):
@@ -99,17 +98,13 @@ async def compare_programs(store: ProgramStore, here: Mapping[str, bytes]) -> tu
 
 def _read_whole(path: Path) -> bytes:
     try:
-        with path.open("rb") as file:
-            content = file.read(_MOST_OCTETS + 1)
+        return read_plain_bytes(path)
     except OSError as error:
         raise CellError(
             make_message("{path} cannot be read: {reason}.", path=path, reason=error.strerror or str(error)),
             remedy="Check the name.",
             code="usage",
         ) from error
-    if len(content) > _MOST_OCTETS:
-        raise CellError(make_message("{name} is too large for a program.", name=path), code="usage")
-    return content
 
 
 def _unwritable(folder: Path, error: OSError) -> CellError:

@@ -14,6 +14,8 @@ from pathlib import Path
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
+from cellcal.calibration.documents import DocumentError
+from cellcal.calibration.documents.plain_files import read_plain_bytes
 from cellcal.calibration.errors import CellError
 from cellcal.calibration.message import make_message
 from cellcal.service.files import SHARED_FILE, make_private_folder, replace_file
@@ -179,9 +181,11 @@ def _write_document(folder: Path, delivery: Delivery) -> None:
 
 def _read_copy(path: Path, sha256: str) -> bytes:
     try:
-        content = path.read_bytes()
+        content = read_plain_bytes(path)
     except OSError as error:
         raise _unreadable(path, error.strerror or str(error)) from error
+    except DocumentError as error:
+        raise _unreadable(path, error.message) from error
     if sha256_of(content) != sha256:
         raise _unreadable(path, "its checksum is another")
     return content

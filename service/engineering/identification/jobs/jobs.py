@@ -237,7 +237,7 @@ def newest_version(config: CellConfig, serial: str) -> int:
 def _files_of(job: IdentificationJob) -> list[tuple[str, str, bytes]]:
     """Return the files of a job: where each stands in its folder, its name, its content."""
     return [
-        (place, path.name, path.read_bytes())
+        (place, path.name, read_plain_bytes(path))
         for place in (SOURCES, CHECK, LAYOUT)
         if (job.folder / place).is_dir()
         for path in (job.folder / place).iterdir()
