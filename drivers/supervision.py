@@ -225,8 +225,8 @@ async def supervise(
 def raise_lost_cancellation() -> None:
     """Raise CancelledError where this task was cancelled and nothing came of it.
 
-    A clean-up outlasts the cancellations that come meanwhile. ``asyncio.wait_for`` of Python 3.11 loses one that
-    comes in the turn in which its work ends; an endless loop would go on.
+    ``asyncio.wait_for`` of Python 3.11 loses a cancellation that comes in the turn in which its work ends; an
+    endless loop would go on.
     """
     if _is_cancelled():
         raise asyncio.CancelledError

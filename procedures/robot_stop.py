@@ -18,8 +18,15 @@ async def finish_cleanup(work: Coroutine[Any, Any, R]) -> R:
         try:
             await asyncio.wait({cleaning})
         except asyncio.CancelledError:
-            continue  # our caller raises it, once all is settled: the task counts its cancellations
+            continue  # `raise_if_cancelled` raises it, once all is settled
     return cleaning.result()
+
+
+def raise_if_cancelled() -> None:
+    """Raise CancelledError where this task was cancelled, also while a clean-up did not listen to it."""
+    task = asyncio.current_task()
+    if task is not None and task.cancelling():
+        raise asyncio.CancelledError
 
 
 async def stop_and_wait(cell: Cell) -> bool:

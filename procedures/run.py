@@ -22,12 +22,11 @@ from cellcal.calibration.errors import CellError
 from cellcal.calibration.message import make_message
 from cellcal.drivers.errors import DeviceError, DeviceTimeoutError, RefusedError, UnreachableError
 from cellcal.drivers.interfaces import Instruction
-from cellcal.drivers.supervision import raise_lost_cancellation
 from cellcal.procedures.canonical_json import is_alike, sha256_of
 from cellcal.procedures.cell import Cell
 from cellcal.procedures.instruction_page import page_of
 from cellcal.procedures.progress import PauseGate, StepProgress, ignore_progress
-from cellcal.procedures.robot_stop import finish_cleanup, stop_and_wait
+from cellcal.procedures.robot_stop import finish_cleanup, raise_if_cancelled, stop_and_wait
 from cellcal.procedures.run_history import EventKind, Finding, RunHistory, StepEffect
 from cellcal.procedures.step_record import StepTask, goal_of, journalled_inputs, result_codec
 
@@ -293,7 +292,7 @@ class Run:
             book.cell.motion.approved = False
             stopped = await self._stop_robot()
             self._record_failure(body, error, stopped)
-            raise_lost_cancellation()  # it came while the robot was being stopped: nothing is tried again
+            raise_if_cancelled()  # it came while the robot was being stopped: nothing is tried again
             raise
         return stored
 

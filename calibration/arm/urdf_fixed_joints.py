@@ -24,7 +24,7 @@ class FreedJoint:
 def freed_joints(text: str, *, base_link: str | None, tip_link: str | None) -> Iterator[FreedJoint]:
     """Return the arm of a description with each fixed joint between base and tip moving, about or along its axis.
 
-    A fixed joint without an axis is passed over: whoever changes a moving joint into a fixed one leaves it.
+    A fixed joint without an axis is passed over: a moving joint that was changed into a fixed one has its axis still.
 
     Raises
     ------

@@ -22,7 +22,7 @@ from cellcal.service.watching.follow import RobotListener, follow_robot
 
 _log = logging.getLogger(__name__)
 ROLE = "other_robot"
-_CANCEL_AGAIN_S = 1.0
+_CANCEL_AGAIN_S = 70.0  # longer than a link may take to give its session back
 ELSEWHERE = "another cellcal is connected to it."
 BROKEN = "the program failed: this robot is not watched until that is started again, by itself."
 

@@ -13,24 +13,24 @@ _EDIT = "/rw/mastership/edit"
 
 
 class EditMastership:
-    """Held from the first write of a motion to its end, so that no other client can come between and bar a stop."""
+    """The mastership of a motion, from its first write to its end: no other client can bar a stop meanwhile."""
 
     def __init__(self, link: WebLink) -> None:
-        self._link, self._is_held, self._was_asked = link, False, False
+        self._link, self._has_mastership, self._may_have_mastership = link, False, False
 
     async def acquire(self) -> None:
-        """Ask for it, where the controller knows it and it is not held yet; RefusedError where another has it."""
-        if self._is_held or not self._link.dialect.needs_mastership:
+        """Request it where the controller knows it and we lack it; RefusedError where another client has it."""
+        if self._has_mastership or not self._link.dialect.needs_mastership:
             return
-        self._was_asked = True  # the answer may get lost
+        self._may_have_mastership = True  # the answer may get lost
         await self._link.post_action(_EDIT, "request")
-        self._is_held = True
+        self._has_mastership = True
 
     async def release(self) -> None:
         """Give it back. Where the controller is out of reach, the next call tries again."""
-        if not self._was_asked:
+        if not self._may_have_mastership:
             return
-        self._is_held = False
+        self._has_mastership = False
         try:
             await self._link.post_action(_EDIT, "release")
         except RefusedError as error:
@@ -38,4 +38,4 @@ class EditMastership:
         except DeviceError as error:
             _LOG.warning("%s: mastership was not given back: %s", self._link.device, error)
             return
-        self._was_asked = False
+        self._may_have_mastership = False

@@ -87,8 +87,10 @@ class AbbRobot(StepwiseMotion):
 
     async def close(self) -> None:
         """Give mastership and session back."""
-        await self._mastership.release()
-        await self._link.close()
+        try:
+            await self._mastership.release()
+        finally:
+            await self._link.close()
 
     async def identify(self) -> Identity:
         async with self._answer_deadline("asking who it is"):

@@ -94,7 +94,8 @@ class WebLink:
                 await self._client.get("/logout")
         except (httpx.HTTPError, DeviceTimeoutError):
             pass  # the controller ends it by itself
-        await self._client.aclose()
+        finally:
+            await self._client.aclose()
 
     async def get_state(self, path: str, **query: str) -> State:
         """Return the first state of a resource.
