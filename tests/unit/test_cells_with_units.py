@@ -1,10 +1,12 @@
 """Cells of a table that hold more than a number: units, marks of thousands, copies of a row; and lists of points."""
 
-from collections.abc import Callable
+import re
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
 import pytest
+from openpyxl import Workbook
 
 from cellcal.calibration.arm.kinematics import load_model
 from cellcal.calibration.identification.misfit import MisfitError, refuse_misfit
@@ -12,7 +14,7 @@ from cellcal.service.engineering.identification.at_points import AtOptions, read
 from cellcal.service.engineering.identification.identify_check import file_names
 from cellcal.service.engineering.measured.cell_numbers import parse_cell
 from cellcal.service.engineering.measured.measurements import REPEAT, ReadOptions, read_measurements
-from cellcal.service.engineering.measured.table import MeasurementError
+from cellcal.service.engineering.measured.table import MeasurementError, read_table
 
 MODEL = load_model("fanuc_m6ib")
 HEADING = ("J1", "J2", "J3", "J4", "J5", "J6", "X", "Y", "Z")
@@ -109,6 +111,118 @@ def test_a_comma_that_may_be_of_thousands_is_refused(cells, says, tmp_path):
     path.write_text("\n".join([";".join(HEADING), *rows]) + "\n", encoding="utf-8")
     with pytest.raises(MeasurementError, match=says):
         read_measurements(path, MODEL)
+
+
+def values_of_x(path: Path) -> np.ndarray:
+    table = read_table(path)
+    return table.column_values(table.names[6])
+
+
+def write_cells(path: Path, joint: str, x: Sequence[object], y: object, z: object = "3") -> Path:
+    """Write joints that differ in their first cell, and positions, with semicolons or as a sheet of texts."""
+    rows = [[joint.replace("0", str(i), 1), *[joint] * 5, x[i % len(x)], y, z] for i in range(12)]
+    if path.suffix == ".xlsx":
+        book = Workbook()
+        for row in [HEADING, *rows]:
+            book.active.append(list(row))
+        book.save(path)
+    else:
+        path.write_text(
+            "\n".join(";".join(map(str, row)) for row in [HEADING, *rows]) + "\n", encoding="utf-8"
+        )
+    return path
+
+
+@pytest.mark.parametrize("name", ["m.csv", "m.xlsx"])
+@pytest.mark.parametrize(
+    ("joint", "x", "y", "says"),
+    [
+        # A file of decimal commas, and 1.204 that is 1204 there.
+        (
+            "0,5",
+            ("1.204", "1.310"),
+            "1.234,5",
+            "'1.204' in line 2, and column 'J1' holds '0,5' in line 2: the point",
+        ),
+        (
+            "0",
+            ("1.204", "1.310"),
+            "1.234,5",
+            "'1.204' in line 2, and column 'Y' holds '1.234,5' in line 2: the point",
+        ),
+        (
+            "0,5",
+            ("987", "1.204"),
+            "1,5",
+            "'1.204' in line 3, and column 'J1' holds '0,5' in line 2: the point",
+        ),
+        (
+            "0",
+            ("1.204 mm", "1.310 mm"),
+            "1,5",
+            "'1.204 mm' in line 2, and column 'Y' holds '1,5' in line 2: the point",
+        ),
+        # A file of decimal points, and 1,204 that is 1204 there.
+        (
+            "0.5",
+            ("1,204", "1,310"),
+            "98.5",
+            "'1,204' in line 2, and column 'J1' holds '0.5' in line 2: the comma",
+        ),
+        (
+            "0",
+            ("1,204", "-1,310"),
+            "98.25",
+            "'1,204' in line 2, and column 'Y' holds '98.25' in line 2: the comma",
+        ),
+        ("0.5", ("1,234", "987.6"), "1.5", "'1,234' in line 2 and '987.6' in line 3: a comma and a point"),
+    ],
+)
+def test_a_mark_that_other_columns_make_doubtful_is_refused(name, joint, x, y, says, tmp_path):
+    path = write_cells(tmp_path / name, joint, x, y)
+    with pytest.raises(MeasurementError, match=re.escape(says)) as refused:
+        values_of_x(path)
+    assert "decimal point" in refused.value.remedy
+
+
+@pytest.mark.parametrize(
+    ("x", "y", "says"),
+    [
+        (("1,234", 987.6), 1.5, "'1,234' in line 2 and '987.6' in line 3: the comma may"),
+        (("1,234", 987), 1.5, "'1,234' in line 2 and '987' in line 3: the comma may"),
+        (("1,234",), 1.5, "'1,234' in line 2, and column 'Y' holds '1.5' in line 2: the comma may"),
+        (("1,234",), "1,234.5", "'1,234' in line 2, and column 'Y' holds '1,234.5' in line 2: the comma may"),
+        (("1.204",), "1.234,5", "'1.204' in line 2, and column 'Y' holds '1.234,5' in line 2: the point may"),
+    ],
+)
+def test_texts_of_a_sheet_that_may_have_thousands_are_refused(x, y, says, tmp_path):
+    path = write_cells(tmp_path / "m.xlsx", "0", x, y, 3)
+    with pytest.raises(MeasurementError, match=re.escape(says)):
+        values_of_x(path)
+
+
+@pytest.mark.parametrize(
+    ("name", "row", "read"),
+    [
+        ("m.csv", ("0.5", ("1.204", "1.310"), "2.125", "3"), (1.204, 1.310)),  # metres
+        ("m.csv", ("0", ("1.204", "987"), "2.125", "1200"), (1.204, 987.0)),
+        ("m.csv", ("0,5", ("1,204", "1,310"), "2,125", "3"), (1.204, 1.310)),
+        ("m.csv", ("0", ("1,204", "1,310"), "2,125", "1200"), (1.204, 1.310)),
+        ("m.csv", ("0,5", ("1.204,5", "987"), "2,125", "1200"), (1204.5, 987.0)),
+        # Both marks, and each column has one for certain.
+        ("m.csv", ("0,5", ("1,204", "0,310"), "2.5", "3"), (1.204, 0.310)),
+        ("m.csv", ("0,5", ("1.204", "0.310"), "2,5", "3"), (1.204, 0.310)),
+        ("m.xlsx", ("0.5", ("1.204", 1.310), 2.125, 1200), (1.204, 1.310)),
+        ("m.xlsx", ("0,5", ("1,204", "1,310"), "2,125", 1200), (1.204, 1.310)),
+        ("m.xlsx", ("0", ("12,5", 987.6), 2.125, 1200), (12.5, 987.6)),
+        ("m.xlsx", ("0.5", ("1,204.5", "987.6"), "2.125", 3.5), (1204.5, 987.6)),
+        ("m.xlsx", ("0,5", ("1.204,5", "987,6"), "2,125", 3.5), (1204.5, 987.6)),
+    ],
+)
+def test_a_file_with_one_mark_is_read(name, row, read, tmp_path):
+    table = read_table(write_cells(tmp_path / name, *row))
+    assert tuple(table.column_values("X")[:2]) == read
+    assert not table.doubts
 
 
 @pytest.mark.parametrize(

@@ -16,7 +16,7 @@ _GROUP_MARKS = re.compile("[ \u00a0\u2009\u202f'\u2019]")
 _GROUPED = re.compile("^[+-]?\\d{1,3}([ \u00a0\u2009\u202f'\u2019]\\d{3})+([.,]\\d+)?$")
 _THOUSANDS = re.compile(r"^[+-]?\d{1,3}(,\d{3})+\.\d+$")  # without a point, a comma is a decimal mark
 _POINT_THOUSANDS = re.compile(r"^[+-]?\d{1,3}(\.\d{3})+,\d+$")
-_MAYBE_THOUSANDS = re.compile(r"^[+-]?[1-9]\d{0,2},\d{3}$")
+_MAYBE_THOUSANDS = re.compile(r"^[+-]?[1-9]\d{0,2}[.,]\d{3}$")
 _WITH_UNIT = re.compile(
     r"(?P<number>[+-]?[\d.,][^A-Za-z\u00b0\u00ba\u2103\u2109\u00b5\u03bc\u3040-\uffff]*?(?:[eE][+-]?\d+)?)\s*"
     r"(?P<unit>[^\d\s.,+-]\D{0,15})"
@@ -32,7 +32,8 @@ _MARKS = frozenset(
 _LARGE_WHOLE = 100.0
 _SHOWN = 40  # characters of a cell
 
-COMMA, POINT, MAYBE = "comma", "point", "comma or thousands"
+COMMA, POINT = "comma", "point"  # the decimal mark for certain
+MAYBE_COMMA, MAYBE_POINT = "comma or thousands", "point or thousands"  # 1,234 and 1.234
 
 
 class WrittenNumber(float):
@@ -41,7 +42,7 @@ class WrittenNumber(float):
     __slots__ = ("mark", "text", "unit")
     text: str
     unit: str  # one spelling, or empty
-    mark: str  # COMMA, POINT, MAYBE, or empty
+    mark: str  # COMMA, POINT, MAYBE_COMMA, MAYBE_POINT, or empty
 
     @classmethod
     def of(cls, value: float, text: str, unit: str = "", mark: str = "") -> "WrittenNumber":
@@ -61,6 +62,19 @@ def parse_cell(text: str, *, comma: bool) -> float | str:
     angle = _read_angle(number, cleaned)
     quantity = _read_with_unit(number, cleaned, comma=comma) if angle is None else angle
     return cleaned if quantity is None else quantity
+
+
+def parse_lone_cell(text: str) -> float | str:
+    """Return the number in a cell of a file without one decimal mark, such as a sheet; else its text."""
+    if text.rfind(",") > text.rfind("."):
+        return parse_cell(text, comma=True)
+    value = parse_cell(text, comma=False)
+    if isinstance(value, str) or not re.search(r"\.\d", text):
+        return value
+    # A number with thousands and a fraction, 1,234.5, has its decimal mark for certain.
+    digits = re.match(r"[+-]?[\d.,]*", text.strip().strip('"').strip().replace("\u2212", "-"))
+    mark = MAYBE_POINT if digits and _MAYBE_THOUSANDS.match(digits[0]) else POINT
+    return WrittenNumber.of(float(value), text, value.unit if isinstance(value, WrittenNumber) else "", mark)
 
 
 def _read_angle(number: str, cell: str) -> WrittenNumber | None:
@@ -114,12 +128,13 @@ def _without_thousands(number: str) -> str:
 def _with_decimal_point(number: str) -> tuple[str, str]:
     """Return a number of a file with decimal commas as Python writes it, and its mark; no number if it has both."""
     if "," not in number:
-        return number, POINT if "." in number else ""
+        mark = MAYBE_POINT if _MAYBE_THOUSANDS.match(number) else POINT
+        return number, mark if "." in number else ""
     if _POINT_THOUSANDS.match(number):
         number = number.replace(".", "")
     if "." in number:
         return "", ""  # 1,234.5
-    return number.replace(",", "."), MAYBE if _MAYBE_THOUSANDS.match(number) else COMMA
+    return number.replace(",", "."), MAYBE_COMMA if _MAYBE_THOUSANDS.match(number) else COMMA
 
 
 def number_in(text: str, unit: str, units: Mapping[str, float]) -> float:
@@ -150,6 +165,9 @@ class ColumnMarks:
     )  # column: unit: first line and text
     marks: dict[int, dict[str, tuple[int, str]]] = field(default_factory=dict)
     with_unit: dict[int, set[int]] = field(default_factory=dict)  # column: rows
+    fractions: dict[int, tuple[int, str]] = field(
+        default_factory=dict
+    )  # column: the first fraction that no text wrote: a number of a sheet
 
     def note_cell(self, at: int, row: int, line: int, cell: WrittenNumber) -> None:
         """Note what a cell of a column says beside its number."""
@@ -158,6 +176,11 @@ class ColumnMarks:
             self.with_unit.setdefault(at, set()).add(row)
         if cell.mark:
             self.marks.setdefault(at, {}).setdefault(cell.mark, (line, cell.text))
+
+    def note_number(self, at: int, line: int, number: float) -> None:
+        """Note a number without a text; the first fraction of a column is of use."""
+        if at not in self.fractions and not number.is_integer():
+            self.fractions[at] = (line, f"{number:g}")
 
     def names_with_units(self, names: Sequence[str]) -> tuple[str, ...]:
         """Return the names of columns; one whose cells have a unit is named with it, if its heading has none."""
@@ -171,8 +194,10 @@ class ColumnMarks:
         """Return the columns whose numbers have no one meaning, and the cells that say so."""
         found: dict[int, str] = {}
         for at in range(len(names)):
-            why = self._unit_doubt(at, names[at], numbers[:, at], lines) or self._mark_doubt(
-                at, names[at], numbers[:, at], lines
+            why = (
+                self._unit_doubt(at, names[at], numbers[:, at], lines)
+                or self._mark_doubt(at, names[at], numbers[:, at], lines)
+                or self._file_doubt(at, names)
             )
             if why:
                 found[at] = why
@@ -208,19 +233,60 @@ class ColumnMarks:
         return ""
 
     def _mark_doubt(self, at: int, name: str, values: Array, lines: Rows) -> str:
+        """Return what the cells of one column say against each other's decimal mark."""
         marks = self.marks.get(at, {})
-        commas = marks.get(COMMA) or marks.get(MAYBE)
+        commas = marks.get(COMMA) or marks.get(MAYBE_COMMA)
         if commas is None:
             return ""
-        if POINT in marks:
+        points = marks.get(POINT) or marks.get(MAYBE_POINT)
+        if points is not None:
             why = make_message("a comma and a point cannot both be the decimal mark")
-            return _two_cells(name, commas, marks[POINT], why)
+            return _two_cells(name, commas, points, why)
+        if COMMA in marks:
+            return ""
+        why = make_message("the comma may be a mark of thousands")
+        if at in self.fractions:
+            return _two_cells(name, commas, self.fractions[at], why)
         whole = np.isfinite(values) & (values == np.round(values)) & (np.abs(values) >= _LARGE_WHOLE)
-        if COMMA not in marks and whole.any():
+        if whole.any():
             row = int(np.argmax(whole))
-            why = make_message("the comma may be a mark of thousands")
             return _two_cells(name, commas, (int(lines[row]), f"{values[row]:g}"), why)
         return ""
+
+    def _file_doubt(self, at: int, names: Sequence[str]) -> str:
+        """Return what other columns say against the decimal mark of one whose cells all may have thousands.
+
+        A file has one decimal mark: where it is the comma, 1.234 may be 1234, and where it is the point, 1,234 may be
+        1234.
+        """
+        marks = self.marks.get(at, {})
+        if MAYBE_POINT in marks and POINT not in marks:
+            cell, other = marks[MAYBE_POINT], self._first_with(COMMA) or self._first_with(MAYBE_COMMA)
+            why = make_message("the point may be a mark of thousands")
+        elif MAYBE_COMMA in marks and COMMA not in marks:
+            cell, other = marks[MAYBE_COMMA], self._first_with(POINT)
+            if other is None and self._first_with(COMMA) is None:
+                other = self._first_with(MAYBE_POINT) or next(iter(self.fractions.items()), None)
+            why = make_message("the comma may be a mark of thousands")
+        else:
+            return ""
+        if other is None:
+            return ""
+        return make_message(
+            "column {column!r} holds {cell!r} in line {line}, and column {other_column!r} holds {other!r} in line "
+            "{other_line}: {why}",
+            column=names[at],
+            cell=cell[1],
+            line=cell[0],
+            other_column=names[other[0]],
+            other=other[1][1],
+            other_line=other[1][0],
+            why=why,
+        )
+
+    def _first_with(self, mark: str) -> tuple[int, tuple[int, str]] | None:
+        """Return the first column with a cell of a mark, and that cell."""
+        return next(((at, marks[mark]) for at, marks in sorted(self.marks.items()) if mark in marks), None)
 
 
 def _two_cells(name: str, first: tuple[int, str], second: tuple[int, str], why: str) -> str:

@@ -21,7 +21,12 @@ from cellcal.calibration.errors import CellError
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.identification.observations import Rows
 from cellcal.calibration.message import make_message
-from cellcal.service.engineering.measured.cell_numbers import ColumnMarks, WrittenNumber, parse_cell
+from cellcal.service.engineering.measured.cell_numbers import (
+    ColumnMarks,
+    WrittenNumber,
+    parse_cell,
+    parse_lone_cell,
+)
 from cellcal.service.engineering.measured.encodings import encoding_of
 from cellcal.service.engineering.measured.table_heads import (
     doubled_name,
@@ -212,6 +217,8 @@ def _fill_table(
                     texts[len(lines), at] = cell
             elif isinstance(cell, WrittenNumber):
                 marks.note_cell(at, len(lines), at_line, cell)
+            else:
+                marks.note_number(at, at_line, cell)
         numbers.extend(cell if isinstance(cell, float) else math.nan for cell in padded)
         lines.append(at_line)
     shaped = np.frombuffer(numbers, dtype=float).reshape(-1, len(names))
@@ -314,4 +321,4 @@ def _excel_cell(value: object) -> float | str:
         return "" if value is None else str(value)
     if isinstance(value, int | float):
         return float(value) if math.isfinite(value) else str(value)
-    return parse_cell(str(value), comma="," in str(value) and "." not in str(value))
+    return parse_lone_cell(str(value))
