@@ -162,6 +162,12 @@ def write_cells(path: Path, joint: str, x: Sequence[object], y: object, z: objec
             "1,5",
             "'1.204 mm' in line 2, and column 'Y' holds '1,5' in line 2: the point",
         ),
+        (
+            "0.5",
+            ("1.204", "1.310"),
+            "1.234,5",
+            "'1.204' in line 2, and column 'Y' holds '1.234,5' in line 2: the point",
+        ),
         # A file of decimal points, and 1,204 that is 1204 there.
         (
             "0.5",
@@ -212,6 +218,9 @@ def test_texts_of_a_sheet_that_may_have_thousands_are_refused(x, y, says, tmp_pa
         # Both marks, and each column has one for certain.
         ("m.csv", ("0,5", ("1,204", "0,310"), "2.5", "3"), (1.204, 0.310)),
         ("m.csv", ("0,5", ("1.204", "0.310"), "2,5", "3"), (1.204, 0.310)),
+        # One column has another mark than several: a name, or a time.
+        ("m.csv", ("0,5", ("812,345", "913,250"), "23,5", "1.1"), (812.345, 913.25)),
+        ("m.csv", ("0.5", ("812.345", "913.250"), "23.5", "21,5"), (812.345, 913.25)),
         ("m.xlsx", ("0.5", ("1.204", 1.310), 2.125, 1200), (1.204, 1.310)),
         ("m.xlsx", ("0,5", ("1,204", "1,310"), "2,125", 1200), (1.204, 1.310)),
         ("m.xlsx", ("0", ("12,5", 987.6), 2.125, 1200), (12.5, 987.6)),

@@ -169,6 +169,8 @@ class ColumnMarks:
         default_factory=dict
     )  # column: the first fraction that no text wrote: a number of a sheet
 
+    grouped: set[int] = field(default_factory=set)  # columns with both marks in a cell: one is of thousands
+
     def note_cell(self, at: int, row: int, line: int, cell: WrittenNumber) -> None:
         """Note what a cell of a column says beside its number."""
         if cell.unit:
@@ -176,6 +178,8 @@ class ColumnMarks:
             self.with_unit.setdefault(at, set()).add(row)
         if cell.mark:
             self.marks.setdefault(at, {}).setdefault(cell.mark, (line, cell.text))
+            if "," in cell.text and "." in cell.text:
+                self.grouped.add(at)
 
     def note_number(self, at: int, line: int, number: float) -> None:
         """Note a number without a text; the first fraction of a column is of use."""
@@ -261,10 +265,12 @@ class ColumnMarks:
         """
         marks = self.marks.get(at, {})
         if MAYBE_POINT in marks and POINT not in marks:
-            cell, other = marks[MAYBE_POINT], self._first_with(COMMA) or self._first_with(MAYBE_COMMA)
+            cell, other = marks[MAYBE_POINT], self._first_against(POINT, COMMA)
+            if other is None and self._first_with(POINT) is None:
+                other = self._first_with(MAYBE_COMMA)
             why = make_message("the point may be a mark of thousands")
         elif MAYBE_COMMA in marks and COMMA not in marks:
-            cell, other = marks[MAYBE_COMMA], self._first_with(POINT)
+            cell, other = marks[MAYBE_COMMA], self._first_against(COMMA, POINT)
             if other is None and self._first_with(COMMA) is None:
                 other = self._first_with(MAYBE_POINT) or next(iter(self.fractions.items()), None)
             why = make_message("the comma may be a mark of thousands")
@@ -283,6 +289,18 @@ class ColumnMarks:
             other_line=other[1][0],
             why=why,
         )
+
+    def _first_against(self, mark: str, other: str) -> tuple[int, tuple[int, str]] | None:
+        """Return the first column that certainly has the other decimal mark, if it counts.
+
+        A single one among several with this mark, such as names 1.1 and 1.2 in a file of decimal commas, does not,
+        unless its cells have both marks.
+        """
+        others = [at for at, marks in self.marks.items() if other in marks]
+        alike = [at for at, marks in self.marks.items() if mark in marks]
+        if len(others) == 1 and len(alike) > 1 and others[0] not in self.grouped:
+            return None
+        return self._first_with(other)
 
     def _first_with(self, mark: str) -> tuple[int, tuple[int, str]] | None:
         """Return the first column with a cell of a mark, and that cell."""
