@@ -83,6 +83,14 @@ class FindOpenReason(Protocol):
         ...
 
 
+class FindDeclarations(Protocol):
+    """Where the declaration stands that a name means in a file."""
+
+    def __call__(self, file: str, name: str, /) -> tuple[Sequence[str], str]:
+        """Return the files that declare it, and its name there; no file where none of the batch does."""
+        ...
+
+
 @dataclass(frozen=True, slots=True)
 class ExternalUses:
     """What the files of a batch say of one of them."""
@@ -90,6 +98,7 @@ class ExternalUses:
     uses: Mapping[str, Sequence[tuple[MoveFrames, str]]]  # by declared name; the file that uses it
     doubtful: Mapping[str, str]
     reached: FindOpenReason
+    find_declarations: FindDeclarations
     file: str
     visible: frozenset[str]  # names that programs not given may use, too
     tools: Poses  # what files declare for all; the nearest one's for each name
@@ -121,6 +130,8 @@ class BatchDeclarations:
         self._folders = {file: str(PurePath(file).parent) for file in declarations}
         self._names = [(file, name) for file, one in declarations.items() for name in one.routines]
         self._numbers = {routine: number for number, routine in enumerate(self._names)}
+        self._found_declarations: dict[tuple[str, str], tuple[Sequence[str], str]] = {}
+        self._own: dict[str, tuple[list[str], Imports]] = {}  # by file: those of its module, their imports
         self._marks: tuple[_Around, _Around] | None = None
         self._resets_below: list[Marks] = []  # by routine: those that it calls and that reset
         self._tools = DeclaredPoses({file: one.tools for file, one in declarations.items() if one.tools})
@@ -146,7 +157,30 @@ class BatchDeclarations:
         visible = frozenset(name for name, is_visible in one.declares.items() if is_visible or one.public)
         tools, bases = (every.poses_visible_from(self._folders[file]) for every in (self._tools, self._bases))
         absent = self._absent.get(file, {})
-        return ExternalUses(uses, self._doubtful, self._why_reached, file, visible, tools, bases, absent)
+        return ExternalUses(
+            uses,
+            self._doubtful,
+            self._why_reached,
+            self.find_declarations,
+            file,
+            visible,
+            tools,
+            bases,
+            absent,
+        )
+
+    def find_declarations(self, file: str, name: str, /) -> tuple[Sequence[str], str]:
+        """Return the files whose declaration a name means in a file, and its name there."""
+        if (file, name) not in self._found_declarations:
+            own, visible = self._declaring_files
+            mine, imports = self._own_files(file)
+            owners, there = self._files_declaring(name, mine), name
+            if not owners:
+                module, there = imports.get(name, ("", name))
+                others = self._files_declaring(there, own[module]) if module else visible.get(name, ())
+                owners = self._nearest_files(file, others)
+            self._found_declarations[file, name] = (owners, there)
+        return self._found_declarations[file, name]
 
     @cached_property
     def _called_in(self) -> Set[tuple[str, str]]:
@@ -185,19 +219,10 @@ class BatchDeclarations:
 
     def _give_uses(self) -> None:
         """Find for every name that is used whose declaration it means."""
-        own, visible = self._declaring_files()
         for file, one in self._by_file.items():
-            mine = self._nearest_files(file, [other for other in own[one.module] if other != file])
-            imports = {
-                name: there for each in (*mine, file) for name, there in self._by_file[each].imports.items()
-            }
             for name, frames_of_moves in one.uses.items():
                 bare = array_name_of(name)
-                owners, there = self._files_declaring(bare, mine), bare
-                if not owners:
-                    module, there = imports.get(bare, ("", bare))
-                    others = self._files_declaring(there, own[module]) if module else visible.get(bare, ())
-                    owners = self._nearest_files(file, others)
+                owners, there = self.find_declarations(file, bare)
                 gone_to = frozenset(each for each in frames_of_moves if each.why != COPIED)
                 if not owners and gone_to:
                     self._absent[file][name] = gone_to
@@ -206,6 +231,20 @@ class BatchDeclarations:
                         (move_frames, file) for move_frames in frames_of_moves
                     ]
 
+    def _own_files(self, file: str) -> tuple[list[str], Imports]:
+        """Return the other files that declare for a file's module, and what all of them import."""
+        if file not in self._own:
+            own, _ = self._declaring_files
+            mine = self._nearest_files(
+                file, [each for each in own[self._by_file[file].module] if each != file]
+            )
+            imports = {
+                name: there for each in (*mine, file) for name, there in self._by_file[each].imports.items()
+            }
+            self._own[file] = mine, imports
+        return self._own[file]
+
+    @cached_property
     def _declaring_files(self) -> tuple[dict[str, list[str]], dict[str, list[str]]]:
         """Return by module the files that declare for it, and by name those that show it to other modules."""
         own: dict[str, list[str]] = defaultdict(list)

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from cellcal.drivers.programs.barred import COMPUTED
 from cellcal.service.engineering.programs.batches import read_batches
 from cellcal.service.engineering.programs.files import find_programs
 
@@ -189,6 +190,43 @@ def test_a_kuka_point_with_frame_data_is_left_where_it_is_moved_to_otherwise(tmp
     files = {"a.dat": dat_file("A", f"DECL E6POS XP1={POINT}", FRAME_DATA), "a.src": src_file("A", *lines)}
     found = frames_of_position(read_programs(tmp_path, files)["a.dat"], "XP1")
     assert (words in found) if words else (found == ("1", "2"))
+
+
+LISTED = "DECL {}FDAT {}={{TOOL_NO {},BASE_NO {},IPO_FRAME #BASE}}"
+WITH_DATA = ("FDAT_ACT={}", "BAS(#CP_PARAMS,2)", "LIN XGLOB")
+OF_A = (f"DECL GLOBAL E6POS XGLOB={POINT}", LISTED.format("", "FP1", 1, 1))
+MOVES_WITH_FP1 = src_file("B", *WITH_DATA).format("FP1")
+MOVES_WITH_ITS_OWN = src_file("B", *WITH_DATA).format("FGLOB")
+
+
+@pytest.mark.parametrize(
+    ("files", "expected"),
+    [
+        ({"b.dat": dat_file("B", LISTED.format("", "FP1", 2, 2)), "b.src": MOVES_WITH_FP1}, COMPUTED),
+        ({"b.dat": dat_file("B"), "b.src": MOVES_WITH_FP1}, COMPUTED),  # the data of a.dat are not GLOBAL
+        ({"b.dat": dat_file("B", LISTED.format("", "FGLOB", 2, 2)), "b.src": MOVES_WITH_ITS_OWN}, COMPUTED),
+        ({"a.src": src_file("A", *WITH_DATA).format("FP1")}, ("1", "1")),
+        (
+            {
+                "a.dat": dat_file("A", OF_A[0], LISTED.format("GLOBAL ", "FP1", 1, 1), public="PUBLIC"),
+                "b.src": MOVES_WITH_FP1,
+            },
+            ("1", "1"),
+        ),
+        (
+            {
+                "a.dat": dat_file("A", OF_A[0], LISTED.format("GLOBAL ", "FGLOB", 1, 1), public="PUBLIC"),
+                "b.src": MOVES_WITH_ITS_OWN,
+            },
+            ("1", "1"),
+        ),
+    ],
+)
+def test_frame_data_are_those_of_the_moving_files_own_list(tmp_path, files, expected):
+    files = {"a.dat": dat_file("A", *OF_A, public="PUBLIC"), **files}
+    programs = read_programs(tmp_path, files)
+    assert frames_of_position(programs["a.dat"], "XGLOB") == expected
+    assert not [one for each in programs.values() for one in each.positions.shifts]
 
 
 BAS_SRC = """DEF BAS (COMMAND :IN,REAL_PAR :IN )

@@ -1,8 +1,9 @@
 """Which frame data (FDAT) a move is done with: its own, those of the inline form before it, or those of its block."""
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from pathlib import PurePath
 from typing import Protocol
 
 from cellcal.drivers.kuka.program_files.patterns import B
@@ -84,22 +85,38 @@ class TaughtFrames(Protocol):
 
 
 def with_frame_data(external_uses: ExternalUses, frame_data: Mapping[str, TaughtFrames]) -> ExternalUses:
-    """Return the uses of a data list's points with the tools and bases of its frame data."""
-    uses = {name: _with_data(moves, frame_data) for name, moves in external_uses.uses.items()}
+    """Return the uses of a data list's points with the tools and bases of the frame data that each move takes.
+
+    A name of frame data means those of the moving file's own data list before any others. Moves with data of
+    another list than this one leave the point.
+    """
+    uses = {
+        name: [(_frames_of(move_frames, file, external_uses, frame_data), file) for move_frames, file in some]
+        for name, some in external_uses.uses.items()
+    }
     return replace(external_uses, uses=uses)
 
 
-def _with_data(
-    moves: Sequence[tuple[MoveFrames, str]], frame_data: Mapping[str, TaughtFrames]
-) -> list[tuple[MoveFrames, str]]:
-    return [(_frames_of(each, frame_data), file) for each, file in moves]
-
-
-def _frames_of(move_frames: MoveFrames, frame_data: Mapping[str, TaughtFrames]) -> MoveFrames:
+def _frames_of(
+    move_frames: MoveFrames, file: str, external_uses: ExternalUses, frame_data: Mapping[str, TaughtFrames]
+) -> MoveFrames:
     name = data_of(move_frames)
     if not name:
         return move_frames
-    data = frame_data.get(name)
+    owners, there = external_uses.find_declarations(file, name)
+    of_this_list = external_uses.file in owners and len({PurePath(each).stem.upper() for each in owners}) == 1
+    data = frame_data.get(there) if of_this_list else None
     if data is None or data.tool is None or data.base is None:
         return MoveFrames(None, None, COMPUTED)
     return MoveFrames(None, None, EXTERNAL_TOOL) if data.external_tool else MoveFrames(data.tool, data.base)
+
+
+def uses_of_own_data(declares: Mapping[str, bool]) -> dict[str, frozenset[MoveFrames]]:
+    """Return the uses of points that other lists declare, by moves with this list's frame data of their names.
+
+    ``FP1`` without ``XP1``: the program of this list moves to another's ``XP1`` with its own ``FP1``, which hides the
+    other's. A move to a point with the frame data of its name is no use that its program notes.
+    """
+    left = frozenset((MoveFrames(None, None, COMPUTED),))
+    points = {f"X{name[1:]}" for name in declares if name.startswith("F") and len(name) > 1}
+    return dict.fromkeys(sorted(points - declares.keys()), left)

@@ -16,7 +16,7 @@ from cellcal.calibration.orientation import values_from
 from cellcal.drivers.kuka.program_files.collected_positions import KrlPositions, change_error
 from cellcal.drivers.kuka.program_files.configuration import KukaConfigurations, parts_of
 from cellcal.drivers.kuka.program_files.data_list import declared_names, read_data_list
-from cellcal.drivers.kuka.program_files.frame_data import TaughtFrames, with_frame_data
+from cellcal.drivers.kuka.program_files.frame_data import TaughtFrames, uses_of_own_data, with_frame_data
 from cellcal.drivers.kuka.program_files.imports import imports_of, remark_imports
 from cellcal.drivers.kuka.program_files.krl_program import read_program
 from cellcal.drivers.kuka.program_files.literals import (
@@ -146,8 +146,7 @@ class KukaFile:
         source = ProgramText(name, data)
         if b"\n" not in data and b"\r" in data:
             raise ProgramFileError(name, "its lines do not end as KUKA's do.", remedy="Save it with CR LF.")
-        is_data = PurePath(name).suffix.lower() == ".dat"
-        reader: Callable[[ProgramText], _Read] = _read_data if is_data else _read_src
+        reader: Callable[[ProgramText], _Read] = _read_data if _is_data_list(name) else _read_src
         found, frames, summary = reader(source)
         rows = found.counted_rows()
         own = _DEFINED.search(source.text, 0, _LOOKED_AT)
@@ -193,7 +192,11 @@ class KukaFile:
         frames = with_declared(
             self.frames, positions, external_uses.tools, external_uses.bases, own=frozenset()
         )
-        absent = {name: moves for name, moves in external_uses.absent.items() if not _HOME.match(name)}
+        absent = {
+            name: moves
+            for name, moves in external_uses.absent.items()
+            if not _is_data_list(self.source.name) and not _HOME.match(name)
+        }
         places = absent_places(self.source, absent, "|".join(sorted(MOVE)))
         positions = replace(positions, shifts=(*positions.shifts, *places))
         return replace(self, positions=positions, frames=frames, remarks=(*self.remarks, *remarks))
@@ -281,6 +284,7 @@ def _read_data(source: ProgramText) -> _Read:
     declarations = FileDeclarations(
         "",
         declares=data.shown,
+        uses=uses_of_own_data(data.shown),
         tools=_of_tables(data.tools),
         bases=_of_tables(data.bases),
         imports=remark_imports(data.found),
@@ -326,6 +330,10 @@ def _new_text(texts: Sequence[str] | None, k: int, old: str) -> str | None:
     return None if texts is None or texts[k] == old else texts[k]
 
 
+def _is_data_list(name: str) -> bool:
+    return PurePath(name).suffix.lower() == ".dat"
+
+
 def writes_program(data: bytes) -> bool:
     """Tell whether a .dat or .src file is KUKA's: others use these suffixes, too."""
     return _DEFINED_BYTES.search(data, 0, _LOOKED_AT) is not None
@@ -334,7 +342,7 @@ def writes_program(data: bytes) -> bool:
 def _declarations_of(name: str, data: bytes) -> FileDeclarations | None:
     """Return what a data list says to other files without its coordinates; None for a program."""
     path = PurePath(name)
-    if path.suffix.lower() != ".dat":
+    if not _is_data_list(name):
         return None
     if _TABLES.search(data) is not None:
         try:
@@ -342,7 +350,11 @@ def _declarations_of(name: str, data: bytes) -> FileDeclarations | None:
         except ProgramFileError:
             pass  # it is refused when its turn comes, and declares its names all the same
     text = ProgramText(name, data).text
-    return _with_path(path, FileDeclarations("", declares=declared_names(text), imports=imports_of(text)))
+    declares = declared_names(text)
+    declarations = FileDeclarations(
+        "", declares=declares, uses=uses_of_own_data(declares), imports=imports_of(text)
+    )
+    return _with_path(path, declarations)
 
 
 def _with_path(path: PurePath, declarations: FileDeclarations) -> FileDeclarations:
