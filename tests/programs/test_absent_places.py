@@ -77,6 +77,29 @@ def test_a_place_that_the_program_fills_or_that_is_home_is_none(brand, file, tex
     assert not [one for one in moved.report["findings"] if "whose place no file here holds" in one["text"]]
 
 
+@pytest.mark.parametrize(
+    "comment",
+    ["SPARK PLUG", "Parkett", "Parkas", "homer", "Homebin", "Superchuck", "Untergrund", "Grundplatte", "ruhend",
+     "Truhe", "Fr\u00e4sgrund", "Grundm\u00e4\u00dfig"],
+)  # fmt: skip
+def test_a_place_whose_comment_only_contains_a_word_for_home_is_a_finding(comment, tmp_path: Path):
+    text = fanuc(f"J PR[1:{comment}] 100% FINE")
+    moved = move_program(tmp_path, "fanuc", "offset_pr.LS", offset=SHIFTED, text=text)
+    assert [one["point"] for one in moved.report["findings"]] == ["PR[1]"]
+    assert moved.code == ExitCode.REFUSED
+
+
+@pytest.mark.parametrize(
+    "comment",
+    ["HOME", "home1", "R1_HOME", "HomePos", "Home Position", "GoHome", "perch", "PERCH2", "Park", "Parkposition",
+     "Grundstellung", "Grundst", "GRUNDPOS 2", "Ruhestellung", "Ruhelage"],
+)  # fmt: skip
+def test_a_place_whose_comment_says_home_is_none(comment, tmp_path: Path):
+    text = fanuc(f"J PR[1:{comment}] 100% FINE")
+    moved = move_program(tmp_path, "fanuc", "offset_pr.LS", offset=SHIFTED, text=text)
+    assert moved.report["findings"] == []
+
+
 @pytest.mark.parametrize(("offset", "findings"), [(SHIFTED, 0), ("0,0,0,0,0,20", 1)])
 def test_a_shift_from_where_the_robot_is_is_a_finding_where_its_axes_turn(offset, findings, tmp_path: Path):
     text = fanuc("PR[51]=LPOS", "PR[52,1]=R[100]", "J PR[51] 100% CNT100 Offset,PR[52]")

@@ -35,8 +35,12 @@ _WRITTEN_REMOTE = (
     "it is written with RX to RR, for a tool that stands in the cell; the listing does not say where"
 )
 _WORDS = (b"INC", b"COORD", b"RTCP", b"VR[", b"OFFSET", b"PR[", b"PAL_")
+_REST = (  # "home", "Home1", "HomePos", "GoHome", "Grundstellung" as words; not "SPARK", "PARKETT" or "HomeBin"
+    rb"(?<![a-z\x80-\xff])(?:(?:go|rob|robot)?(?:home|perch|park)|parken|parking|grund|ruhe)"
+    rb"(?:pos|posn|position|point|pkt|punkt|platz|st|stlg|stellung|lage)?(?![a-z\x80-\xff])"
+)
 _HOME = re.compile(  # the robot's own resting posture, which no work moves, where its comment says so
-    rb"\bJ[ \t]++PR\[ *+(\d{1,5}+) *+:[^\]\n]*?(?:home|perch|grund|park|ruhe)", re.IGNORECASE
+    rb"\bJ[ \t]++PR\[ *+(\d{1,5}+) *+:[^\]\n]*?" + _REST, re.IGNORECASE
 )
 _STRAIGHT = re.compile(rb"\b[LCAS][ \t]++PR\[ *+(\d{1,5}+)", re.IGNORECASE)
 _CARRY = "Carry it with `cellcal program registers`, or teach it there."
