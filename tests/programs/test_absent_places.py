@@ -62,6 +62,55 @@ def test_a_motion_to_a_place_of_the_controller_is_a_finding(brand, file, text, p
     assert "moves by 36.40 mm and turns by 0.00 deg" in found["text"]
 
 
+WORK = "\\WObj:=wobj0;"
+
+
+@pytest.mark.parametrize(
+    ("lines", "line"),
+    [
+        (("MoveC p10,", f"  pOther,v100,fine,tool0{WORK}"), 7),
+        (("MoveL", f"  pOther,v100,fine,tool0{WORK}"), 7),
+        ((f"MoveL p10,v100,fine,tool0{WORK} MoveL pOther,v100,fine,tool0{WORK}",), 6),
+        ((f"lbl: MoveL pOther,v100,fine,tool0{WORK}",), 6),
+        ((f"IF diTest=1 MoveL pOther,v100,fine,tool0{WORK}",), 6),
+        (("MoveL ! to pOther", f"pOther,v100,fine,tool0{WORK}"), 7),
+        (("! pOther (above the door)", f"MoveL pOther,v100,fine,tool0{WORK}"), 7),
+        (("! MoveL pOther", 'TPWrite "pOther (!)";', f"MoveL pOther,v100,fine,tool0{WORK}"), 8),
+        (("pCopy:=pOther;", f"MoveL Offs(Offs(pOther,0,0,1),0,0,1),v100,fine,tool0{WORK}"), 7),
+    ],
+)
+def test_a_rapid_motion_is_found_wherever_its_target_stands(lines, line, tmp_path: Path):
+    moved = move_program(tmp_path, "abb", "pdisp_rotated.mod", offset=SHIFTED, text=rapid(*lines))
+    found = [one for one in moved.report["findings"] if one["text"].startswith(STAYS.format("pOther"))]
+    assert [one["line"] for one in found] == [line]
+    assert moved.code == ExitCode.REFUSED
+
+
+@pytest.mark.parametrize("name", ["p\u00c4u\u00dfen", "P\u00c4"])
+def test_a_rapid_motion_to_a_name_with_umlauts_is_found(name, tmp_path: Path):
+    text = rapid(f"MoveL {name},v100,fine,tool0{WORK}")
+    moved = move_program(tmp_path, "abb", "pdisp_rotated.mod", offset=SHIFTED, text=text)
+    assert [
+        one for one in moved.report["findings"] if one["text"].lower().startswith(STAYS.format(name).lower())
+    ]
+
+
+@pytest.mark.parametrize(
+    "line", ["CIRC !, XELSE", "CIRC XELSE, XP1", "LIN XELSE ; XELSE(1)", " lin  xelse C_DIS"]
+)
+def test_a_krl_motion_is_found_wherever_its_target_stands(line, tmp_path: Path):
+    text = (CASES / "kuka" / "lin_rel_rotated.src").read_text().replace("LIN_REL {X 100}", line)
+    moved = move_program(tmp_path, "kuka", "lin_rel_rotated.src", offset=SHIFTED, text=text)
+    found = [one["text"].lower().split(",")[0] for one in moved.report["findings"]]
+    assert "the motion goes to xelse" in found
+
+
+def test_a_krl_name_that_gets_a_value_only_is_no_motion(tmp_path: Path):
+    text = (CASES / "kuka" / "lin_rel_rotated.src").read_text().replace("LIN_REL {X 100}", "IDX=MORE\nY=IDX")
+    moved = move_program(tmp_path, "kuka", "lin_rel_rotated.src", offset=SHIFTED, text=text)
+    assert not [one for one in moved.report["findings"] if "whose place no file here holds" in one["text"]]
+
+
 @pytest.mark.parametrize(
     ("brand", "file", "text"),
     [

@@ -14,6 +14,7 @@ from cellcal.calibration.geometry import Array, quaternion_from_rotation
 from cellcal.calibration.message import make_message
 from cellcal.drivers.abb.program_files.collected_positions import LEAST_ANGLE_DECIMALS
 from cellcal.drivers.abb.program_files.configuration import AbbConfigurations, numbers_of
+from cellcal.drivers.abb.program_files.instructions import MOVES
 from cellcal.drivers.abb.program_files.literals import AGGREGATES
 from cellcal.drivers.abb.program_files.rapid_module import read_module
 from cellcal.drivers.abb.program_files.unchecked_configurations import ignores_configurations
@@ -174,7 +175,7 @@ class AbbFile:
         frames = with_declared(
             self.frames, positions, external_uses.tools, external_uses.bases, own=self.declared
         )
-        places = absent_places(self.source, external_uses.absent)
+        places = absent_places(self.source, external_uses.absent, MOVES, comment="!", statement_end=";")
         positions = replace(positions, shifts=(*positions.shifts, *places))
         return replace(self, positions=positions, frames=frames, remarks=(*self.remarks, *remarks))
 

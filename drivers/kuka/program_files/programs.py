@@ -197,7 +197,7 @@ class KukaFile:
             for name, moves in external_uses.absent.items()
             if not _is_data_list(self.source.name) and not _HOME.match(name)
         }
-        places = absent_places(self.source, absent, "|".join(sorted(MOVE)))
+        places = absent_places(self.source, absent, MOVE, comment=";", statement_end="\n")
         positions = replace(positions, shifts=(*positions.shifts, *places))
         return replace(self, positions=positions, frames=frames, remarks=(*self.remarks, *remarks))
 
