@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from cellcal.drivers.abb.program_files.programs import BRAND
+from cellcal.drivers.abb.program_files.unchecked_configurations import ignores_configurations
 from cellcal.drivers.programs.cross_file_uses import BatchDeclarations
 from cellcal.drivers.programs.positions import CARTESIAN, UNREAD
 from cellcal.service.cli.app import run_command_line
@@ -214,3 +215,49 @@ def test_configurations_that_are_switched_off_do_not_count(before, posture, stat
     assert [one["status"] for one in program["points"]] == statuses
     if statuses[0] == "changed":
         assert "[410.000,20,500],[0,0,1,0],[-3,0,0,0]" in (tmp_path / "out" / "M.mod").read_text()
+
+
+def routine(name, *lines):
+    return "\n".join((f"PROC {name}()", *lines, "ENDPROC", ""))
+
+
+OFF = ("ConfL\\Off;", "ConfJ\\Off;")
+MOVE = "MoveL p1,v100,fine,tool0;"
+PICK = routine("rPick", "MoveJ p9,v100,fine,tool0;")
+
+
+@pytest.mark.parametrize(
+    ("routines", "ignored"),
+    [
+        (routine("main", *OFF, MOVE), True),
+        (routine("main", "nCount:=0;", *OFF, "rPick;", MOVE) + PICK, True),
+        (routine("main", "rInit;", *OFF, MOVE) + routine("rInit", "nCount:=0;"), True),
+        (routine("main", "IF diTest=1 THEN", "nCount:=1;", "ENDIF", *OFF, MOVE), True),
+        (routine("main", "IF diTest=1 nCount:=1;", "ConfL\\Off; ConfJ \\Off;", MOVE), True),
+        (routine("main", "! rPick;", 'TPWrite "MoveL rPick; ENDPROC";', *OFF, MOVE) + PICK, True),
+        (routine("main", "rPick;") + routine("rPick", *OFF, MOVE), True),
+        (routine("main", "IF diTest=1 THEN", *OFF, "ENDIF", MOVE), False),
+        (routine("main", "IF diTest=1 THEN", "ELSE", *OFF, "ENDIF", MOVE), False),
+        (routine("main", "IF diTest=1 ConfL\\Off;", "ConfJ\\Off;", MOVE), False),
+        (routine("main", "IF diTest=1", "ConfL\\Off;", "ConfJ\\Off;", MOVE), False),
+        (routine("main", "TEST n", "CASE 1:", *OFF, "ENDTEST", MOVE), False),
+        (routine("main", "FOR i FROM 1 TO n DO", *OFF, "ENDFOR", MOVE), False),
+        (routine("main", "WHILE n>0 DO", *OFF, "ENDWHILE", MOVE), False),
+        (routine("main", "GOTO over;", *OFF, "over:", MOVE), False),
+        (routine("main", MOVE, "ERROR", *OFF, "RETRY;"), False),
+        (routine("main", "rPick;", *OFF, MOVE) + PICK, False),
+        (routine("main", "IF diTest=1 rPick;", *OFF, MOVE) + PICK, False),
+        (routine("main", "rAll;", *OFF, MOVE) + routine("rAll", "RPICK;") + PICK, False),
+        (routine("main", "%stName%;", *OFF, MOVE) + PICK, False),
+        (routine("main", "CallByVar stName,1;", *OFF, MOVE) + PICK, False),
+        (routine("main", MOVE, *OFF, MOVE), False),
+        (routine("main", "lbl: " + MOVE, *OFF, MOVE), False),
+        (routine("main", "IF diTest=1 " + MOVE, *OFF, MOVE), False),
+        (routine("main", *OFF, MOVE, "IF diTest=1 ConfL\\On;", MOVE), False),
+        (routine("main", *OFF, MOVE, "ConfL;", MOVE), False),
+        (routine("rOne", *OFF, MOVE) + PICK.replace("PROC", "TRAP"), False),
+        (routine("main", *OFF), False),
+    ],
+)
+def test_configurations_count_unless_the_checks_are_surely_off_before_every_move(routines, ignored):
+    assert ignores_configurations(f"MODULE M\n{routines}ENDMODULE\n") is ignored
