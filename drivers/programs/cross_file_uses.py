@@ -6,7 +6,7 @@ together (`Across`) tell of each file how the others use its positions.
 
 from collections import defaultdict
 from collections.abc import Mapping, Sequence, Set
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import PurePath
 from typing import NamedTuple, Protocol, TypeAlias
@@ -14,9 +14,7 @@ from typing import NamedTuple, Protocol, TypeAlias
 from cellcal.calibration.message import make_message
 from cellcal.drivers.programs.barred import MOVED_FRAMES, SEEN_FROM_FLANGE
 from cellcal.drivers.programs.call_graph import Marks, reached_settings
-from cellcal.drivers.programs.conditions import ConditionalBar, ProjectNeed
 from cellcal.drivers.programs.declared_poses import DeclaredPoses, Poses
-from cellcal.drivers.programs.positions import CARTESIAN, Positions, Remark
 
 Routine: TypeAlias = tuple[str, str]  # its file and name
 # By its name here: the module that declares a position, and its name there.
@@ -24,17 +22,10 @@ Imports: TypeAlias = Mapping[str, tuple[str, str]]
 COPIED = "the program copies it, and only the copy is moved to"
 _MANY_USES = 64
 _LIFTED = MOVED_FRAMES | {SEEN_FROM_FLANGE}  # what a project may lift; any other reason goes before
-_DIFFERENT = "it is used with different tools or frames, in {}"
-_OTHERWISE = "it was taught with another tool or frame than {} moves there with"
-_COPY_OTHERWISE = "it was taught in another frame than {} sets where it moves to a copy of it"
 _CALLED = "{} in {}, which its program calls, sets another tool or frame"
 _CALLER = "{} in {} sets the tool or frame before its program is called, or may"
 _UNGIVEN = "{} in {} calls a program that was not given, which may set another tool or frame"
 _NOT_GIVEN = "~"  # what a program sets that was not given; behind all numbers and names
-_UNUSED = "{} and {} more may be used by programs that were not given, with another tool or frame than is taken here."
-_UNUSED_ALONE = (
-    "{} may be used by a program that was not given, with another tool or frame than is taken here."
-)
 
 
 class MoveFrames(NamedTuple):
@@ -107,7 +98,7 @@ class ExternalUses:
 
     def doubt_reason(self, tool: str | None, frame: str | None) -> str:
         """Return why nothing is carried in a tool or frame, or ""."""
-        return self.doubtful.get(_lower_name(tool), "") or self.doubtful.get(_lower_name(frame), "")
+        return self.doubtful.get(lower_name(tool), "") or self.doubtful.get(lower_name(frame), "")
 
     def uses_of_name(self, name: str) -> Sequence[tuple[MoveFrames, str]]:
         """Return the uses of a declared name, those of its whole array with those of an element."""
@@ -210,10 +201,10 @@ class BatchDeclarations:
             if why:
                 decisive = (move_frames._replace(why=why), file)
                 if why != COPIED or len(whys) < _MANY_USES:
-                    whys.setdefault(_lower_name(move_frames.frame) if why == COPIED else None, decisive)
+                    whys.setdefault(lower_name(move_frames.frame) if why == COPIED else None, decisive)
             elif len(frames) < _MANY_USES:
                 frames.setdefault(
-                    (_lower_name(move_frames.tool), _lower_name(move_frames.frame)), (move_frames, file)
+                    (lower_name(move_frames.tool), lower_name(move_frames.frame)), (move_frames, file)
                 )
         return [*whys.values(), *frames.values()]
 
@@ -330,113 +321,8 @@ class BatchDeclarations:
 _Around: TypeAlias = tuple[list[Marks], list[Marks]]  # by routine: of those it calls, and around it
 
 
-def settle_positions(
-    positions: Positions,
-    external_uses: ExternalUses,
-    keys: Sequence[str],
-    *,
-    used: Set[int],
-    taught: Set[int],
-    routines: Mapping[int, str],
-) -> tuple[Positions, tuple[Remark, ...]]:
-    """Return a file's positions with what other files say of them, and what must be told of the others.
-
-    ``keys`` names every row as other files do; rows ``used`` are moved to in this file, in ``routines`` where their
-    tool or frame depends on it; rows ``taught`` hold their own tool and frame.
-    """
-    tools, frames, barred = list(positions.tools), list(positions.user_frames), dict(positions.barred)
-    conditions = dict(positions.conditions)
-    unused: list[int] = []
-    for row, kind in enumerate(positions.kinds):
-        if kind != CARTESIAN or row in barred:
-            continue
-        uses = external_uses.uses_of_name(keys[row])
-        why = ""
-        if row in taught:
-            why = _taught_otherwise(MoveFrames(tools[row], frames[row]), uses, external_uses)
-        elif uses:
-            own = [(MoveFrames(tools[row], frames[row], routine=routines.get(row, "")), external_uses.file)]
-            tools[row], frames[row], why = _agree_uses([*(own if row in used else ()), *uses], external_uses)
-        elif row in used:
-            why = external_uses.reached(external_uses.file, routines.get(row, ""))
-        elif array_name_of(keys[row]) in external_uses.visible:
-            unused.append(row)
-        why = why or external_uses.doubt_reason(tools[row], frames[row])
-        _settle_reason(positions, row, why, (barred, conditions))
-    remarks = _unused_remarks(positions, unused)
-    settled = replace(
-        positions, tools=tuple(tools), user_frames=tuple(frames), barred=barred, conditions=conditions
-    )
-    return settled, remarks
-
-
-def _settle_reason(
-    positions: Positions, row: int, why: str, found: tuple[dict[int, str], dict[int, ConditionalBar]]
-) -> None:
-    barred, conditions = found
-    if why in MOVED_FRAMES:
-        conditions[row] = ConditionalBar.for_need(ProjectNeed.MOVED_FRAME, why)
-    elif why and not (why == SEEN_FROM_FLANGE and row in positions.held_work):
-        barred[row] = why
-
-
-def _unused_remarks(positions: Positions, unused: Sequence[int]) -> tuple[Remark, ...]:
-    if not unused:
-        return ()
-    first = positions.names[unused[0]]
-    text = (
-        make_message(_UNUSED, first, len(unused) - 1)
-        if len(unused) > 1
-        else make_message(_UNUSED_ALONE, first)
-    )
-    return (Remark(int(positions.lines[unused[0]]), "indirect", text),)
-
-
-def _taught_otherwise(
-    taught: MoveFrames, uses: Sequence[tuple[MoveFrames, str]], external_uses: ExternalUses
-) -> str:
-    """Return why a position is left that holds a tool and frame, and is moved to with others; or ""."""
-    copied = [(move_frames, file) for move_frames, file in uses if move_frames.why == COPIED]
-    uses = [(move_frames, file) for move_frames, file in uses if move_frames.why != COPIED]
-    tool, frame, why = _agree_uses(uses, external_uses) if uses else (None, None, "")
-    if why:
-        return why
-    if (tool or taught.tool, frame or taught.frame) != (taught.tool, taught.frame):
-        return make_message(_OTHERWISE, PurePath(uses[0][1]).name)
-    others = (
-        file
-        for move_frames, file in copied
-        if move_frames.frame and _lower_name(move_frames.frame) != _lower_name(taught.frame)
-    )
-    other = next(others, None)
-    return "" if other is None else make_message(_COPY_OTHERWISE, PurePath(other).name)
-
-
-def _agree_uses(
-    uses: Sequence[tuple[MoveFrames, str]], external_uses: ExternalUses
-) -> tuple[str | None, str | None, str]:
-    """Return the tool and frame that all uses of a position agree on, or why they do not."""
-    some = [(move_frames, file) for move_frames, file in uses if move_frames.why != COPIED]
-    if not some:
-        return None, None, COPIED
-    whys = [
-        external_uses.reached(file, move_frames.routine)
-        if not move_frames.why or move_frames.why in MOVED_FRAMES
-        else move_frames.why
-        for move_frames, file in some
-    ]
-    why = next(filter(None, whys), "")
-    if len({(_lower_name(move_frames.tool), _lower_name(move_frames.frame)) for move_frames, _ in some}) > 1:
-        files = sorted({PurePath(file).name for _, file in some if file})
-        why = why or make_message(
-            _DIFFERENT, ", ".join(files[:3]) + (" and others" if len(files) > 3 else "")
-        )
-    move_frames = some[0][0]
-    moved = next((each.why for each, _ in some if each.why in MOVED_FRAMES), "")
-    return (None, None, why) if why else (move_frames.tool, move_frames.frame, moved)
-
-
-def _lower_name(name: str | None) -> str:
+def lower_name(name: str | None) -> str:
+    """Return a tool's or a frame's name in small letters; "" for none."""
     return "" if name is None else name.lower()
 
 
