@@ -1,11 +1,15 @@
 """Work that must reach its end although its caller is cancelled, a stop above all; and work that must end."""
 
 import asyncio
-from collections.abc import Coroutine
-from typing import Any
+import contextvars
+from collections.abc import Callable, Coroutine
+from functools import partial
+from typing import Any, TypeVar
+
+_Result = TypeVar("_Result")
 
 
-async def run_to_end(work: Coroutine[Any, Any, None]) -> None:
+async def run_to_end(work: Coroutine[Any, Any, _Result] | asyncio.Future[_Result]) -> _Result:
     """Run ``work``, which ends by its own deadline, to its end even when we are cancelled; then re-raise."""
     task = asyncio.ensure_future(work)
     cancelled: asyncio.CancelledError | None = None
@@ -16,7 +20,17 @@ async def run_to_end(work: Coroutine[Any, Any, None]) -> None:
             cancelled = error
     if cancelled is not None:
         raise cancelled from task.exception()
-    task.result()
+    return task.result()
+
+
+async def run_in_thread_to_end(function: Callable[..., _Result], *arguments: Any) -> _Result:
+    """Run a function in a thread and return only when the thread is done with it, also when we are cancelled.
+
+    A cancelled ``asyncio.to_thread`` leaves its thread at work: a file is then written after its writer has ended.
+    The thread's future is awaited itself and not through a task, which the end of the loop would cancel.
+    """
+    call = partial(contextvars.copy_context().run, function, *arguments)
+    return await run_to_end(asyncio.get_running_loop().run_in_executor(None, call))
 
 
 async def cancel_until_done(*tasks: asyncio.Future[Any], every_s: float) -> None:

@@ -48,6 +48,7 @@ WHOLE = (
     "drivers/universal_robots",
     "drivers/wire/can_session.py",
     "drivers/wire/deadline.py",
+    "drivers/wire/folder_store.py",
     "drivers/yaskawa",
     "calibration/identification/identifiability.py",
     "calibration/identification/misfit.py",

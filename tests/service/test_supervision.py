@@ -88,6 +88,7 @@ SHORT_LIVED = {
     ("drivers/wire/process.py", "_spawn_child"): "a device's process: its end is told to every caller",
     ("drivers/wire/modbus.py", "_first_result"): "one request, awaited",
     ("drivers/wire/cancellation.py", "run_to_end"): "one stop, awaited",
+    ("drivers/wire/cancellation.py", "run_in_thread_to_end"): "one call, awaited",
     ("service/engineering/controller_files/nightly_watch.py", "watch_controllers"): "threads of one command",
     ("procedures/robot_stop.py", "finish_cleanup"): "one clean-up, awaited",
     ("service/export/webhook_target.py", "deliver_event"): "cuts one delivery off, and is cancelled with it",

@@ -20,6 +20,7 @@ from cellcal.drivers.fanuc.controller_files.ftp_source import (
     ReadOnlyFtp,
 )
 from cellcal.drivers.fanuc.controller_files.program_digests import is_program_name, statements_of
+from cellcal.drivers.wire.cancellation import run_in_thread_to_end
 
 _NOT_THERE = "550"
 
@@ -38,6 +39,10 @@ class _WritingSource(FtpSource):
         """List anew before the next reading."""
         self._names = None
 
+    def hang_up(self) -> None:
+        """Close the connection without a word."""
+        self._ftp.close()
+
     def store(self, name: str, content: bytes) -> None:
         """Write a file."""
         with self._named_failures(f"writing {name}"):
@@ -54,7 +59,10 @@ class _WritingSource(FtpSource):
 
 
 class FtpProgramStore:
-    """The programs of MD:."""
+    """The programs of MD:.
+
+    A call that is cancelled ends when the controller has answered it: no command is sent while another runs.
+    """
 
     tells_running = False
 
@@ -62,33 +70,37 @@ class FtpProgramStore:
         self._source = _WritingSource(address, login)
 
     async def __aenter__(self) -> Self:
-        await asyncio.to_thread(self._source.__enter__)
+        try:
+            await run_in_thread_to_end(self._source.__enter__)
+        except asyncio.CancelledError:
+            self._source.hang_up()
+            raise
         return self
 
     async def __aexit__(self, *exc: object) -> None:
-        await asyncio.to_thread(self._source.__exit__, *exc)
+        await run_in_thread_to_end(self._source.__exit__, *exc)
 
     @property
     def device(self) -> str:
         return self._source.device
 
     async def list_names(self) -> tuple[str, ...]:
-        names = await asyncio.to_thread(self._source.list_names)
+        names = await run_in_thread_to_end(self._source.list_names)
         return tuple(name for name in names if is_program_name(name))
 
     async def read_file(self, name: str) -> bytes | None:
         self._source.forget_names()
-        return await asyncio.to_thread(self._source.read_file, name)
+        return await run_in_thread_to_end(self._source.read_file, name)
 
     async def write_file(self, name: str, content: bytes) -> None:
         if statements_of(content) is None:
             raise RefusedError(
                 self.device, make_message("{name} is no whole listing of a program.", name=name)
             )
-        await asyncio.to_thread(self._source.store, name, content)
+        await run_in_thread_to_end(self._source.store, name, content)
 
     async def delete_file(self, name: str) -> None:
-        await asyncio.to_thread(self._source.delete, name)
+        await run_in_thread_to_end(self._source.delete, name)
 
     async def refuse_while_running(self) -> None:
         """Do nothing: the FTP server does not say what the robot does."""

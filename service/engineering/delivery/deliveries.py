@@ -173,7 +173,7 @@ async def _put_back_quietly(open_store: OpenStore, stored: StoredDelivery) -> No
 
 async def _failed(open_store: OpenStore, stored: StoredDelivery, failure: CellError) -> DeliveryFailedError:
     try:
-        put_back = await _put_back(open_store, stored)
+        put_back = await run_to_end(_put_back(open_store, stored))
     except CellError as error:
         return DeliveryFailedError(
             make_message(

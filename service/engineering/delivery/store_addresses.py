@@ -15,7 +15,7 @@ from cellcal.drivers.fanuc.controller_files.controller_address import parse_addr
 from cellcal.drivers.fanuc.controller_files.ftp_source import FtpLogin
 from cellcal.drivers.fanuc.controller_files.ftp_store import FtpProgramStore
 from cellcal.drivers.interfaces.program_store import ProgramStore
-from cellcal.drivers.programs.folder_store import FolderStore
+from cellcal.drivers.wire.folder_store import FolderStore
 from cellcal.drivers.yaskawa.hses_frames import ROBOT_PORT
 from cellcal.drivers.yaskawa.job_store import YaskawaJobStore
 

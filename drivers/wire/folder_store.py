@@ -1,6 +1,5 @@
 """Programs in a folder of this computer, such as a controller's share that is mounted."""
 
-import asyncio
 import os
 import tempfile
 from pathlib import Path
@@ -9,12 +8,16 @@ from cellcal.calibration.documents import DocumentError
 from cellcal.calibration.documents.plain_files import read_plain_bytes
 from cellcal.calibration.message import make_message
 from cellcal.drivers.errors import RefusedError, UnreachableError
+from cellcal.drivers.wire.cancellation import run_in_thread_to_end
 
 _CHECK = "Check that the folder is mounted and that its files may be read and written."
 
 
 class FolderStore:
-    """Files of a folder; a file is replaced in one step, so that a crash leaves the old one or the new one."""
+    """Files of a folder; a file is replaced in one step, so that a crash leaves the old one or the new one.
+
+    A call that is cancelled ends when its file is written or read: nothing is written after it.
+    """
 
     tells_running = False
 
@@ -26,16 +29,16 @@ class FolderStore:
         return str(self._folder)
 
     async def list_names(self) -> tuple[str, ...]:
-        return await asyncio.to_thread(self._list_names)
+        return await run_in_thread_to_end(self._list_names)
 
     async def read_file(self, name: str) -> bytes | None:
-        return await asyncio.to_thread(self._read_file, name)
+        return await run_in_thread_to_end(self._read_file, name)
 
     async def write_file(self, name: str, content: bytes) -> None:
-        await asyncio.to_thread(self._write_file, name, content)
+        await run_in_thread_to_end(self._write_file, name, content)
 
     async def delete_file(self, name: str) -> None:
-        await asyncio.to_thread(self._delete_file, name)
+        await run_in_thread_to_end(self._delete_file, name)
 
     async def refuse_while_running(self) -> None:
         """Do nothing: a folder does not say what its robot does."""
