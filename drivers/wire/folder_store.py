@@ -16,6 +16,7 @@ _CHECK = "Check that the folder is mounted and that its files may be read and wr
 class FolderStore:
     """Files of a folder; a file is replaced in one step, so that a crash leaves the old one or the new one.
 
+    Names count in any case of letters, as on the share of a controller with Windows; a replaced file keeps its name.
     A call that is cancelled ends when its file is written or read: nothing is written after it.
     """
 
@@ -54,11 +55,9 @@ class FolderStore:
         return tuple(sorted(name for name in entries if not name.startswith(".")))
 
     def _read_file(self, name: str) -> bytes | None:
-        path = self._folder / name
         try:
-            if name not in {entry.name for entry in self._folder.iterdir()}:
-                return None
-            return read_plain_bytes(path)
+            found = self._find_name(name)
+            return None if found is None else read_plain_bytes(self._folder / found)
         except OSError as error:
             raise self._unreachable(error) from error
         except DocumentError as error:  # too large for a program, a pipe or a device
@@ -66,6 +65,7 @@ class FolderStore:
 
     def _write_file(self, name: str, content: bytes) -> None:
         try:
+            target = self._folder / (self._find_name(name) or name)
             descriptor, draft = tempfile.mkstemp(dir=self._folder, prefix=".cellcal")
             try:
                 with os.fdopen(descriptor, "wb") as file:
@@ -73,7 +73,7 @@ class FolderStore:
                     file.flush()
                     os.fsync(file.fileno())
                 Path(draft).chmod(0o644)
-                Path(draft).replace(self._folder / name)
+                Path(draft).replace(target)
             finally:
                 Path(draft).unlink(missing_ok=True)
         except OSError as error:
@@ -81,9 +81,24 @@ class FolderStore:
 
     def _delete_file(self, name: str) -> None:
         try:
-            (self._folder / name).unlink(missing_ok=True)
+            found = self._find_name(name)
+            if found is not None:
+                (self._folder / found).unlink(missing_ok=True)
         except OSError as error:
             raise self._unreachable(error) from error
+
+    def _find_name(self, name: str) -> str | None:
+        """Return the name under which the folder holds a program, in whatever case of letters; None without one."""
+        found = sorted(entry.name for entry in self._folder.iterdir() if entry.name.lower() == name.lower())
+        if len(found) > 1:
+            raise RefusedError(
+                self.device,
+                make_message(
+                    "{one} and {other} are one program to a controller.", one=found[0], other=found[1]
+                ),
+                remedy="Delete or rename the one that is not used, then try again.",
+            )
+        return found[0] if found else None
 
     def _unreachable(self, error: OSError) -> UnreachableError:
         return UnreachableError(

@@ -346,6 +346,46 @@ async def test_a_mounted_share_is_written_in_one_step(tmp_path: Path) -> None:
     assert (share / "main.src").read_bytes() == b"DEF main()\nEND\n"
 
 
+async def test_a_program_is_replaced_whatever_the_case_of_its_name(tmp_path: Path) -> None:
+    share = tmp_path / "share"
+    share.mkdir()
+    (share / "A.SRC").write_bytes(b"OLD")
+    open_store = store_at(str(share), LOGIN)
+    stored = await deliver_programs(open_store, {"a.src": b"NEW"}, tmp_path / "copies", STANDS, "share")
+    assert stored.old_content(stored.delivery.files[0]) == b"OLD"
+    assert {entry.name: entry.read_bytes() for entry in share.iterdir()} == {"A.SRC": b"NEW"}
+    await restore_programs(open_store, stored, STANDS)
+    assert {entry.name: entry.read_bytes() for entry in share.iterdir()} == {"A.SRC": b"OLD"}
+
+
+async def test_two_names_that_differ_in_case_only_are_refused(tmp_path: Path) -> None:
+    share, old = tmp_path / "share", {"A.SRC": b"OLD", "a.src": b"OLDER"}
+    share.mkdir()
+    for name, content in old.items():
+        (share / name).write_bytes(content)
+    with pytest.raises(RefusedError, match=r"A\.SRC and a\.src are one program"):
+        await deliver_programs(
+            store_at(str(share), LOGIN), {"a.src": b"NEW"}, tmp_path / "copies", STANDS, "share"
+        )
+    assert {entry.name: entry.read_bytes() for entry in share.iterdir()} == old
+    assert not (tmp_path / "copies").exists()
+
+
+async def test_a_listing_is_replaced_whatever_the_case_of_its_name(tmp_path: Path) -> None:
+    folder = tmp_path / "md"
+    folder.mkdir()
+    (folder / "weld.ls").write_bytes(LISTING % 1)
+    with writable_ftp(folder) as server:
+        open_store = fanuc_store(server.port)
+        stored = await deliver_programs(
+            open_store, {"WELD.LS": LISTING % 2}, tmp_path / "copies", STANDS, "fanuc"
+        )
+        assert [entry.name for entry in folder.iterdir()] == ["weld.ls"]
+        assert b"R[1]=2" in (folder / "weld.ls").read_bytes()
+        await restore_programs(open_store, stored, STANDS)
+    assert b"R[1]=1" in (folder / "weld.ls").read_bytes()
+
+
 @pytest.mark.parametrize("name", ["../x.mod", "a/b.mod", "", "x", "a\nb.mod", "x" * 90 + ".mod", "ä.mod"])
 async def test_a_name_that_is_none_reaches_no_controller(tmp_path: Path, name: str) -> None:
     with pytest.raises(CellError, match="no name"):

@@ -44,12 +44,14 @@ class _WritingSource(FtpSource):
         self._ftp.close()
 
     def store(self, name: str, content: bytes) -> None:
-        """Write a file."""
+        """Write a file, under the name that is there where only the case of letters differs."""
+        name = self._index_names().get(name.lower(), name)
         with self._named_failures(f"writing {name}"):
             self._ftp.storbinary(f"STOR {name}", io.BytesIO(content))
 
     def delete(self, name: str) -> None:
-        """Delete a file."""
+        """Delete a file; its name counts in any case of letters."""
+        name = self._index_names().get(name.lower(), name)
         with self._named_failures(f"deleting {name}"):
             try:
                 self._ftp.delete(name)

@@ -83,16 +83,18 @@ async def fetch_programs(store: ProgramStore, folder: Path) -> dict[str, bytes]:
 
 async def compare_programs(store: ProgramStore, here: Mapping[str, bytes]) -> tuple[ComparedProgram, ...]:
     """Compare by content; names count in any case of letters, as controllers take them."""
-    there = {name.lower(): name for name in await store.list_names()}
+    names = await store.list_names()
+    there = {name.lower(): name for name in names}
     found = []
     for name, content in here.items():
         if name.lower() not in there:
             found.append(ComparedProgram(name, Difference.ONLY_HERE))
             continue
-        other = await store.read_file(there.pop(name.lower()))
+        other = await store.read_file(there[name.lower()])
         same = other is not None and (other == content or store.is_same(content, other))
         found.append(ComparedProgram(name, Difference.SAME if same else Difference.DIFFERS))
-    found += [ComparedProgram(name, Difference.ONLY_THERE) for name in there.values()]
+    given = {name.lower() for name in here}
+    found += [ComparedProgram(name, Difference.ONLY_THERE) for name in names if name.lower() not in given]
     return tuple(sorted(found, key=lambda each: each.name.lower()))
 
 
