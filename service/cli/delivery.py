@@ -172,22 +172,40 @@ def deliver(
 
 
 def restore(
-    delivery: Path, /, *, approval: ApprovalOptions, login: LoginOptions = _USUAL, as_json: Json = False
+    delivery: Path,
+    /,
+    *,
+    approval: ApprovalOptions,
+    changed_too: Annotated[bool, Parameter(name="--changed-too", negative=())] = False,
+    login: LoginOptions = _USUAL,
+    as_json: Json = False,
 ) -> int:
     """Put back the programs that a delivery replaced; a program that it added is deleted.
+
+    What is on the controller is copied first; `restore` with the folder that is printed brings it there again.
 
     Parameters
     ----------
     delivery
         The folder that `deliver` printed.
+    changed_too
+        Replace programs, too, that were changed on the controller since the delivery.
     """
+    from cellcal.service.cli.printing import STDERR_CONSOLE
     from cellcal.service.engineering.delivery.deliveries import restore_programs
     from cellcal.service.engineering.delivery.store_addresses import store_at
     from cellcal.service.engineering.delivery.stored_copies import read_delivery
 
     stored = read_delivery(delivery)
     open_store = store_at(stored.delivery.address, _login(login))
-    _print_delivery(asyncio.run(restore_programs(open_store, stored, _approval(approval))), as_json=as_json)
+    restored = asyncio.run(restore_programs(open_store, stored, _approval(approval), changed_too=changed_too))
+    _print_delivery(restored.put_back, as_json=as_json)
+    if restored.replaced is not None:
+        STDERR_CONSOLE.print(
+            f"What was replaced now: cellcal program restore {restored.replaced.folder}",
+            markup=False,
+            soft_wrap=True,
+        )
     return 0
 
 
@@ -198,7 +216,7 @@ def _print_delivery(stored: "StoredDelivery", *, as_json: bool) -> None:
         "program", "before", "delivered", title=f"{stored.delivery.address}: {stored.delivery.state}"
     )
     for file in stored.delivery.files:
-        table.add_row(file.name, (file.old_sha256 or "-")[:12], file.new_sha256[:12])
+        table.add_row(file.name, (file.old_sha256 or "-")[:12], (file.new_sha256 or "-")[:12])
     STDERR_CONSOLE.print(table)
     if as_json:
         print_json({"folder": str(stored.folder), **stored.delivery.model_dump(mode="json")})

@@ -86,7 +86,7 @@ async def test_programs_are_delivered_and_put_back_by_one_call(abb: AbbFiles, tm
     read = read_delivery(stored.folder)
     assert read.delivery.approved_by == "Eva"
     assert {file.name: read.old_content(file) for file in read.delivery.files} == {**OLD, "added.mod": None}
-    assert (await restore_programs(open_store, read, EVA)).delivery.state is DeliveryState.PUT_BACK
+    assert (await restore_programs(open_store, read, EVA)).put_back.delivery.state is DeliveryState.PUT_BACK
     assert await abb.files() == OLD
 
 

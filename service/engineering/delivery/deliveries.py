@@ -111,14 +111,77 @@ async def deliver_programs(
         raise await _failed(open_store, stored, failure) from failure
 
 
+@dataclass(frozen=True, slots=True)
+class RestoredPrograms:
+    """A delivery that was taken back; ``replaced`` holds what the restoring replaced, None where nothing was."""
+
+    put_back: StoredDelivery
+    replaced: StoredDelivery | None
+
+
 async def restore_programs(
-    open_store: OpenStore, stored: StoredDelivery, approval: Approval
-) -> StoredDelivery:
-    """Put back what was there before a delivery; errors as for ``deliver_programs``."""
+    open_store: OpenStore, stored: StoredDelivery, approval: Approval, *, changed_too: bool = False
+) -> RestoredPrograms:
+    """Put back what was there before a delivery; what is there now is copied first, as a delivery beside this one.
+
+    ``changed_too`` also replaces programs that are neither the old nor the delivered ones.
+
+    Raises
+    ------
+    DeliveryRefusedError
+        A program was changed since the delivery, or nothing tells whether one runs; nothing was written.
+    DeviceError, DeliveryError
+        As for ``deliver_programs``.
+    """
+    old = {file.name: stored.old_content(file) for file in stored.delivery.files}
     async with open_store() as store:
         _require_standing(store, approval)
         await store.refuse_while_running()
-    return await _put_back(open_store, stored)
+        found = {name: await store.read_file(name) for name in old}
+        changed = [] if changed_too else _changed_since(store, stored, found)
+        left = {name for name in old if _is_same_program(store, old[name], found[name])}
+    if changed:
+        raise DeliveryRefusedError(
+            make_message(
+                "{names}: changed on the controller since this delivery, or after it was put back.",
+                names=", ".join(changed),
+            ),
+            remedy="Compare and fetch them first. To replace them all the same, after a copy, add --changed-too.",
+        )
+    if len(left) == len(old):
+        return RestoredPrograms(stored.with_state(DeliveryState.PUT_BACK), None)
+    replaced = store_copies(stored.folder.parent, stored.delivery.address, approval.approved_by, found, old)
+    return await run_to_end(_put_back_after_copy(open_store, stored, replaced))
+
+
+async def _put_back_after_copy(
+    open_store: OpenStore, stored: StoredDelivery, replaced: StoredDelivery
+) -> RestoredPrograms:
+    try:
+        put_back = await _put_back(open_store, stored)
+    except CellError:
+        replaced.with_state(DeliveryState.UNKNOWN)
+        raise
+    return RestoredPrograms(put_back, replaced.with_state(DeliveryState.DELIVERED))
+
+
+def _changed_since(
+    store: ProgramStore, stored: StoredDelivery, found: Mapping[str, bytes | None]
+) -> list[str]:
+    """Return the programs that are neither the old nor the delivered ones, or no old ones once they were put back."""
+    was_put_back = stored.delivery.state is DeliveryState.PUT_BACK
+    return [
+        file.name
+        for file in stored.delivery.files
+        if not _is_same_program(store, stored.old_content(file), found[file.name])
+        and (was_put_back or not _is_same_program(store, stored.new_content(file), found[file.name]))
+    ]
+
+
+def _is_same_program(store: ProgramStore, sent: bytes | None, found: bytes | None) -> bool:
+    if sent is None or found is None:
+        return sent is found
+    return sent == found or store.is_same(sent, found)
 
 
 async def _write_compared(store: ProgramStore, name: str, content: bytes) -> None:

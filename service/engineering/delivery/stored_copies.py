@@ -43,13 +43,13 @@ class DeliveryState(StrEnum):
 
 
 class DeliveredFile(BaseModel):
-    """One program: checksums of what was there and of what was sent; None where there was none."""
+    """One program: checksums of what was there and of what was sent; None: there was none, or it was deleted."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     name: str
     old_sha256: str | None
-    new_sha256: str
+    new_sha256: str | None
 
 
 class Delivery(BaseModel):
@@ -89,6 +89,12 @@ class StoredDelivery:
             return None
         return _read_copy(self.folder / _OLD / file.name, file.old_sha256)
 
+    def new_content(self, file: DeliveredFile) -> bytes | None:
+        """Return the copy of what was sent; None where the program was deleted; errors as for `old_content`."""
+        if file.new_sha256 is None:
+            return None
+        return _read_copy(self.folder / _NEW / file.name, file.new_sha256)
+
     def with_state(self, state: DeliveryState) -> "StoredDelivery":
         """Write the document with another state."""
         changed = self.delivery.model_copy(update={"state": state})
@@ -106,9 +112,9 @@ def store_copies(
     address: str,
     approved_by: str,
     old: Mapping[str, bytes | None],
-    new: Mapping[str, bytes],
+    new: Mapping[str, bytes | None],
 ) -> StoredDelivery:
-    """Keep what is there and what will be sent, and read both back.
+    """Keep what is there and what will be sent (None: will be deleted), and read both back.
 
     Raises
     ------
@@ -128,9 +134,11 @@ def store_copies(
             before = old[name]
             if before is not None:
                 replace_file(folder / _OLD / name, before)
-            replace_file(folder / _NEW / name, content)
+            if content is not None:
+                replace_file(folder / _NEW / name, content)
             old_sha256 = None if before is None else sha256_of(before)
-            files.append(DeliveredFile(name=name, old_sha256=old_sha256, new_sha256=sha256_of(content)))
+            new_sha256 = None if content is None else sha256_of(content)
+            files.append(DeliveredFile(name=name, old_sha256=old_sha256, new_sha256=new_sha256))
     except OSError as error:
         raise _unwritable(copies, error) from error
     delivery = Delivery(
@@ -143,7 +151,7 @@ def store_copies(
     stored = StoredDelivery(folder, delivery)
     for file in files:
         stored.old_content(file)
-        _read_copy(folder / _NEW / file.name, file.new_sha256)
+        stored.new_content(file)
     _write_document(folder, delivery)
     return stored
 
