@@ -12,6 +12,8 @@ from cellcal.drivers.wire.cancellation import run_in_thread_to_end
 
 _CHECK = "Check that the folder is mounted and that its files may be read and written."
 
+_DEEPEST, _MOST_FOLDERS, _NAMED_FOLDERS = 4, 200, 6  # levels and folders of one that are looked into; shown
+
 
 class FolderStore:
     """Files of a folder; a file is replaced in one step, so that a crash leaves the old one or the new one.
@@ -32,6 +34,10 @@ class FolderStore:
     async def list_names(self) -> tuple[str, ...]:
         return await run_in_thread_to_end(self._list_names)
 
+    async def list_folders(self) -> tuple[str, ...]:
+        """Return the nearest folders below this one that hold files, a few of them, as paths from here."""
+        return await run_in_thread_to_end(self._list_folders)
+
     async def read_file(self, name: str) -> bytes | None:
         return await run_in_thread_to_end(self._read_file, name)
 
@@ -49,10 +55,27 @@ class FolderStore:
 
     def _list_names(self) -> tuple[str, ...]:
         try:
-            entries = [entry.name for entry in self._folder.iterdir() if entry.is_file()]
+            return _file_names(self._folder)
         except OSError as error:
             raise self._unreachable(error) from error
-        return tuple(sorted(name for name in entries if not name.startswith(".")))
+
+    def _list_folders(self) -> tuple[str, ...]:
+        found: list[str] = []
+        level = [self._folder]
+        try:
+            for _ in range(_DEEPEST):
+                entries = [entry for folder in level for entry in sorted(folder.iterdir())]
+                level = [
+                    entry
+                    for entry in entries
+                    if entry.is_dir() and not entry.is_symlink() and not entry.name.startswith(".")
+                ][:_MOST_FOLDERS]
+                found += [
+                    folder.relative_to(self._folder).as_posix() for folder in level if _file_names(folder)
+                ]
+        except OSError as error:
+            raise self._unreachable(error) from error
+        return tuple(found[:_NAMED_FOLDERS])
 
     def _read_file(self, name: str) -> bytes | None:
         try:
@@ -106,3 +129,8 @@ class FolderStore:
             make_message("the folder cannot be used: {reason}.", reason=error.strerror or str(error)),
             remedy=_CHECK,
         )
+
+
+def _file_names(folder: Path) -> tuple[str, ...]:
+    names = [entry.name for entry in folder.iterdir() if entry.is_file()]
+    return tuple(sorted(name for name in names if not name.startswith(".")))

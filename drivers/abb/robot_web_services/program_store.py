@@ -38,7 +38,13 @@ class AbbProgramStore:
         query: Mapping[str, str] = {}
         for _ in range(_MOST_PAGES):
             document = await self._link.get_document(f"/fileservice/{self._folder}", **query)
-            entries = self._link.dialect.states_in(document) or []
+            entries = self._link.dialect.states_in(document)
+            if entries is None:
+                raise WireProtocolError(
+                    self.device,
+                    make_message("its list of the files of {folder} is not understood.", folder=self._folder),
+                    remedy="Check that the address is the controller's, and that nothing stands in between.",
+                )
             found += [str(one.get("_title")) for one in entries if one.get("_type") == "fs-file"]
             following = (
                 document.get("_links", {}).get("next") if isinstance(document.get("_links"), dict) else None

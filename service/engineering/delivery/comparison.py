@@ -1,6 +1,7 @@
 """Programs of a controller against those of a folder, and copies of all of them."""
 
-from collections.abc import Mapping
+import re
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
@@ -9,8 +10,11 @@ from cellcal.calibration.documents.plain_files import read_plain_bytes
 from cellcal.calibration.errors import CellError
 from cellcal.calibration.message import make_message
 from cellcal.drivers.interfaces.program_store import ProgramStore
+from cellcal.drivers.wire.folder_store import FolderStore
 from cellcal.service.engineering.delivery.deliveries import check_names
 from cellcal.service.files import make_private_folder, replace_file
+
+_LEADS_AWAY = re.compile(r"[/\\:\x00-\x1f\x7f]")
 
 
 class Difference(StrEnum):
@@ -57,12 +61,13 @@ async def fetch_programs(store: ProgramStore, folder: Path) -> dict[str, bytes]:
     Raises
     ------
     CellError
-        A copy cannot be written, or is another when it is read back.
+        There is no program, a name leads out of the folder, or a copy cannot be written or reads back as another.
     """
     found: dict[str, bytes] = {}
     names = await store.list_names()
-    if names:
-        check_names(names)
+    if not names:
+        raise await _no_program(store)
+    _check_places(names)
     try:
         make_private_folder(folder)
     except OSError as error:
@@ -96,6 +101,30 @@ async def compare_programs(store: ProgramStore, here: Mapping[str, bytes]) -> tu
     given = {name.lower() for name in here}
     found += [ComparedProgram(name, Difference.ONLY_THERE) for name in names if name.lower() not in given]
     return tuple(sorted(found, key=lambda each: each.name.lower()))
+
+
+async def _no_program(store: ProgramStore) -> CellError:
+    below = await store.list_folders() if isinstance(store, FolderStore) else ()
+    remedy = "Name the folder in which the programs lie."
+    if below:
+        remedy = make_message("Files lie below it: {folders}. Name one of these.", folders=", ".join(below))
+    return CellError(
+        make_message("{device} holds no program.", device=store.device), remedy=remedy, code="store"
+    )
+
+
+def _check_places(names: Sequence[str]) -> None:
+    """Refuse names that lead out of a folder, and names that are one file where letters' case does not count."""
+    places: set[str] = set()
+    for name in names:
+        plain = name not in ("", ".", "..") and not _LEADS_AWAY.search(name)
+        if not plain or name.lower() in places:
+            raise CellError(
+                make_message("{name!r} cannot be copied into a folder under its name.", name=name[:80]),
+                remedy="Rename it on the controller, or copy it at the pendant.",
+                code="store",
+            )
+        places.add(name.lower())
 
 
 def _read_whole(path: Path) -> bytes:

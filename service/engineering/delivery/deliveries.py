@@ -24,7 +24,7 @@ from cellcal.service.engineering.delivery.stored_copies import (
 )
 
 _LOG = logging.getLogger(__name__)
-_NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_ $-]{0,63}\.[A-Za-z0-9]{1,8}")
+_NAME = re.compile(r"[A-Za-z0-9_$][A-Za-z0-9_ $-]{0,63}\.[A-Za-z0-9]{1,8}")
 _ATTEMPTS = 3
 _PAUSE_S = 0.5
 
