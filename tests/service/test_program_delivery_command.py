@@ -106,3 +106,25 @@ def test_only_an_engineer_with_the_right_pin_approves(
     assert run_cellcal(*deliver, typed=f"{pin}\n")[0] == 4
     assert (share / "main.src").read_text() == "DEF main()\nEND\n"
     assert not (tmp_path / "copies").exists()
+
+
+def test_a_program_that_was_changed_since_is_restored_only_on_request(
+    tmp_path: Path, share: Path, approval: tuple[object, ...], run_cellcal: RunCommand
+) -> None:
+    pin, eva = "Klemmring-47-Halle\n", ("--approved-by", "Eva", "--robot-stands")
+    deliver = ("program", "deliver", share, tmp_path / "new" / "main.src", *approval, *eva, "--json")
+    code, out = run_cellcal(*deliver, typed=pin)
+    assert code == 0
+    (share / "main.src").write_text("DEF main()\n; taught anew\nEND\n")
+    restore = ("program", "restore", json.loads(out)["folder"], *approval[:3], *eva)
+    assert run_cellcal(*restore, typed=pin)[0] == 4
+    assert (share / "main.src").read_text() == "DEF main()\n; taught anew\nEND\n"
+    assert run_cellcal(*restore, "--changed-too", typed=pin)[0] == 0
+    assert (share / "main.src").read_text() == "DEF main()\nEND\n"
+    copied = [path.read_text() for path in (tmp_path / "copies").glob("*/old/main.src")]
+    assert "DEF main()\n; taught anew\nEND\n" in copied
+
+
+def test_a_fetch_of_no_program_is_no_success(tmp_path: Path, run_cellcal: RunCommand) -> None:
+    (tmp_path / "share" / "R1" / "Program").mkdir(parents=True)
+    assert run_cellcal("program", "fetch", tmp_path / "share", "--out", tmp_path / "out")[0] != 0
