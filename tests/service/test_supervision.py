@@ -53,7 +53,7 @@ from tests.service.webhook_receiver import WebhookReceiver
 # What goes on beside its caller without supervision, and why that may be: it ends by itself and is awaited, or the
 # one who began it looks at its end. Anything else belongs into drivers/supervision.py.
 SHORT_LIVED = {
-    ("service/cell_process/__main__.py", "_run_controller"): "one order each: it answers whatever it raises",
+    ("service/cell_process/__main__.py", "_answer_lines"): "one order each: it answers whatever it raises",
     ("service/cell_process/order_replies.py", "reply_once"): "one order, awaited by its caller",
     ("service/cell_process/run_control.py", "_launch_run"): "the run: what it raises is its outcome",
     ("service/cell_process/hold_to_move.py", "_move_while_held"): "one move, awaited",
