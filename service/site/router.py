@@ -36,7 +36,9 @@ def host_router(folder: Path, leave: threading.Event, tell: Callable[[str], None
     hosted = _Hosted(folder, leave, tell)
     keeping = start_thread(TASK, hosted.follow_rules, leave)
     try:
-        leave.wait()
+        # In turns: a signal that another thread takes ends no wait of the main thread, which runs its handler.
+        while not leave.wait(_LOOK_S):
+            pass
     finally:
         leave.set()
         keeping.join(_LEAVE_S)

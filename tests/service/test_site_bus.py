@@ -358,3 +358,34 @@ def test_every_process_of_the_site_ends_when_asked(tmp_path: Path) -> None:
             assert process.communicate(timeout=PATIENCE_S)[1] is not None
             assert process.returncode == 0
         assert router.wait(PATIENCE_S) == 0
+
+
+SIGNALLED_IN_A_THREAD = """
+import signal, sys, threading, time
+from pathlib import Path
+from cellcal.service.cli.site import interrupt_event
+from cellcal.service.site.router import host_router
+
+listens = threading.Event()
+
+def signal_this_thread():
+    listens.wait()
+    while "router of the site" not in {thread.name for thread in threading.enumerate()}:
+        time.sleep(0.01)
+    time.sleep(0.5)  # the main thread waits now
+    signal.pthread_kill(threading.get_ident(), signal.SIGTERM)
+
+threading.Thread(target=signal_this_thread, daemon=True).start()
+with interrupt_event() as leave:
+    host_router(Path(sys.argv[1]), leave, lambda text: listens.set())
+"""
+
+
+def test_a_router_ends_by_a_signal_that_another_thread_takes(tmp_path: Path) -> None:
+    site = LoopbackSite(tmp_path, "cell-07")
+    process = subprocess.Popen([sys.executable, "-c", SIGNALLED_IN_A_THREAD, str(site.folder / "router")])
+    try:
+        assert process.wait(PATIENCE_S) == 0
+    finally:
+        process.kill()
+        process.wait()
