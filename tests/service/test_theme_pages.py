@@ -1,7 +1,7 @@
 """The colours of the pages in a browser: as the system has it, or as the tablet chose, also in drawings and the picture."""
 
 import io
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Callable, Mapping
 from contextlib import asynccontextmanager
 from functools import partial
 from typing import Any
@@ -26,11 +26,10 @@ from tests.service.test_pages import PageViewer
 
 pytestmark = [pytest.mark.asyncio(loop_scope="module"), pytest.mark.xdist_group("theme_pages")]
 SHOWN = "document.documentElement.dataset.theme"
-# The colour that the first drawing of the page is drawn with, and the one that its card has: as rgb(r, g, b).
+# The colour that the first drawing of the page is drawn with.
 DRAWN_WITH = (
     "getComputedStyle(document.querySelector('[data-testid=drawing] use')).getPropertyValue('--brand')"
 )
-CARD = "getComputedStyle(document.querySelector('.card')).backgroundColor"
 
 Seen = tuple[PageViewer, PastRuns]
 
@@ -55,6 +54,10 @@ async def tablet_with(viewer: PageViewer, **system: Any) -> AsyncIterator[Page]:
         await context.close()
 
 
+def is_brand_of(colours: Mapping[str, str]) -> Callable[[str], bool]:
+    return lambda value: value.strip() == colours["--brand"]
+
+
 def rgb(colour: str) -> str:
     return f"rgb({', '.join(str(int(colour[i : i + 2], 16)) for i in (1, 3, 5))})"
 
@@ -72,8 +75,9 @@ async def test_a_tablet_that_chose_nothing_follows_its_system(
     past: Seen, system: dict[str, str], theme: str
 ) -> None:
     async with tablet_with(past[0], **system) as page:
-        assert await page.evaluate(SHOWN) == theme
-        assert await page.evaluate(CARD) == rgb(themes()[theme]["--card"])
+        await expect(page.locator("html")).to_have_attribute("data-theme", theme)
+        card = page.locator(".card").first
+        await expect(card).to_have_css("background-color", rgb(themes()[theme]["--card"]))
 
 
 async def test_a_change_of_the_system_is_followed_and_a_choice_of_the_tablet_is_kept(past: Seen) -> None:
@@ -104,7 +108,7 @@ async def test_drawings_and_the_picture_of_the_cell_have_the_colours_of_the_them
             colours = themes()[theme]
             drawing = page.get_by_test_id("drawing").first
             await wait_for_value(partial(drawing.evaluate, "seen => seen.firstElementChild.getBBox().width"))
-            assert (await page.evaluate(DRAWN_WITH)).strip() == colours["--brand"]
+            await wait_for_value(lambda: page.evaluate(DRAWN_WITH), is_brand_of(colours))
             inked = await _darkest_and_lightest(drawing)
             assert min(contrast(colours["--card"], seen) for seen in inked) < 1.1  # its ground
             assert max(contrast(colours["--card"], seen) for seen in inked) > 7.0  # its lines
