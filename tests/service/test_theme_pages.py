@@ -1,7 +1,7 @@
 """The colours of the pages in a browser: as the system has it, or as the tablet chose, also in drawings and the picture."""
 
 import io
-from collections.abc import AsyncIterator, Callable, Mapping
+from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from functools import partial
 from typing import Any
@@ -54,8 +54,8 @@ async def tablet_with(viewer: PageViewer, **system: Any) -> AsyncIterator[Page]:
         await context.close()
 
 
-def is_brand_of(colours: Mapping[str, str]) -> Callable[[str], bool]:
-    return lambda value: value.strip() == colours["--brand"]
+def rgb(colour: str) -> str:
+    return f"rgb({', '.join(str(int(colour[i : i + 2], 16)) for i in (1, 3, 5))})"
 
 
 @pytest.mark.parametrize(
@@ -71,7 +71,9 @@ async def test_a_tablet_that_chose_nothing_follows_its_system(
     past: Seen, system: dict[str, str], theme: str
 ) -> None:
     async with tablet_with(past[0], **system) as page:
-        await expect(page.locator("html")).to_have_attribute("data-theme", theme)
+        assert await page.evaluate(SHOWN) == theme
+        card = page.locator("aside.card")  # the folded cards of procedures, which come before it, have no ground
+        await expect(card).to_have_css("background-color", rgb(themes()[theme]["--card"]))
 
 
 async def test_a_change_of_the_system_is_followed_and_a_choice_of_the_tablet_is_kept(past: Seen) -> None:
@@ -102,7 +104,7 @@ async def test_drawings_and_the_picture_of_the_cell_have_the_colours_of_the_them
             colours = themes()[theme]
             drawing = page.get_by_test_id("drawing").first
             await wait_for_value(partial(drawing.evaluate, "seen => seen.firstElementChild.getBBox().width"))
-            await wait_for_value(lambda: page.evaluate(DRAWN_WITH), is_brand_of(colours))
+            assert (await page.evaluate(DRAWN_WITH)).strip() == colours["--brand"]
             inked = await _darkest_and_lightest(drawing)
             assert min(contrast(colours["--card"], seen) for seen in inked) < 1.1  # its ground
             assert max(contrast(colours["--card"], seen) for seen in inked) > 7.0  # its lines
