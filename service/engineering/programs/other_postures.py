@@ -36,6 +36,17 @@ OTHER_TEXT = (
 LEANS = "its pose is turned by {lean_deg:.2f} deg from what an arm of {joints} joints can take there"
 
 
+def taught_postures(before: Array | None, count: int, axes: int) -> Array:
+    """Return the posture (count, axes) taught before each pose, NaN where none is.
+
+    ``before`` is one posture (axes,), before the first pose, or one before each of the first poses (N, axes).
+    """
+    taught = np.full((count, axes), np.nan)
+    if before is not None and count:
+        taught[: len(before) if before.ndim == 2 else 1] = before
+    return taught
+
+
 class OtherPostureSearch:
     """Finds joints for the positions of one controller, as `PostureSearch` does for six joints."""
 
@@ -57,9 +68,7 @@ class OtherPostureSearch:
             The posture before each pose where one is taught there, else NaN.
         """
         count, axes = len(base_flange), self._controller.axis_count
-        taught = np.full((count, axes), np.nan)
-        if before is not None and count:
-            taught[: len(before) if before.ndim == 2 else 1] = before
+        taught = taught_postures(before, count, axes)
         last_taught = _carried_forward(taught)
         found, why = np.full((count, axes), np.nan), [""] * count
         known = np.flatnonzero(np.isfinite(last_taught[:, 0]))

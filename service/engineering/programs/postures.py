@@ -16,7 +16,11 @@ from cellcal.calibration.message import make_message
 from cellcal.calibration.programs.branches import BRANCHES, AxesAtZero, all_branches
 from cellcal.calibration.programs.transfer import joints_near, nearest_turns
 from cellcal.drivers.programs.brands import ConfigurationRule
-from cellcal.service.engineering.programs.other_postures import UNREACHABLE, OtherPostureSearch
+from cellcal.service.engineering.programs.other_postures import (
+    UNREACHABLE,
+    OtherPostureSearch,
+    taught_postures,
+)
 from cellcal.service.engineering.programs.project import Project
 
 _FULL_TURN = 2 * np.pi
@@ -80,9 +84,7 @@ class PostureSearch:
         self._into_limits(candidates)
         reached = np.asarray(np.isfinite(candidates).all(axis=2), dtype=np.bool_)
         fits = self._fitting_branches(candidates, reached, texts)
-        taught = np.full((len(base_flange), 6), np.nan)
-        if before is not None and len(taught):
-            taught[: len(before) if before.ndim == 2 else 1] = before
+        taught = taught_postures(before, len(base_flange), 6)
         found, why = self._choose_branches(candidates, fits, taught)
         for i in np.flatnonzero(~fits.any(axis=0)).tolist():
             named = reached[:, i].any()

@@ -202,9 +202,9 @@ export class RobotScene {
     const to = flange.localToWorld(new Vector3(...wireView.hook_in_flange_m));
     if (!this.#wire) {
       this.#wire = mesh(new CylinderGeometry(1, 1, 1, 8), "--view-wire");
-      const house = mesh(new BoxGeometry(0.11, 0.11, 0.11), "--view-house");
-      house.position.copy(from);
-      this.#scene.add(this.#wire, house);
+      const anchorBox = mesh(new BoxGeometry(0.11, 0.11, 0.11), "--view-house");
+      anchorBox.position.copy(from);
+      this.#scene.add(this.#wire, anchorBox);
       this.#bounds.expandByPoint(from);
     }
     this.shown.wire_m = [from.toArray(), to.toArray()];

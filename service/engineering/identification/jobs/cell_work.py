@@ -7,8 +7,8 @@ from cellcal.calibration.errors import CellError
 from cellcal.service.engineering.identification.cell_findings import identified_numbers
 from cellcal.service.engineering.identification.cell_identify import IdentifiedCellReport, identify_cell_file
 from cellcal.service.engineering.identification.cell_outputs import save_cell
-from cellcal.service.engineering.identification.identify_findings import unknown_by_cure
 from cellcal.service.engineering.identification.jobs.descriptions import NOT_SAVABLE
+from cellcal.service.engineering.identification.jobs.findings_document import findings_document
 from cellcal.service.engineering.identification.jobs.shapes import (
     DRAFTS,
     LAYOUT,
@@ -49,23 +49,9 @@ def identify_uploaded_cell(folder: Path, request: JobRequest) -> dict[str, objec
 
 def cell_result_document(report: IdentifiedCellReport) -> dict[str, object]:
     """Return what a page is shown of a report, without what is said of saving it."""
-    rows, ripple_count = identified_numbers(report)
     return {
         "report": report.as_document(),
-        "parameters": [
-            {
-                "name": row.name,
-                "unit": row.unit,
-                "deviation": row.deviation,
-                "standard_uncertainty": row.sigma,
-            }
-            for row in rows
-        ],
-        "ripple_count": ripple_count,
-        "unknown": [
-            {"cure": cure, "hidden": [{"names": names, "behind": one} for one, names in behind.items()]}
-            for cure, behind in unknown_by_cure(report.identification.not_identified).items()
-        ],
+        **findings_document(*identified_numbers(report), report.identification.not_identified),
         "row_errors": _NO_ROWS,
         "understood": {},
         "series": [

@@ -25,12 +25,12 @@ from cellcal.service.engineering.identification.identify import (
 )
 from cellcal.service.engineering.identification.identify_findings import (
     identified_rows,
-    unknown_by_cure,
     unknown_of,
 )
 from cellcal.service.engineering.identification.identify_outputs import save_identification
 from cellcal.service.engineering.identification.jobs.cell_work import identify_uploaded_cell
 from cellcal.service.engineering.identification.jobs.descriptions import NOT_SAVABLE
+from cellcal.service.engineering.identification.jobs.findings_document import findings_document
 from cellcal.service.engineering.identification.jobs.limits import IdentifyProcessLimits
 from cellcal.service.engineering.identification.jobs.shapes import (
     CHECK,
@@ -129,23 +129,9 @@ def _headings_of(file: Path, sheet: str | None) -> list[str]:
 
 def result_document(report: IdentifyReport) -> dict[str, object]:
     """Return what a page is shown of a report, without what is said of saving it."""
-    shown, ripple_count = identified_rows(report)
     return {
         "report": report.as_document(),
-        "parameters": [
-            {
-                "name": row.name,
-                "unit": row.unit,
-                "deviation": row.deviation,
-                "standard_uncertainty": row.sigma,
-            }
-            for row in shown
-        ],
-        "ripple_count": ripple_count,
-        "unknown": [
-            {"cure": cure, "hidden": [{"names": names, "behind": one} for one, names in behind.items()]}
-            for cure, behind in unknown_by_cure(unknown_of(report)).items()
-        ],
+        **findings_document(*identified_rows(report), unknown_of(report)),
         "row_errors": _row_errors(report),
         "series": [],
     }
