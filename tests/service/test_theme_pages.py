@@ -72,7 +72,8 @@ async def test_a_tablet_that_chose_nothing_follows_its_system(
 ) -> None:
     async with tablet_with(past[0], **system) as page:
         assert await page.evaluate(SHOWN) == theme
-        card = page.locator("aside.card")  # the folded cards of procedures, which come before it, have no ground
+        # The folded cards of procedures, which come before it once they are there, have no ground.
+        card = page.locator("aside.card")
         await expect(card).to_have_css("background-color", rgb(themes()[theme]["--card"]))
 
 
