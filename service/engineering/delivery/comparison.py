@@ -11,7 +11,7 @@ from cellcal.calibration.errors import CellError
 from cellcal.calibration.message import make_message
 from cellcal.drivers.interfaces.program_store import ProgramStore
 from cellcal.drivers.wire.folder_store import FolderStore
-from cellcal.service.engineering.delivery.deliveries import check_names
+from cellcal.service.engineering.delivery.deliveries import check_names, is_same_program
 from cellcal.service.files import make_private_folder, replace_file
 
 _LEADS_AWAY = re.compile(r"[/\\:\x00-\x1f\x7f]")
@@ -96,7 +96,7 @@ async def compare_programs(store: ProgramStore, here: Mapping[str, bytes]) -> tu
             found.append(ComparedProgram(name, Difference.ONLY_HERE))
             continue
         other = await store.read_file(there[name.lower()])
-        same = other is not None and (other == content or store.is_same(content, other))
+        same = is_same_program(store, content, other)
         found.append(ComparedProgram(name, Difference.SAME if same else Difference.DIFFERS))
     given = {name.lower() for name in here}
     found += [ComparedProgram(name, Difference.ONLY_THERE) for name in names if name.lower() not in given]

@@ -139,7 +139,7 @@ async def restore_programs(
         await store.refuse_while_running()
         found = {name: await store.read_file(name) for name in old}
         changed = [] if changed_too else _changed_since(store, stored, found)
-        left = {name for name in old if _is_same_program(store, old[name], found[name])}
+        left = {name for name in old if is_same_program(store, old[name], found[name])}
     if changed:
         raise DeliveryRefusedError(
             make_message(
@@ -173,12 +173,13 @@ def _changed_since(
     return [
         file.name
         for file in stored.delivery.files
-        if not _is_same_program(store, stored.old_content(file), found[file.name])
-        and (was_put_back or not _is_same_program(store, stored.new_content(file), found[file.name]))
+        if not is_same_program(store, stored.old_content(file), found[file.name])
+        and (was_put_back or not is_same_program(store, stored.new_content(file), found[file.name]))
     ]
 
 
-def _is_same_program(store: ProgramStore, sent: bytes | None, found: bytes | None) -> bool:
+def is_same_program(store: ProgramStore, sent: bytes | None, found: bytes | None) -> bool:
+    """Tell whether a program and what a controller gives back are one; None is a program that is not there."""
     if sent is None or found is None:
         return sent is found
     return sent == found or store.is_same(sent, found)
