@@ -4,12 +4,12 @@ from pathlib import Path
 
 from cellcal.calibration.message import make_message
 from cellcal.service.people.accounts import AccountStore
-from cellcal.service.people.errors import PeopleError, WrongSecretError
+from cellcal.service.people.errors import PeopleError
 from cellcal.service.people.pin_hashing import PinHasher, pepper_of
 from cellcal.service.people.roles import RIGHTS, Right
+from cellcal.service.people.secret_check import verify_secret
 
 _AT = "command line"
-_MIND = "Try again; mind how many tries there are: five, then one an hour."
 
 
 def approve_with_pin(data_dir: Path, name: str, secret: str, right: Right) -> str:
@@ -20,16 +20,7 @@ def approve_with_pin(data_dir: Path, name: str, secret: str, right: Right) -> st
     PeopleError
         The name or the PIN is wrong, there were too many guesses, or the person lacks the right.
     """
-    register = AccountStore(data_dir)
-    guess = register.note_guess(name, _AT)
-    hasher = PinHasher(pepper_of(data_dir))
-    register.hold_to_pepper(hasher.pepper_mark)
-    account = register.find_person(name)
-    if account is None:
-        hasher.hash_secret(secret)  # a name that is unknown takes as long as a wrong PIN
-    if account is None or not hasher.is_right(account.pin_hash, secret):
-        raise WrongSecretError("the name or the PIN", _MIND)
-    register.guessed_right(guess, name)
+    account = verify_secret(AccountStore(data_dir), lambda: PinHasher(pepper_of(data_dir)), name, secret, _AT)
     if right not in RIGHTS[account.role]:
         raise PeopleError(
             make_message("{name} may not {right}.", name=account.name, right=right),

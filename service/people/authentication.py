@@ -13,9 +13,8 @@ from cellcal.service.people.errors import NotSignedInError, WrongSecretError
 from cellcal.service.people.naming import LOCAL
 from cellcal.service.people.pin_hashing import PinHasher, pepper_of
 from cellcal.service.people.roles import RIGHTS, OrderNeed, Right, Role
+from cellcal.service.people.secret_check import verify_secret
 from cellcal.service.people.sessions import CONSOLE, Session, SessionStore
-
-_MIND = "Try again; mind how many tries there are: five, then one an hour."
 
 
 @dataclass(frozen=True, slots=True)
@@ -230,14 +229,11 @@ class Authenticator:
         return self.sessions.sign_person_out(token)
 
     def _verify_secret(self, session: Session, name: str, secret: str) -> Account:
-        guess = self.accounts.note_guess(name, session.device)
-        with self._hashing:
-            hasher = self.make_hasher(pepper_of(self.data_dir))
-            self.accounts.hold_to_pepper(hasher.pepper_mark)
-            account = self.accounts.find_person(name)
-            if account is None:
-                hasher.hash_secret(secret)  # a name that is unknown takes as long as a wrong PIN
-        if account is None or not hasher.is_right(account.pin_hash, secret):
-            raise WrongSecretError("the name or the PIN", _MIND)
-        self.accounts.guessed_right(guess, name)
-        return account
+        return verify_secret(
+            self.accounts,
+            lambda: self.make_hasher(pepper_of(self.data_dir)),
+            name,
+            secret,
+            session.device,
+            self._hashing,
+        )
