@@ -8,6 +8,7 @@ import asyncio
 import ipaddress
 import json
 import logging
+import math
 import re
 import time
 from collections.abc import Callable, Mapping
@@ -85,6 +86,11 @@ class RequestBudget:
         self._remaining[address] = (max(remaining - 1.0, 0.0) if remaining >= 1.0 else remaining, now)
         return remaining >= 1.0
 
+    @property
+    def wait_s(self) -> int:
+        """Return after how many whole seconds the next request of a spent address may come."""
+        return math.ceil(1.0 / self.rate_hz)
+
 
 def _make_budgets() -> dict[str, RequestBudget]:
     return {  # orders have their own: whatever a page asks for too often, a stop still gets through
@@ -97,9 +103,10 @@ def _make_budgets() -> dict[str, RequestBudget]:
 class RefusedRequestError(Exception):
     """A request that goes no further."""
 
-    def __init__(self, status: int, code: str, message: str, remedy: str = "") -> None:
+    def __init__(self, status: int, code: str, message: str, remedy: str = "", *, wait_s: int = 0) -> None:
         super().__init__(message)
         self.status = status
+        self.wait_s = wait_s
         self.body = {"code": code, "message": message, "remedy": remedy}
 
 
@@ -141,7 +148,7 @@ class RequestFilter:
         if scope["type"] == "websocket":  # before it is accepted: the browser sees 403
             await send({"type": "websocket.close", "code": 4401 if refused.status == 401 else 4403})
         else:
-            await answer.send_refusal(refused.status, refused.body)
+            await answer.send_refusal(refused.status, refused.body, refused.wait_s)
 
     def _check_request(self, connection: HTTPConnection) -> None:
         path = connection.scope["path"]
@@ -193,8 +200,11 @@ class RequestFilter:
         asks = connection.scope.get("method", "GET") not in _SAFE
         kind = "sign-in" if path.startswith(_SIGN_IN) and asks else "orders" if asks else "else"
         address = connection.client.host if connection.client else ""
-        if not self.budgets[kind].spend_request(address):
-            raise RefusedRequestError(429, "guard.often", "too many requests.", "Wait a few seconds.")
+        budget = self.budgets[kind]
+        if not budget.spend_request(address):
+            raise RefusedRequestError(
+                429, "guard.often", "too many requests.", "Wait a few seconds.", wait_s=budget.wait_s
+            )
 
 
 class _ResponseSender:
@@ -223,10 +233,12 @@ class _ResponseSender:
         if headers.get("content-type", "").startswith(("text/html", "image/svg")):
             headers.setdefault("content-security-policy", _DOCUMENT_POLICY)
 
-    async def send_refusal(self, status: int, body: Mapping[str, object]) -> None:
-        """Answer with a short JSON object, never with what was sent."""
+    async def send_refusal(self, status: int, body: Mapping[str, object], wait_s: int = 0) -> None:
+        """Answer with a short JSON object, never with what was sent; ``wait_s`` says when to try again."""
         payload = json.dumps(with_messages(body)).encode()
         headers = [(b"content-type", b"application/json"), (b"content-length", str(len(payload)).encode())]
+        if wait_s:
+            headers.append((b"retry-after", str(wait_s).encode()))
         await self.send_message({"type": "http.response.start", "status": status, "headers": headers})
         await self.send_message({"type": "http.response.body", "body": payload})
 

@@ -7,15 +7,17 @@ import asyncio
 import re
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
+from pathlib import Path
 from typing import Any
 
 import pytest
 import pytest_asyncio
 from fastapi import FastAPI
-from playwright.async_api import Page, Route, expect
+from playwright.async_api import Page, Response, Route, expect
 
 from cellcal.service.demo.fake_cell import write_cell_file
 from cellcal.service.people.sessions import FRESH_S, IDLE_S
+from cellcal.service.web.middleware import RequestBudget
 from tests.service.browser_pages import LOCALES, hold_to_rules, wait_for_language
 from tests.service.service_client import PINS, ServiceClock
 from tests.service.service_with_tablets import (
@@ -361,3 +363,25 @@ async def in_every_language(page: Page, where: str) -> None:
         await page.get_by_test_id("language").select_option(locale)
         await wait_for_language(page, locale)
         await hold_to_rules(page, f"{where} in {locale}")
+
+
+async def test_a_tablet_waits_its_turn_where_many_sign_in_behind_one_address(tmp_path: Path) -> None:
+    path = write_cell_file(tmp_path, "127.0.0.1", seed=1, time_factor=1.0)
+    clock = ServiceClock()
+    few = RequestBudget(burst=2.0, rate_hz=1.0, clock=clock)
+    async with open_service_with_tablets(
+        path, process_double=OneQuestionProcess, clock=ServiceClock(), sign_ins=few
+    ) as shared:
+        refused: list[str] = []
+
+        def note_refusal(answer: Response) -> None:
+            if answer.status == 429:
+                refused.append(answer.headers["retry-after"])
+                clock.pass_by(1.0)  # the time that the page is asked to wait
+
+        async with shared.browser_context() as context:
+            page = await context.new_page()
+            page.on("response", note_refusal)
+            await shared.enrol_tablet(page, "tablet of Tom")
+            await sign_in(page, "Tom")
+        assert refused == ["1", "1"]  # the device's proof and the PIN

@@ -161,7 +161,7 @@ class Wire {
   /** Send a stop; whatever keeps its answer away, the person is told that the robot may still move. */
   async #stop(pressed: Pressed): Promise<boolean> {
     const answer = await post("commands", pressed, STOP_MS);
-    const unanswered = answer.code === "offline" || answer.code === "desk.gone";
+    const unanswered = ["offline", "desk.gone", "guard.often"].includes(answer.code);
     return this.#answered(pressed, unanswered ? { ...answer, code: "desk.stop_unconfirmed" } : answer);
   }
 
