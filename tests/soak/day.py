@@ -32,7 +32,7 @@ def day(days: int) -> CampaignFigures:
         ended, english = asyncio.run(_whole_day(pictures, locale))
         missed += [f"left in English in {locale}: {each}" for each in sorted(english)]
         for end in ended:
-            if end.verdict == "pass" and end.certificate is not None:
+            if end.verdict == "PASS" and end.certificate is not None:
                 passed.add(end.procedure_story.procedure)
             else:
                 missed.append(
