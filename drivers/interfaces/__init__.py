@@ -53,6 +53,7 @@ from cellcal.drivers.interfaces.probe import (
 )
 from cellcal.drivers.interfaces.robot import (
     ActiveFrames,
+    ComparesJoints,
     Counts,
     JogsAxes,
     JointReading,
@@ -86,6 +87,7 @@ __all__ = [
     "Alarm",
     "AlarmKind",
     "Answer",
+    "ComparesJoints",
     "Condition",
     "ContactEdge",
     "ContactReading",

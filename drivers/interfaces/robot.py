@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 from cellcal.calibration.geometry import Pose
 from cellcal.calibration.mastering.counts import DriveTrain
@@ -186,4 +186,16 @@ class KnowsMode(Protocol):
 
     async def controller_mode(self) -> str:
         """Return how the controller is switched, as its maker calls it. Fresh: read after the call began."""
+        ...
+
+
+@runtime_checkable
+class ComparesJoints(Protocol):
+    """Robots whose joints may come over a second link, too, which must agree with the first."""
+
+    async def joint_sources(self) -> str:
+        """Return in a sentence what comes over the second link; "" where the cell file names none.
+
+        Raises a ``DeviceError`` where the arm stands and the links differ, or nothing can be received.
+        """
         ...

@@ -6,7 +6,8 @@ Imitates
 Source
     controller.py, server.py and omnicore_server.py.
 Modelled
-    The faults named below and ``fake_devices.abb.http_port.LINK_FAULTS``.
+    The faults named below and ``fake_devices.abb.http_port.LINK_FAULTS``; a position stream with
+    ``fake_devices.joint_stream.STREAM_FAULTS``.
 Not modelled
     Encoders themselves: this link does not reach them.
 """
@@ -19,9 +20,11 @@ from cellcal.fake_devices.abb.controller import AbbController
 from cellcal.fake_devices.abb.http_port import LINK_FAULTS, HttpPort
 from cellcal.fake_devices.abb.omnicore_resources import OmnicoreResources
 from cellcal.fake_devices.abb.omnicore_server import OmnicorePort
+from cellcal.fake_devices.abb.position_stream import encode_robot_message
 from cellcal.fake_devices.abb.resources import ResourceTable
 from cellcal.fake_devices.abb.server import ServicePort
 from cellcal.fake_devices.device import JsonObject
+from cellcal.fake_devices.joint_stream import STREAM_FAULTS, JointSender
 from cellcal.fake_devices.keep_running import keep_running
 from cellcal.fake_devices.link_faults import LinkFaults
 from cellcal.fake_devices.networked_robot import NetworkedRobot, parse_axes
@@ -42,11 +45,15 @@ class FakeAbbRobot(NetworkedRobot):
         serial = str(table.get("serial", "0"))
         self.controller = AbbController(arm, serial, world.clock.real_now_s, counters)
         self.controller.heartbeat_s *= world.watchdog_factor
-        faults = LinkFaults({kind: {} for kind in LINK_FAULTS}, world.clock.real_now_s)
+        faults = LinkFaults({kind: {} for kind in (*LINK_FAULTS, *STREAM_FAULTS)}, world.clock.real_now_s)
         self.server = self._make_server(table, faults)
         super().__init__(name, arm, self.server, faults)
+        self._stream = JointSender.from_table(
+            table, "egm", encode_robot_message, faults, world.clock.real_now_s
+        )
         c = self.controller
         self._events |= {
+            "stream_restart": lambda _: self._stream.restart(),
             "emergency_stop": lambda _: c.press_emergency_stop(),
             "manual_mode": lambda _: c.turn_mode_switch("MANR"),
             "program_stop": lambda _: self._stop_program(),
@@ -72,9 +79,14 @@ class FakeAbbRobot(NetworkedRobot):
         return [keep_running(f"programs of {self.name}", self._follow_programs)]
 
     async def _follow_programs(self) -> None:
-        while True:
-            self.controller.run_program()
-            await asyncio.sleep(_CYCLE_REAL_S)
+        try:
+            while True:
+                self.controller.run_program()
+                if self.controller.program_runs:
+                    self._stream.send_joints(self.controller.arm.controller_joints_rad.tolist())
+                await asyncio.sleep(_CYCLE_REAL_S)
+        finally:
+            self._stream.close()
 
     def true_state(self) -> JsonObject:
         c = self.controller
@@ -86,6 +98,7 @@ class FakeAbbRobot(NetworkedRobot):
             "axis_states": list(c.axis_states),
             "files": {name: content.hex() for name, content in c.files.contents.items()},
             "controller_joints_rad": c.arm.controller_joints_rad.tolist(),
+            "stream_answers": self._stream.answer_count(),
             "error_rad": c.counters.error_rad.tolist(),
             "active": {
                 "tool_number": None,

@@ -5,7 +5,8 @@ Imitates
 Source
     controller.py and server.py.
 Modelled
-    The faults named below and ``fake_devices.kuka.server.LINK_FAULTS``.
+    The faults named below and ``fake_devices.kuka.server.LINK_FAULTS``; a sensor stream with
+    ``fake_devices.joint_stream.STREAM_FAULTS``.
 Not modelled
     Encoders themselves: this link does not reach them.
 """
@@ -16,8 +17,10 @@ from collections.abc import Mapping
 from typing import Any
 
 from cellcal.fake_devices.device import JsonObject
+from cellcal.fake_devices.joint_stream import STREAM_FAULTS, JointSender
 from cellcal.fake_devices.keep_running import keep_running
 from cellcal.fake_devices.kuka.controller import FRAMES, KukaController
+from cellcal.fake_devices.kuka.sensor_stream import encode_robot_datagram
 from cellcal.fake_devices.kuka.server import LINK_FAULTS, ProxyPort
 from cellcal.fake_devices.kuka.variables import VariableTable
 from cellcal.fake_devices.link_faults import LinkFaults
@@ -40,12 +43,16 @@ class FakeKukaRobot(NetworkedRobot):
         names = (str(table.get("serial", "0")), title)
         self.controller = KukaController(arm, names, world.clock.real_now_s, zeros)
         self.controller.heartbeat_s *= world.watchdog_factor
-        faults = LinkFaults({kind: {} for kind in LINK_FAULTS}, world.clock.real_now_s)
+        faults = LinkFaults({kind: {} for kind in (*LINK_FAULTS, *STREAM_FAULTS)}, world.clock.real_now_s)
         host, port = str(table.get("address", "127.0.0.1")), int(table.get("port", 7000))
         self.server = ProxyPort(host, port, VariableTable(self.controller), faults)
         super().__init__(name, arm, self.server, faults)
+        self._stream = JointSender.from_table(
+            table, "rsi", encode_robot_datagram, faults, world.clock.real_now_s
+        )
         c = self.controller
         self._events |= {
+            "stream_restart": lambda _: self._stream.restart(),
             "open_gate": lambda _: c.open_gate(is_open=True),
             "t1_mode": lambda _: self._turn_switch("T1"),
             "program_stop": lambda _: self._stop_program(),
@@ -65,9 +72,14 @@ class FakeKukaRobot(NetworkedRobot):
         return [keep_running(f"programs of {self.name}", self._follow_programs)]
 
     async def _follow_programs(self) -> None:
-        while True:
-            self.controller.run_programs()
-            await asyncio.sleep(_CYCLE_REAL_S)
+        try:
+            while True:
+                self.controller.run_programs()
+                if self.controller.program_runs:
+                    self._stream.send_joints(self.controller.arm.controller_joints_rad.tolist())
+                await asyncio.sleep(_CYCLE_REAL_S)
+        finally:
+            self._stream.close()
 
     def true_state(self) -> JsonObject:
         c = self.controller
@@ -78,6 +90,7 @@ class FakeKukaRobot(NetworkedRobot):
             "stop_flag": c.stop_flag,
             "mastered": list(c.mastered),
             "controller_joints_rad": c.arm.controller_joints_rad.tolist(),
+            "stream_answers": self._stream.answer_count(),
             "error_rad": c.zeros.error_rad.tolist(),
             "active": {
                 "tool_number": c.tool_number,

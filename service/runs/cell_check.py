@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import Any
 
 from cellcal.calibration.arm.kinematics import load_model
-from cellcal.calibration.message import make_message
+from cellcal.calibration.message import join_messages, make_message
 from cellcal.drivers.errors import DeviceError
-from cellcal.drivers.interfaces import Device, DoubtsIdentity, Readiness, Robot
+from cellcal.drivers.interfaces import ComparesJoints, Device, DoubtsIdentity, Readiness, Robot
 from cellcal.drivers.registry import RobotConfig
 from cellcal.drivers.wire.evidence import AbilityEvidence, driver_evidence
 from cellcal.procedures.steps.mastering import MODEL_TOLERANCE_M, model_error_m
@@ -141,7 +141,20 @@ async def _check_device(
 async def _report_robot(device: Robot, config: RobotConfig) -> DeviceReport:
     report = await _report_device(device, config)
     report = replace(report, keeps_mastering=device.capabilities.writes_mastering)
+    report = await _compare_joint_sources(device, report)
     return await _hold_against_model(device, config.model, report) if report.is_ready else report
+
+
+async def _compare_joint_sources(device: Robot, report: DeviceReport) -> DeviceReport:
+    """Say what comes over a second link, where the cell file names one; joints that differ make a robot not ready."""
+    if not isinstance(device, ComparesJoints):
+        return report
+    try:
+        found = await device.joint_sources()
+    except DeviceError as error:
+        message = join_messages(" ", (report.message, error.message))
+        return replace(report, state=Readiness.NOT_READY, message=message, remedy=error.remedy)
+    return replace(report, message=join_messages(" ", (report.message, found))) if found else report
 
 
 async def _hold_against_model(device: Robot, name: str, report: DeviceReport) -> DeviceReport:

@@ -96,6 +96,13 @@ speed_limit_rad_s = 0.5
 step_s = 0.5
 settle_s = 0.02
 
+[robot.rsi]
+listen = "{second_address}"
+port = 49152
+window_s = 0.4  # a test machine may be too busy for 0.2
+silent_s = 1.5
+late_s = 0.5
+
 {floor}
 [[robot]]
 name = "abb"
@@ -123,6 +130,12 @@ deadline_s = 3.0
 speed_limit_rad_s = 0.5
 step_s = 0.5
 settle_s = 0.02
+
+[robot.egm]
+listen = "{second_address}"
+window_s = 0.4  # a test machine may be too busy for 0.2
+silent_s = 1.5
+late_s = 0.5
 
 {floor}
 [[robot]]

@@ -3,17 +3,25 @@
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from cellcal.drivers.interfaces import RobotCapabilities
+from cellcal.drivers.wire.joint_stream_settings import JointStreamSettings
 from cellcal.drivers.wire.motor_turns import MotorTurns
 
 if TYPE_CHECKING:
     from cellcal.drivers.abb.robot_web_services.robot import AbbRobot
 
+_EGM_PORT = 6510  # by convention
 _TELEGRAM_SHARE = 0.5  # of the deadline: a failed telegram leaves time for a stop and for saying so
+
+
+class GuidedMotionSettings(JointStreamSettings):
+    """``[robot.egm]``: position stream of Externally Guided Motion (option 689-1), received and never answered."""
+
+    port: int = Field(default=_EGM_PORT, ge=1, le=65535)
 
 
 class AbbWebServicesConfig(BaseModel):
@@ -38,6 +46,14 @@ class AbbWebServicesConfig(BaseModel):
     tolerance_rad: float = Field(default=5e-4, gt=0, le=0.01)
     motor_turns_per_joint_turn: MotorTurns = None  # gear ratios of the data sheet; a position cure needs them
 
+    egm: GuidedMotionSettings | None = None
+
+    @model_validator(mode="after")
+    def _check_sender(self) -> Self:
+        if self.egm is not None:
+            self.egm.sender_of(self.address)
+        return self
+
     @property
     def capabilities(self) -> RobotCapabilities:
         """What this robot can do, known before it is reached."""
@@ -53,10 +69,12 @@ class AbbWebServicesConfig(BaseModel):
     @asynccontextmanager
     async def open(self) -> AsyncIterator["AbbRobot"]:
         """Open a session, compare the serial number, and give the session back at the end."""
+        from cellcal.drivers.abb.guided_motion.packets import read_robot_packet  # noqa: PLC0415  as above
         from cellcal.drivers.abb.robot_web_services.generation import ServiceAddress  # noqa: PLC0415  as above
         from cellcal.drivers.abb.robot_web_services.rapid_values import AXES  # noqa: PLC0415  as above
         from cellcal.drivers.abb.robot_web_services.robot import AbbOptions, AbbRobot  # noqa: PLC0415  as above
         from cellcal.drivers.abb.robot_web_services.web_link import WebLink  # noqa: PLC0415  as above
+        from cellcal.drivers.wire.joint_stream import JointStream  # noqa: PLC0415  as above
         from cellcal.drivers.wire.stepwise_motion import StepwiseOptions  # noqa: PLC0415  as above
 
         link = WebLink(
@@ -65,7 +83,11 @@ class AbbWebServicesConfig(BaseModel):
             deadline_s=_TELEGRAM_SHARE * self.deadline_s,
         )
         motion = StepwiseOptions.from_settings(AXES, self)
-        robot = AbbRobot(link, AbbOptions(self.serial, motion))
+        stream = None
+        if self.egm is not None:
+            sender = self.egm.sender_of(self.address)
+            stream = JointStream(self.name, "EGM", self.egm, sender, read_robot_packet)
+        robot = AbbRobot(link, AbbOptions(self.serial, motion), stream)
         try:
             await robot.connect()
             yield robot

@@ -3,11 +3,12 @@
 import math
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from cellcal.drivers.interfaces import RobotCapabilities
+from cellcal.drivers.wire.joint_stream_settings import JointStreamSettings
 from cellcal.drivers.wire.motor_turns import MotorTurns
 
 if TYPE_CHECKING:
@@ -36,6 +37,16 @@ class KukaVariablesConfig(BaseModel):
     tolerance_rad: float = Field(default=5e-4, gt=0, le=0.01)
     motor_turns_per_joint_turn: MotorTurns = None  # gear ratios of the data sheet; a position cure needs them
 
+    rsi: JointStreamSettings | None = (
+        None  # Robot Sensor Interface with ONLYSEND: received and never answered
+    )
+
+    @model_validator(mode="after")
+    def _check_sender(self) -> Self:
+        if self.rsi is not None:
+            self.rsi.sender_of(self.address)
+        return self
+
     @property
     def capabilities(self) -> RobotCapabilities:
         """What this robot can do, known before it is reached."""
@@ -51,16 +62,22 @@ class KukaVariablesConfig(BaseModel):
     @asynccontextmanager
     async def open(self) -> AsyncIterator["KukaRobot"]:
         """Connect, compare the serial number, and hang up at the end."""
+        from cellcal.drivers.kuka.sensor_interface.packets import read_robot_packet  # noqa: PLC0415  as above
         from cellcal.drivers.kuka.variables.robot import KukaOptions, KukaRobot  # noqa: PLC0415  as above
         from cellcal.drivers.kuka.variables.values import AXES  # noqa: PLC0415  as above
         from cellcal.drivers.kuka.variables.variable_link import VariableLink  # noqa: PLC0415  as above
+        from cellcal.drivers.wire.joint_stream import JointStream  # noqa: PLC0415  as above
         from cellcal.drivers.wire.stepwise_motion import StepwiseOptions  # noqa: PLC0415  as above
 
         within_s = _TELEGRAM_SHARE * self.deadline_s
         link = VariableLink(self.name, self.address, self.port, deadline_s=within_s)
         motion = StepwiseOptions.from_settings(AXES, self)
         options = KukaOptions(self.serial, math.radians(self.fastest_axis_deg_s), motion)
-        robot = KukaRobot(link, options)
+        stream = None
+        if self.rsi is not None:
+            sender = self.rsi.sender_of(self.address)
+            stream = JointStream(self.name, "RSI", self.rsi, sender, read_robot_packet)
+        robot = KukaRobot(link, options, stream)
         try:
             await robot.connect()
             yield robot

@@ -2,7 +2,7 @@
 
 import logging
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -41,6 +41,8 @@ from cellcal.drivers.kuka.variables.values import (
     write_pose,
 )
 from cellcal.drivers.kuka.variables.variable_link import VariableLink
+from cellcal.drivers.wire.compared_joints import ComparedJoints, describe_sources
+from cellcal.drivers.wire.joint_stream import JointStream
 from cellcal.drivers.wire.serial_number import check_serial_number
 from cellcal.drivers.wire.stepwise_motion import IsFinished, StepwiseMotion, StepwiseOptions
 
@@ -75,8 +77,11 @@ class KukaOptions:
 class KukaRobot(StepwiseMotion):
     """Robot with frames, mode and override. Mastering is pendant work on this controller."""
 
-    def __init__(self, link: VariableLink, options: KukaOptions) -> None:
+    def __init__(self, link: VariableLink, options: KukaOptions, stream: JointStream | None = None) -> None:
         super().__init__(options.motion)
+        self._compared: ComparedJoints | None = None
+        if stream is not None:
+            self._compared = ComparedJoints(stream, "$AXIS_ACT", self._read_angles, takes_stream=False)
         self._link, self._options = link, options
         self._server = MotionServer(link)
 
@@ -94,9 +99,13 @@ class KukaRobot(StepwiseMotion):
         check_serial_number(self.name, found.serial, self._options.serial)
         if not found.firmware.startswith(VERIFIED_ON):
             _LOG.warning("%s: not verified on controller software %r", self.name, found.firmware)
+        if self._compared is not None:
+            await self._compared.open()
 
     async def close(self) -> None:
         """Hang up."""
+        if self._compared is not None:
+            self._compared.stream.close()
         await self._link.close()
 
     async def identify(self) -> Identity:
@@ -113,8 +122,17 @@ class KukaRobot(StepwiseMotion):
         except DeviceError as error:
             return Condition(Readiness.UNREACHABLE, error.message, error.remedy)
 
+    async def joint_sources(self) -> str:
+        if self._compared is None:
+            return ""
+        async with self._answer_deadline("comparing the joints"):
+            return await describe_sources(self._compared)
+
     async def read_joints(self) -> JointReading:
         async with self._answer_deadline("reading the joints"):
+            compared = None if self._compared is None else await self._compared.read()
+            if compared is not None:
+                return replace(compared, moving=bool(self._doing) or compared.moving)
             before = await self._read_angles()
             text = await self._link.read_variable("$AXIS_ACT")
             joints = await self._read_angles()
