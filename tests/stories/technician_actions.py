@@ -81,7 +81,7 @@ AGREEMENTS = (
 )
 _FIRST_NUMBER = re.compile(r"\d+")
 _MOUNT, _HOOK = re.compile(r"mount_wire_(\d+)"), re.compile(r"hook_wire_(\d+)")
-_MOUTH = re.compile(r"x (-?\d+), y (-?\d+), z (-?\d+) mm")
+_MOUTH = re.compile(r"x (-?\d+)\W+?y (-?\d+)\W+?z (-?\d+) mm")
 MODEL = load_model("fanuc_m6ib")
 STARTS = (
     (0.0, 0.3, -0.1, 0.0, -1.2, 0.0),
