@@ -3,7 +3,8 @@
 Such a factor and link lengths are partly the same: a fit hides it in them. What tells them apart is how the lengths
 deviate. Errors of making are of about one size and of either sign; a factor makes every length deviate in proportion
 to itself. So the size of length errors is taken from these rows as well, with a factor and without one, and the two
-are compared by how probable they make the rows.
+are compared by how probable they make the rows. One length that alone is wrong (a link that was exchanged or bent)
+looks like a factor of the arm's longest link, and is compared as an explanation of its own.
 """
 
 from dataclasses import dataclass
@@ -23,7 +24,13 @@ from cellcal.calibration.identification.observations import (
     Observations,
     PointObservations,
 )
-from cellcal.calibration.identification.parameters import GEOMETRY, ParameterLayout, Priors, make_layout
+from cellcal.calibration.identification.parameters import (
+    GEOMETRY,
+    Parameter,
+    ParameterLayout,
+    Priors,
+    make_layout,
+)
 from cellcal.calibration.identification.quick_fit import spread_rows
 from cellcal.calibration.identification.robust import fit_robustly
 from cellcal.calibration.message import make_message
@@ -43,6 +50,10 @@ _UNTOLD = (
     "What these rows cannot tell: an arm whose links are all longer by the same factor measures the same. If the "
     "device is proved right, the named robot is the wrong one."
 )
+_DH_ROLES = ("offset", "geometry")
+_BETA = 4  # column of the DH errors: theta, d, a, alpha, beta
+_ARMS_WITH_ONE = 3.0  # of so many arms one has a length that alone is wrong, and it is one of all its lengths
+_CROSSING = 0.1  # |sin alpha|: from here on two axes cross, and beta tells nothing new
 _WIDE = Priors(length_m=5e-3)  # a factor must have room in the lengths
 
 
@@ -97,23 +108,49 @@ def position_scale(model: RobotModel, observations: Observations) -> PositionSca
     seen = places.positions_m[kept].T - left * sigma_m  # (3, N), as predicted
     factor = (seen - seen.mean(axis=1, keepdims=True)) / sigma_m
     flat = columns.reshape(len(layout), -1)
-    return _compared(flat, left.reshape(-1) + deviations @ flat, factor.reshape(-1), layout)
+    values = left.reshape(-1) + deviations @ flat
+    needed = ~_redundant_angles(model, layout)
+    parameters = [each for each, used in zip(layout.parameters, needed, strict=True) if used]
+    return _compared(flat[needed], values, factor.reshape(-1), parameters)
 
 
-def _compared(columns: Array, values: Array, factor: Array, layout: ParameterLayout) -> PositionScale:
-    """Compare the linear models ``values = columns x`` with and without a factor, at the best size of lengths."""
-    lengths = np.array([each.role == "geometry" and each.unit == "m" for each in layout.parameters])
+def _redundant_angles(model: RobotModel, layout: ParameterLayout) -> Array:
+    """Return a mask (p,) of DH angles beta between axes that cross: theta, d, a and alpha hold all such axes do.
+
+    A second angle there exchanges with lengths, at the price of an angle: a factor could hide in it.
+    """
+    redundant = np.zeros(len(layout), dtype=bool)
+    if model.dh is None:
+        return redundant
+    crossing = np.abs(np.sin(model.dh.alpha_rad)) > _CROSSING
+    places = [each for each, parameter in enumerate(layout.parameters) if parameter.role in _DH_ROLES]
+    for each, (axis, column) in zip(places, layout.geometry, strict=True):
+        redundant[each] = column == _BETA and crossing[axis]
+    return redundant
+
+
+def _compared(columns: Array, values: Array, factor: Array, parameters: list[Parameter]) -> PositionScale:
+    """Compare the linear models ``values = columns x`` with and without a factor, at the best size of lengths.
+
+    Without a factor means: all lengths off by about one size, or one of them off by any amount beside that.
+    """
+    lengths = np.array([each.role == "geometry" and each.unit == "m" for each in parameters])
     gram, goal = columns @ columns.T, columns @ values
     with_factor = columns @ factor
     told: list[tuple[float, float, float, float]] = []
     for size_m in _LENGTH_ERRORS_M:
-        prior = np.where(lengths, size_m, np.array([each.prior for each in layout.parameters]))
+        prior = np.where(lengths, size_m, np.array([each.prior for each in parameters]))
         scaled = prior[:, None] * gram * prior + np.eye(len(prior))
-        solve = np.linalg.solve(scaled, np.stack([prior * goal, prior * with_factor], axis=1))
-        plain = float(prior * goal @ solve[:, 0]) - float(np.linalg.slogdet(scaled)[1])
-        sight = float(factor @ factor - prior * with_factor @ solve[:, 1])
-        slope = float(factor @ values - prior * with_factor @ solve[:, 0])
-        told.append((plain, plain + slope**2 / sight, slope / sight, sight**-0.5))
+        seen = prior[:, None] * np.column_stack([goal, with_factor, gram[:, lengths]])
+        solve = np.linalg.solve(scaled, seen)
+        plain = float(seen[:, 0] @ solve[:, 0]) - float(np.linalg.slogdet(scaled)[1])
+        sight = float(factor @ factor - seen[:, 1] @ solve[:, 1])
+        slope = float(factor @ values - seen[:, 1] @ solve[:, 0])
+        one_sight = np.diag(gram)[lengths] - np.sum(seen[:, 2:] * solve[:, 2:], axis=0)
+        one_slope = goal[lengths] - seen[:, 2:].T @ solve[:, 0]
+        one = np.where(one_sight > 0.0, one_slope**2 / np.where(one_sight > 0.0, one_sight, 1.0), 0.0)
+        best_one = max(0.0, float(np.max(one, initial=0.0)) - 2.0 * float(np.log(_ARMS_WITH_ONE * max(1, one.size))))
+        told.append((plain + best_one, plain + slope**2 / sight, slope / sight, sight**-0.5))
     without = max(each[0] for each in told)
     best = max(told, key=lambda each: each[1])
     return PositionScale(1.0 + best[2], best[3], best[1] - without)

@@ -68,6 +68,25 @@ def test_an_arm_whose_lengths_are_off_has_no_factor(robot: str, length_m: float)
     assert notes <= 1, "by chance, and told as perhaps"
 
 
+@pytest.mark.parametrize("robot", ROBOTS)
+@pytest.mark.parametrize("error_m", [5e-4, -1.5e-3])
+def test_one_wrong_link_is_no_factor(robot: str, error_m: float) -> None:
+    for seed in range(3):
+
+        def one_length(model, rng):
+            errors = np.zeros((model.axis_count, 5))
+            errors[:, 0] = np.deg2rad([0.1, -0.2, 0.15, 0.06, -0.12, 0.0])
+            errors[np.argmax(np.abs(model.dh.a_m)), 2] = error_m
+            return errors
+
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(simulated_arm, "dh_errors", one_length)
+            true = tracker_points(robot, 80, seed=seed, sigma_m=2e-5)
+        scale = position_scale(true.model, true.observations)
+        assert not is_wrong(scale), scale
+        assert scale_note(scale) == []
+
+
 def test_what_temperature_explains_is_no_factor() -> None:
     true = arm("fanuc_m6ib", 2, 1e-5)
     warm = replace(true.observations, positions_m=true.observations.positions_m * (1.0 + 23e-6 * 35.0))
