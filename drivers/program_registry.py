@@ -1,5 +1,6 @@
 """Every brand of robot program that can be read; a brand's package is loaded with its first program."""
 
+from codecs import BOM_UTF8, BOM_UTF16_BE, BOM_UTF16_LE
 from collections.abc import Callable, Mapping, Sequence
 from functools import cache
 from pathlib import PurePath
@@ -94,7 +95,7 @@ def read_programs(files: Sequence[tuple[str, bytes]]) -> list[ProgramFile | Prog
     for i, (name, data) in enumerate(files):
         brand = brand_of(name, data)
         if brand is None:
-            found[i] = _unknown_program_error(name)
+            found[i] = _unknown_program_error(name, data)
         else:
             by_brand.setdefault(brand.brand, []).append(i)
     for name, rows in by_brand.items():
@@ -133,7 +134,21 @@ def _read_alone(brand: ProgramBrand, name: str, data: bytes) -> ProgramFile | Pr
         return error
 
 
-def _unknown_program_error(name: str) -> ProgramFileError:
+def _unknown_program_error(name: str, data: bytes) -> ProgramFileError:
+    """Return why a file is no program, an editor's marks of its encoding first."""
+    if PurePath(name).suffix.lower() in (suffix for suffixes in SUFFIXES.values() for suffix in suffixes):
+        if data.startswith((BOM_UTF16_LE, BOM_UTF16_BE)):
+            return ProgramFileError(
+                name,
+                "an editor saved this program as Unicode (UTF-16); programs of controllers are plain text.",
+                remedy="Save it as plain text (ANSI), or take the controller's own file.",
+            )
+        if data.startswith(BOM_UTF8) and brand_of(name, data[len(BOM_UTF8) :]) is not None:
+            return ProgramFileError(
+                name,
+                "an editor put a byte order mark before this program; the controller's own files have none.",
+                remedy="Save it as plain text without the mark, or take the controller's own file.",
+            )
     suffixes_text = ", ".join(sorted({suffix for suffixes in SUFFIXES.values() for suffix in suffixes}))
     return ProgramFileError(
         name, "this is not a robot program that can be read.", remedy=f"There are {suffixes_text}."

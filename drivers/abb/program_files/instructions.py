@@ -38,6 +38,11 @@ _LENGTH = re.compile(rf"{W}([+-]?{W}(?:\d++(?:\.\d*+)?+|\.\d++)(?:[eE][+-]?\d++)
 _INDEX = re.compile(r"\d+(?:,\d+)*")
 
 _CIRCLE = re.compile(r"(?:move|trigg|arc|disp|paint|cap)c")
+_PLACES_OF_SEARCH = {  # behind the signal: what is found, a point of the circle, where the search ends
+    "searchl": range(1, 3),
+    "searchj": range(1, 3),
+    "searchc": range(1, 4),
+}
 _MANY_SIGNS = re.compile(r'[\[({"!]')
 _MOST_ARGUMENTS = 40
 _SHIFTED = ("offset", "This target is shifted while the program runs.")
@@ -92,11 +97,11 @@ def read_instruction(source: ProgramText, word: str, place: int) -> MoveInstruct
     with_frame = [argument for argument in plain_names if argument.start <= named_at < argument.end]
     of_tool = with_frame or plain_names[MOVES[word] :][:1] if len(plain_names) >= -MOVES[word] else []
     tool = _plain_name(source.text, of_tool[0]) if of_tool else None
-    named = len(plain) if word.startswith("search") else 2 if _CIRCLE.match(word) else 1
+    named = _PLACES_OF_SEARCH.get(word, range(2 if _CIRCLE.match(word) else 1))
     targets = tuple(
         target
         for k, argument in enumerate(plain)
-        if (k < named or argument.literal is not None)
+        if (k in named or argument.literal is not None)
         and (target := _target_of(source, word, k, argument)) is not None
     )
     return MoveInstruction(word, targets, tool, frame, end)

@@ -214,6 +214,8 @@ class RapidModule(RapidDeclarations):
         instruction = read_instruction(self.found.source, word, end)
         for part, target in enumerate(instruction.targets):
             self._moved_to(instruction, part, target, start)
+        if word.startswith("search") and instruction.targets:  # its first target gets what was found
+            self.assigned_here.append((instruction.targets[0].name.partition("{")[0], self.uses.scope))
         return instruction.end
 
     def _moved_to(self, instruction: MoveInstruction, part: int, target: MoveTarget, start: int) -> None:

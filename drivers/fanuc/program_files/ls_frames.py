@@ -14,7 +14,10 @@ from cellcal.drivers.programs.barred import COMPUTED, LATER, SEVERAL
 from cellcal.drivers.programs.cross_file_uses import ExternalUses, RoutineEffects
 from cellcal.drivers.programs.positions import CARTESIAN, Positions
 
-_WORDS = {"frame": rb"(?:UFRAME_NUM|BENUTZER_NUM)", "tool": rb"(?:UTOOL_NUM|WKZ_NUM)"}
+_WORDS = {
+    "frame": rb"(?:UFRAME_NUM|BENUTZER_NUM|MNUFRAMENUM)",
+    "tool": rb"(?:UTOOL_NUM|WKZ_NUM|MNUTOOLNUM)",
+}
 _CHOSEN = {which: re.compile(rb"\b" + word + rb"\b[^=;<>\n]{0,40}+=") for which, word in _WORDS.items()}
 _ALONE = {
     which: re.compile(rb"^[ \t]*+\d*+[ \t]*+:[ \t]*+" + word + rb" *+= *+(\d{1,3}+) *+;", re.MULTILINE)

@@ -10,8 +10,11 @@ UNSURE = "?"
 _NUMBERED = re.compile(rb"[ \t]*+\d*+[ \t]*+:?[ \t]*+")
 _GOES_TO = re.compile(rb"[JLCAS][ \t]++PR\[[ \t]*+(\d{1,5})[ \t]*+\][^\n]*+")
 _USED = re.compile(rb"PR(?<![A-Z]PR)\[[ \t]*+(?:GP\d[ \t]*+:[ \t]*+)?(\d{1,5})")
-_SETS = re.compile(rb"(UFRAME_NUM|BENUTZER_NUM|UTOOL_NUM|WKZ_NUM)[ \t]*+=[ \t]*+(\d{1,3}+)?")
-_FRAME_WORDS = (b"UFRAME_NUM", b"BENUTZER_NUM")
+_SETS = re.compile(
+    rb"(UFRAME_NUM|BENUTZER_NUM|UTOOL_NUM|WKZ_NUM|MNUFRAMENUM|MNUTOOLNUM)"
+    rb"[ \t]*+(?:\[ *+(?:GP *+)?+1 *+\][ \t]*+)?+=[ \t]*+(\d{1,3}+)?"
+)
+_FRAME_WORDS = (b"UFRAME_NUM", b"BENUTZER_NUM", b"MNUFRAMENUM")
 _JUMPS = re.compile(rb"\b(?:LBL|JMP|CALL|AUFRUF|SPRUNG)\b")
 
 
@@ -83,7 +86,7 @@ def _lines_of_no_places(data: bytes) -> set[int]:
 
 _CHOSEN = re.compile(rb"PR(?<![A-Z]PR)\[[ \t]*+(?:GP\d[ \t]*+:[ \t]*+)?+[A-Za-z]{1,3}+\[")
 _STARTS = re.compile(rb"[JLCAS][ \t]++PR\[[ \t]*+(?:GP\d[ \t]*+:[ \t]*+)?+[A-Za-z]{1,3}+\[")
-_WORDS = {"frame": _FRAME_WORDS, "tool": (b"UTOOL_NUM", b"WKZ_NUM")}
+_WORDS = {"frame": _FRAME_WORDS, "tool": (b"UTOOL_NUM", b"WKZ_NUM", b"MNUTOOLNUM")}
 
 
 def _sets_one_number(statements: bytes, words: tuple[bytes, ...]) -> bool:

@@ -13,9 +13,8 @@ from cellcal.drivers.programs.positions import CARTESIAN, Positions
 _OTHER_FRAME = "line {} goes there with {} {}, and it was taught with {}: the controller stops there"
 _OTHER_GROUP = "its program runs without motion group 1, which it was taught in: the controller stops there"
 _MISSING_GROUP = "its program runs motion group {}, in which it was not taught: the controller stops there"
-_SELECTED = re.compile(
-    rb"\A(UFRAME_NUM|BENUTZER_NUM|UTOOL_NUM|WKZ_NUM)[ \t]*+(?:\[ *+GP *+1 *+\][ \t]*+)?+=[ \t]*+(\d{1,3}+)?"
-)
+_WORDS = rb"(?<!\w)(UFRAME_NUM|BENUTZER_NUM|UTOOL_NUM|WKZ_NUM|\$MNUFRAMENUM|\$MNUTOOLNUM)"
+_SELECTED = re.compile(rb"\A" + _WORDS + rb"[ \t]*+(?:\[ *+(?:GP *+)?+1 *+\][ \t]*+)?+=[ \t]*+(\d{1,3}+)?")
 _SELECTION = re.compile(
     rb"\b(?:UFRAME_NUM|BENUTZER_NUM|UTOOL_NUM|WKZ_NUM)\b|MNUFRAMENUM|MNUTOOLNUM", re.IGNORECASE
 )
@@ -23,7 +22,7 @@ _FORGETS = re.compile(
     rb"\b(?:LBL|MARKE|ELSE|SONST|ENDIF|FOR|ENDFOR|WHILE|ENDWHILE|CASE|CALL|AUFRUF|RUN|MONITOR)\b"
     rb"|\A[A-Za-z]\w*+(?:[ \t]++\w++)*+\Z"
 )
-_FRAMES = (b"UFRAME_NUM", b"BENUTZER_NUM")
+_FRAMES = (b"UFRAME_NUM", b"BENUTZER_NUM", b"$MNUFRAMENUM")
 _MASK = re.compile(rb"^DEFAULT_GR[A-Z]*+[ \t]*+=[ \t]*+([1*](?:[ \t]*+,[ \t]*+[1*])*+)", re.MULTILINE)
 
 
@@ -71,9 +70,7 @@ def _may_differ(positions: Positions, data: bytes) -> bool:
     )
 
 
-_NUMBERS = re.compile(
-    rb"\b(UFRAME_NUM|BENUTZER_NUM|UTOOL_NUM|WKZ_NUM)[ \t]*+(?:\[ *+GP *+1 *+\][ \t]*+)?+=[ \t]*+0*+(\d{1,3}+)"
-)
+_NUMBERS = re.compile(_WORDS + rb"[ \t]*+(?:\[ *+(?:GP *+)?+1 *+\][ \t]*+)?+=[ \t]*+0*+(\d{1,3}+)")
 
 
 def _bar_others(positions: Positions, data: bytes, barred: dict[int, str]) -> None:

@@ -61,7 +61,7 @@ class KrlMotions:
                 place = self._take_target(motion[1].upper(), part, literal, end, is_constant=not own_frames)
             else:
                 place = begin + self._pass_named(code, place - begin, begin, own if own_frames else "")
-            if place >= end or text[place] != ",":
+            if place >= end or text[place] != "," or patterns.CIRCULAR_ANGLE.match(text, place, end):
                 return
             place = skip_blanks(text, place + 1, end)
 

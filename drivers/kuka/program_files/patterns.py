@@ -47,6 +47,9 @@ COMPONENT = re.compile(
 )
 CALLED = re.compile(rf"[$A-Za-z_][\w$]*+{B}*+\(", re.ASCII)
 POINT_VALUE = re.compile(r":|\$POS_|\$AXIS_|\bINVERSE\b|\bFORWARD\b", re.IGNORECASE)
+CIRCULAR_ANGLE = re.compile(
+    r",[ \t]*+CA(?:[ \t]|=|[-+.\d])", re.IGNORECASE
+)  # behind the two points of a circle
 MOST_TARGETS = 3  # a circle has two
 MOST_DIGITS = 9
 DEEPEST = 30  # branches inside each other

@@ -30,6 +30,7 @@ _PLAIN = frozenset(("MOVJ", "MOVL", "MOVC", "MOVS", "REFP"))
 _MOTION = re.compile(r"[A-Z]*MOV[A-Z]*|REFP|SYSTART")
 _TAKEN = re.compile(r"(?<!\$)\b(L?)P(?:X)?(\d{3,5})\b|\bC(\d{3,5})\b")
 _CHOSEN = re.compile(r"\bL?PX?\[")
+_CHOSEN_TARGET = re.compile(r"\s*L?PX?\[[^\]]*\]?")  # one of all the controller's variables
 _FRAME = re.compile(r"\b(BF|RF|TF|MTF|UF#)")
 _SECOND = re.compile(r"\+S?MOV")
 _TEACH_THERE = "Teach it there, or write its value into the job."
@@ -206,8 +207,7 @@ def _take_motion(
     line, word, rest = instruction
     own = rest[: second.start()] if (second := _SECOND.search(rest)) else rest
     why = "" if word in _PLAIN else make_message(_why_no_place(word), word, line)
-    if why and _CHOSEN.search(own):
-        found.all_variables = found.all_variables or make_message(_ANY_AMOUNT, word, line)
+    _take_chosen(found, (line, word, own), is_amount=bool(why))
     for taken in _TAKEN.finditer(own):
         key = _row_key(taken)
         if why:
@@ -216,13 +216,28 @@ def _take_motion(
             found.shifts += [(key, shift) for shift in active]
         elif taken[2] and int(taken[2]) in found.computed:
             found.shifts.append((None, ProgramShift(line, word, ShiftAxes.BASE, point=taken[0])))
-        elif taken[2] and not (taken[1] or int(taken[2]) in found.from_here) and taken[0] not in found.absent:
-            found.absent.add(taken[0])
-            place = ProgramShift(line, word, ShiftAxes.USER_FRAME, point=taken[0], absent=_TEACH_THERE)
-            found.shifts.append((None, place))
+        elif taken[2] and not (taken[1] or int(taken[2]) in found.from_here):
+            _go_to_absent(found, line, word, taken[0])
     if "IMOV" in word and (shift := _shift_of(line, word, own, found.from_here, rows)) is not None:
         named_row = _TAKEN.search(own)
         found.shifts += [] if named_row is not None and _row_key(named_row) in rows else [(None, shift)]
+
+
+def _take_chosen(found: _JobFindings, instruction: tuple[int, str, str], *, is_amount: bool) -> None:
+    """Take a variable that a number chooses: an amount leaves every variable, a place is the controller's."""
+    line, word, own = instruction
+    if is_amount and _CHOSEN.search(own):
+        found.all_variables = found.all_variables or make_message(_ANY_AMOUNT, word, line)
+    elif not is_amount and word != "REFP" and (chosen := _CHOSEN_TARGET.match(own)):
+        _go_to_absent(found, line, word, chosen[0])
+
+
+def _go_to_absent(found: _JobFindings, line: int, word: str, variable: str) -> None:
+    """Note a motion to a variable of which the file holds no value, once."""
+    if variable not in found.absent:
+        found.absent.add(variable)
+        place = ProgramShift(line, word, ShiftAxes.USER_FRAME, point=variable, absent=_TEACH_THERE)
+        found.shifts.append((None, place))
 
 
 def _row_key(taken: re.Match[str]) -> Key | None:
