@@ -59,6 +59,10 @@ _SEVERAL_TARGETS = (
     "Rows with the same joints hold different places: several targets or devices were measured in turn. Keep the "
     "rows of one in the file, or describe all of them in a layout (`--layout`, examples in `deploy/layouts/`)."
 )
+_COLUMN_OF_TARGETS = (
+    "Column {column!r} tells several targets or tools apart: keep the rows of one in the file, or describe all of "
+    "them in a layout (`--layout`, examples in `deploy/layouts/`)."
+)
 _KINDS = (
     "unit",
     "angle unit",
@@ -140,10 +144,12 @@ def refuse_misfit(
     if stands.score_m <= max(_GROSS * motion_m, _GROSS_M):
         _refuse_far_zero(model, some, stands, names)
     elif _misfits_throughout(model, observations, max(_GROSS * motion_m, _GROSS_M)):
-        raise _unknown_cause_error(model, stands.score_m, motion_m, observations)
+        raise _unknown_cause_error(model, stands.score_m, motion_m, observations, names.targets)
 
 
-def refuse_gross_misfit(model: RobotModel, observations: MeasuredRows, errors: Array) -> None:
+def refuse_gross_misfit(
+    model: RobotModel, observations: MeasuredRows, errors: Array, targets: str = ""
+) -> None:
     """Refuse the end of an identification whose errors (N,) [m] are as large as the robot.
 
     Raises
@@ -154,7 +160,7 @@ def refuse_gross_misfit(model: RobotModel, observations: MeasuredRows, errors: A
     motion_m, left_m = motion_of(model, observations), float(trimmed_rms(errors))
     if left_m <= max(_GROSS * motion_m, _GROSS_M):
         return
-    raise _unknown_cause_error(model, left_m, motion_m, observations)
+    raise _unknown_cause_error(model, left_m, motion_m, observations, targets)
 
 
 def _refuse_constant(observations: Observations, motion_m: float) -> None:
@@ -180,10 +186,12 @@ def _refuse_constant(observations: Observations, motion_m: float) -> None:
 
 
 def _unknown_cause_error(
-    model: RobotModel, left_m: float, motion_m: float, observations: MeasuredRows
+    model: RobotModel, left_m: float, motion_m: float, observations: MeasuredRows, targets: str
 ) -> MisfitError:
     several = _differ_at_same_joints(observations, max(_GROSS * motion_m, _GROSS_M))
     remedy = _SEVERAL_TARGETS if several else _NO_CAUSE
+    if targets:
+        remedy = make_message(_COLUMN_OF_TARGETS, column=targets)
     if not np.isfinite(left_m):
         return MisfitError(
             make_message(

@@ -35,6 +35,7 @@ class FileNames:
     position: tuple[str, ...] = ("X", "Y", "Z")
     length_unit: str = ""  # in which positions or lengths were taken
     angle_unit: str = ""
+    targets: str = ""  # a column that tells several targets or tools apart
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,6 +133,14 @@ def _angle_units(
 ) -> Iterator[JointInterpretation]:
     if not turning.any():
         return
+    if names.angle_unit in ("", "deg"):
+        yield JointInterpretation(
+            "angle unit",
+            1,
+            joints_rad * np.where(turning, 0.9, 1.0),
+            make_message("the joints are in {unit}, not in {other}", unit="gon", other="deg"),
+            "Say so: `--units joints=gon`.",
+        )
     for factor, unit, other in ((_TURN_DEG, "rad", "deg"), (1.0 / _TURN_DEG, "deg", "rad")):
         if names.angle_unit in ("", other):
             yield JointInterpretation(

@@ -109,7 +109,7 @@ def position_scale(model: RobotModel, observations: Observations) -> PositionSca
     factor = (seen - seen.mean(axis=1, keepdims=True)) / sigma_m
     flat = columns.reshape(len(layout), -1)
     values = left.reshape(-1) + deviations @ flat
-    needed = ~_redundant_angles(model, layout)
+    needed = np.logical_not(_redundant_angles(model, layout))
     parameters = [each for each, used in zip(layout.parameters, needed, strict=True) if used]
     return _compared(flat[needed], values, factor.reshape(-1), parameters)
 
@@ -149,7 +149,9 @@ def _compared(columns: Array, values: Array, factor: Array, parameters: list[Par
         one_sight = np.diag(gram)[lengths] - np.sum(seen[:, 2:] * solve[:, 2:], axis=0)
         one_slope = goal[lengths] - seen[:, 2:].T @ solve[:, 0]
         one = np.where(one_sight > 0.0, one_slope**2 / np.where(one_sight > 0.0, one_sight, 1.0), 0.0)
-        best_one = max(0.0, float(np.max(one, initial=0.0)) - 2.0 * float(np.log(_ARMS_WITH_ONE * max(1, one.size))))
+        best_one = max(
+            0.0, float(np.max(one, initial=0.0)) - 2.0 * float(np.log(_ARMS_WITH_ONE * max(1, one.size)))
+        )
         told.append((plain + best_one, plain + slope**2 / sight, slope / sight, sight**-0.5))
     without = max(each[0] for each in told)
     best = max(told, key=lambda each: each[1])

@@ -27,6 +27,7 @@ from cellcal.calibration.identification.position_scale import (
 from cellcal.calibration.identification.residual_model import errors_with
 from cellcal.calibration.identification.selection import IdentificationOptions
 from cellcal.calibration.identification.series_breaks import mounting_of
+from cellcal.calibration.identification.target_change import find_target_change, refuse_target_change
 from cellcal.calibration.identification.temperature import temperature_effect
 from cellcal.calibration.identification.tip_uncertainty import HayatiTable, hayati_table
 from cellcal.calibration.identification.work_parts import SERIAL, PartRunner
@@ -186,14 +187,14 @@ def identify_file(
     chain = start.point.rigid_arm(model)
     with naming_fixed_joints(path, robot, options.read):
         refuse_misfit(chain, prepared.observations, file_names(prepared.measurements))
+    refuse_target_change(chain, find_target_change(chain, prepared.observations), prepared.measurements.rows)
     train, held_out = _split_rows(len(prepared.observations), options)
     grouping = group_rows(
         prepared.measurements.observations.joints_rad[train], prepared.grouping.groups[train]
     )
     grouping = Grouping(grouping.groups, prepared.grouping.kind)
     prepared = _at_one_temperature(model, prepared, train, grouping)
-    scale = position_scale(chain, prepared.observations.select_rows(train))
-    refuse_wrong_scale(chain, scale)
+    scale = _believed_scale(chain, prepared.observations.select_rows(train))
     found = identify_arm(
         model,
         prepared.observations.select_rows(train),
@@ -209,7 +210,7 @@ def identify_file(
     )
     breaks = [int(train[item.row]) for item in found.breaks]
     judged = _judge_held_out(prepared, found, (train, held_out), breaks)
-    refuse_gross_misfit(model, prepared.observations, judged.held_out_m)
+    refuse_gross_misfit(model, prepared.observations, judged.held_out_m, prepared.measurements.targets[0])
     checked = None
     if options.check is not None:
         checked = check_file(options.check, options.read, found, prepared)
@@ -344,6 +345,20 @@ def _split_rows(count: int, options: IdentifyOptions) -> tuple[Rows, Rows]:
         )
     order = np.random.default_rng(options.seed).permutation(count)
     return np.sort(order[: options.train_rows]), np.sort(order[options.train_rows :])
+
+
+def _refuse_other_causes(chain: RobotModel, prepared: PreparedMeasurements) -> None:
+    """Refuse rows that fit with another reading of the file, or with a second target."""
+    refuse_misfit(chain, prepared.observations, file_names(prepared.measurements))
+    change = find_target_change(chain, prepared.observations)
+    refuse_target_change(chain, change, prepared.measurements.rows)
+
+
+def _believed_scale(chain: RobotModel, rows: Observations) -> PositionScale | None:
+    """Return the common factor of positions, unless it is one that is refused."""
+    scale = position_scale(chain, rows)
+    refuse_wrong_scale(chain, scale)
+    return scale
 
 
 def _rejected_rows(measurements: Measurements, found: Identification, train: Rows) -> tuple[RejectedRow, ...]:

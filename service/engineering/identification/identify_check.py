@@ -77,6 +77,7 @@ def prepare_measurements(path: Path, model: RobotModel, options: ReadOptions) ->
     raw = measurements.observations
     noticed = [
         *_rods(model),
+        *_several_targets(measurements),
         *lints.sign_flips(raw.joints_rad, model.joint_names),
         *lints.find_duplicates(raw.joints_rad),
         *lints.rounding_floor(model, raw.joints_rad, measurements.joint_step_rad, measurements.value_step_m),
@@ -108,6 +109,7 @@ def file_names(measurements: Measurements) -> FileNames:
         layout.as_typed(layout.position) or ("X", "Y", "Z"),
         units.get("length" if layout.length else "position", ""),
         units.get("joints", ""),
+        measurements.targets[0],
     )
 
 
@@ -183,6 +185,20 @@ def _lint_temperature(fitted: PreparedMeasurements, rows: Rows, left_m: Array, g
     if fitted.effect is not None:
         return temperature_note(fitted.effect)
     return temperature_drift(None if temperature is None else temperature[rows], left_m, groups)
+
+
+def _several_targets(measurements: Measurements) -> list[Lint]:
+    """Say that a column tells targets apart, of which the fit knows one."""
+    column, words = measurements.targets
+    if not column:
+        return []
+    return [
+        Lint(
+            "targets",
+            f"column {column!r} tells {', '.join(words)} apart, and all rows were taken as of one target: where "
+            "these differ on the flange, keep the rows of one, or describe them in a layout.",
+        )
+    ]
 
 
 def _rods(model: RobotModel) -> list[Lint]:

@@ -22,8 +22,8 @@ _WITH_UNIT = re.compile(
     r"(?P<unit>[^\d\s.,+-]\D{0,15})"
 )
 _SEXAGESIMAL = re.compile(
-    r"(?P<sign>[+-]?)(?P<degrees>\d{1,3})\s*[\u00b0\u00ba]\s*(?P<minutes>[0-5]?\d)\s*['\u2032\u2019]\s*"
-    r"(?:(?P<seconds>[0-5]?\d(?:[.,]\d+)?)\s*(?:\"|\u2033|\u201d|'')?)?"
+    r"(?P<sign>[+-]?)(?P<degrees>\d{1,3})\s*[\u00b0\u00ba]\s*(?:(?P<parts>[0-5]?\d[.,]\d+)\s*['\u2032\u2019]"
+    r"|(?P<minutes>[0-5]?\d)\s*['\u2032\u2019]\s*(?:(?P<seconds>[0-5]?\d(?:[.,]\d+)?)\s*(?:\"|\u2033|\u201d|'')?)?)"
 )
 _TEMPERATURES = {"°c": "°C", "℃": "°C", "degc": "°C", "°f": "°F", "℉": "°F", "degf": "°F"}
 _MARKS = frozenset(
@@ -83,7 +83,8 @@ def _read_angle(number: str, cell: str) -> WrittenNumber | None:
     if angle is None:
         return None
     seconds = float((angle["seconds"] or "0").replace(",", "."))
-    size = int(angle["degrees"]) + int(angle["minutes"]) / 60.0 + seconds / 3600.0
+    minutes = float((angle["parts"] or angle["minutes"]).replace(",", "."))
+    size = int(angle["degrees"]) + minutes / 60.0 + seconds / 3600.0
     return WrittenNumber.of(-size if angle["sign"] == "-" else size, cell, "deg")
 
 

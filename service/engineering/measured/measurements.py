@@ -25,6 +25,12 @@ from cellcal.service.engineering.measured.columns import TableLayout, detect_lay
 from cellcal.service.engineering.measured.joint_coupling import controller_joints
 from cellcal.service.engineering.measured.joint_units import joint_units, refuse_typed_zeros
 from cellcal.service.engineering.measured.no_readings import no_readings, usable_without
+from cellcal.service.engineering.measured.row_words import (
+    refuse_no_angles,
+    refuse_other_headings,
+    refuse_several_robots,
+    target_column,
+)
 from cellcal.service.engineering.measured.table import (
     WRITE_PLAINLY,
     MeasurementError,
@@ -87,6 +93,7 @@ class Measurements:
     layout: TableLayout
     units: Mapping[str, str]  # meaning -> unit, stated or guessed
     convention: str  # of the attitude; empty if none is used
+    targets: tuple[str, tuple[str, ...]] = ("", ())  # a column that tells targets apart, and their names
 
 
 def read_measurements(path: Path, model: RobotModel, options: ReadOptions | None = None) -> Measurements:
@@ -103,6 +110,7 @@ def read_measurements(path: Path, model: RobotModel, options: ReadOptions | None
     layout = detect_layout(table.names, model.joint_names, options.columns, slides, table.numeric_names())
     names = [name for name in (*layout.joints, *layout.position, *layout.turn, layout.length) if name]
     numbers = {name: table.column_values(name) for name in (*names, *layout.spread, *layout.controller)}
+    refuse_other_headings(table, names)
     good, rejected = _usable_rows(table, names, numbers)
     _refuse_none(path, good, rejected)
     _refuse_mostly_text(path, rejected, len(table))
@@ -110,6 +118,8 @@ def read_measurements(path: Path, model: RobotModel, options: ReadOptions | None
     units = UnitChoice({**layout.units, **options.units}, guesses)
     raw = np.column_stack([numbers[name][good] for name in layout.joints])
     unit = joint_units(units, layout.joints, raw, model)
+    if model.sliding is None:
+        refuse_no_angles(layout.joints, raw, unit)
     joints = controller_joints(_as_typed(raw * unit, layout, model), model, options.joint_coupling)
     good, joints, silent = _with_readings(table, good, joints, (layout, numbers, model))
     _refuse_none(path, good, (*rejected, *silent))
@@ -121,6 +131,8 @@ def read_measurements(path: Path, model: RobotModel, options: ReadOptions | None
     controller, controller_step = source.controller_positions()
     observations, value_step = source.observations()
     rows = np.flatnonzero(good)
+    used = (*numbers, layout.group)
+    refuse_several_robots(table, rows, used)
     return Measurements(
         observations=observations,
         rows=rows,
@@ -136,6 +148,7 @@ def read_measurements(path: Path, model: RobotModel, options: ReadOptions | None
         layout=layout,
         units={key: unit for key, unit in units.used.items() if key != "convention"},
         convention=units.used.get("convention", ""),
+        targets=target_column(table, rows, used),
     )
 
 

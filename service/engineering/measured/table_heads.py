@@ -25,7 +25,7 @@ def is_remark(row: Sequence[float | str]) -> bool:
 def heading_names(above: Sequence[Cells], width: int) -> tuple[str, ...] | None:
     """Return the header above the numbers, with a line of units or of groups if there is one; None without any."""
     lines = [[str(cell).strip() for cell in row] for row in above if any(str(cell).strip() for cell in row)]
-    lines = [_without_mark(row) for row in lines]
+    lines = [_without_mark(row, width) for row in lines]
     header = [at for at, row in enumerate(lines) if len(row) >= width or sum(map(bool, row)) >= width]
     if not header:
         return None
@@ -80,10 +80,10 @@ def _with_groups(names: list[str], above: Sequence[list[str]]) -> list[str]:
     return names
 
 
-def _without_mark(row: list[str]) -> list[str]:
-    """Drop the comment mark of a header such as ``# q1 q2``."""
+def _without_mark(row: list[str], width: int) -> list[str]:
+    """Drop the comment mark of a header such as ``# q1 q2``; one that names a column stays."""
     if row and row[0] in _MARKS:
-        return row[1:]
+        return row[1:] if len(row) > width else row
     return [re.sub(r"^(//|[#%])\s*", "", row[0]), *row[1:]] if row else row
 
 

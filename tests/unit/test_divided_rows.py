@@ -1,0 +1,184 @@
+"""Rows of several robots, targets, headings and units in one file are refused with what divides them."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cellcal.calibration.identification.misfit import FileNames, MisfitError, refuse_misfit
+from cellcal.calibration.identification.observations import PointObservations
+from cellcal.calibration.identification.target_change import find_target_change, refuse_target_change
+from cellcal.service.cli.app import run_command_line
+from cellcal.service.engineering.identification.identify_check import prepare_measurements
+from cellcal.service.engineering.measured.cell_numbers import parse_cell
+from cellcal.service.engineering.measured.measurements import ReadOptions, read_measurements
+from cellcal.service.engineering.measured.table import MeasurementError
+from cellcal.service.exit_codes import ExitCode
+from tests.unit.helpers.simulated_arm import tracker_points
+
+ROBOT = "abb_irb120"
+HEADING = ["J1", "J2", "J3", "J4", "J5", "J6", "X", "Y", "Z"]
+
+
+def with_other_target(true, first: int, moved_m, *, until: int | None = None) -> PointObservations:
+    """Return the rows with the target moved in the flange from one row on."""
+    rows: PointObservations = true.observations
+    places = rows.positions_m.copy()
+    frames = true.truth.seen_from(0).base_flange(rows.joints_rad)[:, :3, :3]
+    places[first:until] += (frames @ np.asarray(moved_m))[first:until]
+    return replace(rows, positions_m=places)
+
+
+def cells_of(rows: PointObservations) -> list[list[str]]:
+    joints, places = np.rad2deg(rows.joints_rad), rows.positions_m * 1e3
+    return [[f"{value:.4f}" for value in (*a, *b)] for a, b in zip(joints, places, strict=True)]
+
+
+def write(path: Path, *lines: list[str]) -> Path:
+    path.write_text("\n".join(",".join(line) for line in lines) + "\n", encoding="utf-8")
+    return path
+
+
+@pytest.mark.parametrize("robot", [ROBOT, "ur10", "fanuc_m6ib"])
+@pytest.mark.parametrize("moved_mm", [1.0, 8.0, 60.0])
+@pytest.mark.parametrize("first", [20, 40, 66])
+def test_a_target_that_changed_is_found_with_row_and_distance(robot: str, moved_mm: float, first: int):
+    for seed in range(3):
+        true = tracker_points(robot, 80, seed=seed)
+        rows = with_other_target(true, first, [0.0, 0.6 * moved_mm * 1e-3, 0.8 * moved_mm * 1e-3])
+        found = find_target_change(true.model, rows)
+        assert found is not None
+        assert abs(found.row - first) <= (0 if moved_mm > 5.0 else 2)
+        assert found.moved_m == pytest.approx(moved_mm * 1e-3, rel=0.15, abs=2e-4)
+
+
+@pytest.mark.parametrize("robot", [ROBOT, "ur10", "fanuc_m6ib", "kuka_kr6_r900"])
+def test_one_target_a_moved_device_and_a_slow_drift_are_no_other_target(robot: str) -> None:
+    for seed in range(6):
+        true = tracker_points(robot, 60, seed=seed)
+        rows: PointObservations = true.observations
+        assert find_target_change(true.model, rows) is None
+        moved, drifted = rows.positions_m.copy(), rows.positions_m.copy()
+        moved[30:] += [0.02, -0.01, 0.005]
+        drifted += np.linspace(0.0, 1e-3, 60)[:, None] * [1.0, 0.0, 0.0]
+        assert find_target_change(true.model, replace(rows, positions_m=moved)) is None
+        assert find_target_change(true.model, replace(rows, positions_m=drifted)) is None
+
+
+def test_the_refusal_names_the_row_of_the_file() -> None:
+    true = tracker_points(ROBOT, 60)
+    found = find_target_change(true.model, with_other_target(true, 30, [0.0, 0.0, 0.005]))
+    with pytest.raises(MisfitError, match=r"5\.0\d mm elsewhere on the flange from row 34") as refused:
+        refuse_target_change(true.model, found, np.arange(60) + 4)
+    assert refused.value.causes[0].kinds == ("target",)
+    assert "Divide the file there" in refused.value.remedy
+
+
+def test_the_command_refuses_a_file_of_two_targets(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    true = tracker_points(ROBOT, 60)
+    rows = cells_of(with_other_target(true, 30, [0.0, 0.0, 0.04]))
+    file = write(tmp_path / "two.csv", HEADING, *rows)
+    assert run_command_line(["identify", str(file), "--robot", ROBOT]) == ExitCode.REFUSED
+    assert "elsewhere on the flange from row 30" in " ".join(capsys.readouterr().err.split())
+
+
+@pytest.mark.parametrize("name", ["Robot", "robot name", "机器人", "Roboter"])
+def test_a_column_of_two_robots_is_refused(tmp_path: Path, name: str) -> None:
+    true = tracker_points(ROBOT, 40)
+    rows = [[("R1", "R2")[at >= 20], *cells] for at, cells in enumerate(cells_of(true.observations))]
+    with pytest.raises(MeasurementError, match="names 2 robots: R1, R2"):
+        read_measurements(write(tmp_path / "m.csv", [name, *HEADING], *rows), true.model)
+
+
+def test_one_robot_in_its_column_is_read(tmp_path: Path) -> None:
+    true = tracker_points(ROBOT, 40)
+    rows = [["R1", *cells] for cells in cells_of(true.observations)]
+    assert (
+        len(read_measurements(write(tmp_path / "m.csv", ["Robot", *HEADING], *rows), true.model).rows) == 40
+    )
+
+
+def test_a_column_of_targets_is_said_and_is_the_cure_where_nothing_fits(tmp_path: Path) -> None:
+    true = tracker_points(ROBOT, 40)
+    rows = [[("A", "B")[at % 2], *cells] for at, cells in enumerate(cells_of(true.observations))]
+    prepared = prepare_measurements(
+        write(tmp_path / "m.csv", ["SMR", *HEADING], *rows), true.model, ReadOptions()
+    )
+    (note,) = [each for each in prepared.noticed if each.code == "targets"]
+    assert "'SMR' tells A, B apart" in note.message
+    mixed = np.random.default_rng(1).permutation(true.observations.positions_m)
+    with pytest.raises(MisfitError) as refused:
+        refuse_misfit(
+            true.model,
+            replace(true.observations, positions_m=mixed),
+            FileNames(tuple(HEADING[:6]), targets="SMR"),
+            search_models=False,
+        )
+    assert "Column 'SMR' tells several targets" in refused.value.remedy
+
+
+def test_names_of_points_are_no_targets(tmp_path: Path) -> None:
+    true = tracker_points(ROBOT, 40)
+    rows = [[f"P{at}", *cells] for at, cells in enumerate(cells_of(true.observations))]
+    file = write(tmp_path / "m.csv", ["Target", *HEADING], *rows)
+    assert read_measurements(file, true.model).targets == ("", ())
+
+
+@pytest.mark.parametrize(
+    "second", [[*HEADING[:6], "Z", "Y", "X"], [*HEADING[:6], "X [m]", "Y [m]", "Z [m]"], HEADING[:3][::-1] + HEADING[3:]]
+)  # fmt: skip
+def test_another_heading_further_down_is_refused_with_its_line(tmp_path: Path, second: list[str]) -> None:
+    true = tracker_points(ROBOT, 40)
+    rows = cells_of(true.observations)
+    file = write(tmp_path / "m.csv", HEADING, *rows[:20], second, *rows[20:])
+    with pytest.raises(MeasurementError, match="line 22 is another heading"):
+        read_measurements(file, true.model)
+
+
+def test_the_same_heading_further_down_and_lines_of_words_are_passed(tmp_path: Path) -> None:
+    true = tracker_points(ROBOT, 40)
+    rows = cells_of(true.observations)
+    file = write(tmp_path / "m.csv", HEADING, *rows[:20], HEADING, ["lost"] * 9, *rows[20:])
+    assert len(read_measurements(file, true.model).rows) == 40
+
+
+def test_pulses_are_no_degrees(tmp_path: Path) -> None:
+    true = tracker_points(ROBOT, 40)
+    rows = [
+        [*(f"{float(cell) * 900:.0f}" for cell in cells[:6]), *cells[6:]]
+        for cells in cells_of(true.observations)
+    ]
+    file = write(tmp_path / "m.csv", ["S", "L", "U", "R", "B", "T", "X", "Y", "Z"], *rows)
+    with pytest.raises(MeasurementError, match="no joint turns so far") as refused:
+        read_measurements(file, true.model)
+    assert "pulses per degree" in refused.value.remedy
+
+
+def test_gon_are_told_by_the_fit(tmp_path: Path) -> None:
+    true = tracker_points(ROBOT, 40)
+    rows = replace(true.observations, joints_rad=true.observations.joints_rad / 0.9)
+    with pytest.raises(MisfitError) as refused:
+        refuse_misfit(true.model, rows, FileNames(tuple(HEADING[:6]), angle_unit="deg"), search_models=False)
+    assert "`--units joints=gon`" in refused.value.remedy
+
+
+@pytest.mark.parametrize("first", ["#", "# no", "%"])
+def test_a_heading_that_begins_with_a_mark_is_one(tmp_path: Path, first: str) -> None:
+    true = tracker_points(ROBOT, 40)
+    rows = [
+        [str(at), f"2024-05-03T10:00:{at:02d}+02:00", *cells]
+        for at, cells in enumerate(cells_of(true.observations))
+    ]
+    file = write(tmp_path / "m.csv", [first, "Time", *HEADING], *rows)
+    assert read_measurements(file, true.model).layout.joints == tuple(HEADING[:6])
+
+
+@pytest.mark.parametrize(
+    ("cell", "degrees"),
+    [("12°30.5'", 12.508333), ("-7° 05.25\u2032", -7.0875), ("12°30'15\"", 12.504167), ("12°30'", 12.5)],
+)
+def test_minutes_with_decimals_are_read(cell: str, degrees: float) -> None:
+    assert parse_cell(cell, comma=False) == pytest.approx(degrees, abs=1e-6)
