@@ -182,3 +182,13 @@ def test_a_heading_that_begins_with_a_mark_is_one(tmp_path: Path, first: str) ->
 )
 def test_minutes_with_decimals_are_read(cell: str, degrees: float) -> None:
     assert parse_cell(cell, comma=False) == pytest.approx(degrees, abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    "text", ['[{"joints": [1, 2], "position": [3, 4]}]', '{"rows": 1}', "<?xml version='1.0'?><a/>"]
+)
+def test_a_document_that_is_no_table_is_said(tmp_path: Path, text: str) -> None:
+    file = tmp_path / "m.json"
+    file.write_text(text, encoding="utf-8")
+    with pytest.raises(MeasurementError, match="JSON or XML"):
+        read_measurements(file, tracker_points(ROBOT, 8).model)

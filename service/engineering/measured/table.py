@@ -129,6 +129,11 @@ def read_table(path: Path, *, sheet: str | None = None) -> MeasurementTable:
 
 def _read_text(path: Path) -> MeasurementTable:
     content = read_plain_bytes(path)
+    if content.lstrip()[:2] in (b"[{", b"[[") or content.lstrip()[:1] in (b"{", b"<"):
+        raise MeasurementError(
+            make_message("{path} holds no table: it is JSON or XML.", path=path),
+            remedy="Export the measurements as CSV or Excel: a heading, and one row a posture.",
+        )
     lines = io.StringIO(content.decode(encoding_of(content), errors="replace"), newline=None)
     separator, comma = _detect_dialect(
         list(islice((line for line in lines if line.strip() and not is_remark([line])), _LOOK_AHEAD))
