@@ -13,6 +13,7 @@ from cellcal.drivers.kuka.variables.config import KukaVariablesConfig
 from cellcal.drivers.laser_tracker.config import LaserTrackerConfig
 from cellcal.drivers.modbus_robot import fanuc_program
 from cellcal.drivers.modbus_robot.config import ModbusRobotConfig
+from cellcal.drivers.opc_ua.config import OpcUaConfig
 from cellcal.drivers.touch_probe.config import DialGaugeConfig, TouchProbeConfig
 from cellcal.drivers.universal_robots.config import UniversalRobotConfig
 from cellcal.drivers.universal_robots.program_files import program_file
@@ -25,6 +26,7 @@ RobotConfig: TypeAlias = Annotated[
     | AbbWebServicesConfig
     | FanucRmiConfig
     | KukaVariablesConfig
+    | OpcUaConfig
     | YaskawaConfig,
     Field(discriminator="driver"),
 ]

@@ -23,6 +23,7 @@ import cellcal.fake_devices.fanuc_rmi.device
 import cellcal.fake_devices.kuka.device
 import cellcal.fake_devices.laser_tracker.device
 import cellcal.fake_devices.modbus_robot.device
+import cellcal.fake_devices.opc_ua.device
 import cellcal.fake_devices.touch_probe.device
 import cellcal.fake_devices.universal_robots.device
 import cellcal.fake_devices.yaskawa.device
@@ -39,6 +40,7 @@ FACTORIES: dict[str, Factory] = {
     "fanuc_rmi": cellcal.fake_devices.fanuc_rmi.device.create_fanuc_rmi_robot,
     "kuka_variables": cellcal.fake_devices.kuka.device.create_kuka_robot,
     "abb_web_services": cellcal.fake_devices.abb.device.create_abb_robot,
+    "opc_ua": cellcal.fake_devices.opc_ua.device.create_opc_ua_robot,
     "yaskawa": cellcal.fake_devices.yaskawa.device.create_yaskawa_robot,
     "draw_wire": cellcal.fake_devices.draw_wire.device.create_draw_wire,
     "laser_tracker": cellcal.fake_devices.laser_tracker.device.create_laser_tracker,

@@ -87,6 +87,10 @@ NEEDS: dict[str, tuple[str, Callable[[Cell], bool]]] = {
         "a robot that moves on command",  # a person's moves do as well
         lambda cell: cell.robot.capabilities.moves_joints or cell.level is not MotionLevel.COMMANDED,
     ),
+    "tells_flange_pose": (
+        "a controller that shows where its flange is",
+        lambda cell: cell.robot.capabilities.tells_flange_pose,
+    ),
     "commanded": (
         'a robot that this software moves (motion = "commanded" in cell.toml)',
         lambda cell: cell.level is MotionLevel.COMMANDED,

@@ -130,6 +130,8 @@ GUIDE: Mapping[str, GuideEntry] = {
 NEED_REMEDIES: Mapping[str, str] = {
     "moves_joints": "Choose a robot whose controller takes moves over the network, or let a person move it: "
     "motion = observe in the cell file.",
+    "tells_flange_pose": "Choose a link of the maker's own for this robot: without the flange pose its joints cannot "
+    "be compared with its model.",
     "commanded": "An engineer allows it in the cell file.",
     "writes_mastering": "Choose a robot whose controller opens its mastering over the network.",
     "writes_tool_frame": "Write the result on the pendant by hand, or connect the controller's tool frames.",

@@ -40,6 +40,7 @@ class RobotCapabilities:
     moves_joints: bool = True
     moves_slowly: bool = True  # joint moves of 2 deg/s and less, the pace of a robot that may be lost
     moves_linear: bool = False
+    tells_flange_pose: bool = True  # without it, joints cannot be compared with the robot's model
     hand_guiding: bool = False
     jogs_single_axes: bool = False
     reads_encoder_counts: bool = False
@@ -74,7 +75,10 @@ class Robot(Device, Protocol):
     def capabilities(self) -> RobotCapabilities: ...
     async def read_joints(self) -> JointReading: ...
     async def flange_pose(self) -> Pose:
-        """Return base_flange as the controller reports it, the active tool taken off."""
+        """Return base_flange as the controller reports it, the active tool taken off.
+
+        Refused where capabilities.tells_flange_pose is false.
+        """
         ...
 
     async def move_joints(self, target_rad: Joints, *, speed_rad_s: float) -> None: ...

@@ -22,6 +22,9 @@ from cellcal.service.record.run_store import RunStore
 
 IN_USE = "in use"
 OTHER_MODEL = "another model"
+_NOT_COMPARED = (
+    "Its controller shows no flange pose, so the joints were not compared with the model of the cell file."
+)
 _FIRST_SCREEN = (
     "No mastering record of {robot} is stored. Take it now, while the robot is healthy: "
     "`cellcal run mastering_record --cell {path}`. Without it a lost turn cannot be restored exactly."
@@ -142,6 +145,8 @@ async def _report_robot(device: Robot, config: RobotConfig) -> DeviceReport:
     report = await _report_device(device, config)
     report = replace(report, keeps_mastering=device.capabilities.writes_mastering)
     report = await _compare_joint_sources(device, report)
+    if not device.capabilities.tells_flange_pose:
+        return replace(report, message=f"{report.message} {_NOT_COMPARED}")
     return await _hold_against_model(device, config.model, report) if report.is_ready else report
 
 

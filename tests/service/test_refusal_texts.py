@@ -41,6 +41,7 @@ WHOLE = (
     "drivers/modbus_robot/mastering.py",
     "drivers/modbus_robot/cell_program.py",
     "drivers/modbus_robot/robot.py",
+    "drivers/opc_ua",
     "drivers/programs",
     "drivers/touch_probe/coupler.py",
     "drivers/touch_probe/dial_gauge.py",

@@ -22,6 +22,7 @@ KINDS = [("modbus_robot", name) for name in profile_names()] + [
     ("fanuc", "fanuc_rmi"),
     ("abb", ""),
     ("kuka", ""),
+    ("opc_ua", ""),
     ("yaskawa", ""),
 ]
 
@@ -46,7 +47,7 @@ def test_the_set_up_page_shows_the_same(driver: str, profile: str) -> None:
 
 def test_every_driver_of_a_robot_has_its_rows() -> None:
     brands = {model.__module__.split(".")[2] for model in get_args(get_args(RobotConfig)[0])}
-    assert {"abb", "fanuc", "kuka", "modbus_robot", "universal_robots", "yaskawa"} == brands
+    assert {"abb", "fanuc", "kuka", "modbus_robot", "opc_ua", "universal_robots", "yaskawa"} == brands
     assert all(driver_evidence(brand) or brand == "modbus_robot" for brand in brands)
 
 

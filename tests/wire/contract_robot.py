@@ -2,6 +2,7 @@
 
 import asyncio
 import math
+from collections.abc import Callable
 from typing import Any
 
 import pytest
@@ -35,7 +36,18 @@ MODES = {  # a switch, and what the controller calls its places
     "abb": ("manual_mode", "AUTO", "MANR"),
     "abb_7": ("manual_mode", "AUTO", "MANR"),
     "motoman": ("teach_mode", "REMOTE", "TEACH"),
+    "any_maker": ("mode", "AUTOMATIC", "MANUAL_REDUCED_SPEED"),
 }
+
+
+def needs(*flags: str) -> Callable[[Any], Any]:
+    """Mark a test of an ability that not every robot claims."""
+
+    def mark(test: Any) -> Any:
+        test.needed_flags = flags
+        return test
+
+    return mark
 
 
 async def truth_of(fake_client: FakeCellClient, case: RobotCase) -> dict[str, Any]:
@@ -73,8 +85,18 @@ def far_move(robot: Any, case: RobotCase) -> asyncio.Task[None]:
 
 
 class RobotContract:
-    """Mixed into a test class."""
+    """Mixed into a test class. A robot is asked for what it claims; without a claim it must refuse."""
 
+    @pytest.fixture(autouse=True)
+    def _skip_what_is_not_claimed(
+        self, request: pytest.FixtureRequest, robot_case: RobotCase, cell: CellConfig
+    ) -> None:
+        can = cell.robot_named(robot_case.name).capabilities
+        for flag in getattr(request.function, "needed_flags", ()):
+            if not getattr(can, flag):
+                pytest.skip(f"this robot does not claim {flag}")
+
+    @needs("moves_joints")
     async def test_a_move_returns_when_the_arm_has_settled_at_the_target(
         self, robot: Any, robot_case: RobotCase, fake_client: FakeCellClient
     ) -> None:
@@ -86,10 +108,12 @@ class RobotContract:
         assert not reading.moving
         assert reading.joints_rad == pytest.approx(robot_case.away_rad, abs=AT_TARGET_RAD)
 
+    @needs("moves_joints")
     async def test_a_move_may_be_asked_for_twice(self, robot: Any, robot_case: RobotCase) -> None:
         await robot.move_joints(robot_case.home_rad, speed_rad_s=0.5)
         await robot.move_joints(robot_case.home_rad, speed_rad_s=0.5)
 
+    @needs("moves_joints")
     async def test_a_move_that_is_stopped_raises(
         self, robot: Any, robot_case: RobotCase, fake_client: FakeCellClient
     ) -> None:
@@ -104,6 +128,7 @@ class RobotContract:
         assert condition.readiness is Readiness.STOPPED
         assert condition.remedy
 
+    @needs("moves_joints")
     async def test_a_cancelled_move_stops_the_arm_waits_for_standstill_and_re_raises(
         self, robot: Any, robot_case: RobotCase, fake_client: FakeCellClient
     ) -> None:
@@ -117,6 +142,7 @@ class RobotContract:
         assert robot_case.believed_joints(truth) != pytest.approx(robot_case.away_rad, abs=0.05)
         await robot.move_joints(robot_case.home_rad, speed_rad_s=0.5)
 
+    @needs("moves_joints")
     async def test_a_robot_that_is_slowed_down_while_it_moves_still_arrives(
         self, robot_case: RobotCase, cell: CellConfig, fake_client: FakeCellClient
     ) -> None:
@@ -132,6 +158,7 @@ class RobotContract:
             reading = await robot.read_joints()
             assert reading.joints_rad == pytest.approx(robot_case.away_rad, abs=AT_TARGET_RAD)
 
+    @needs("moves_joints")
     async def test_a_second_command_during_a_move_raises_busy_at_once(
         self, robot: Any, robot_case: RobotCase, fake_client: FakeCellClient
     ) -> None:
@@ -144,6 +171,7 @@ class RobotContract:
         move.cancel()
         await asyncio.wait({move})
 
+    @needs("moves_joints")
     async def test_stop_may_be_called_at_any_time_also_twice(
         self, robot: Any, robot_case: RobotCase, fake_client: FakeCellClient
     ) -> None:
@@ -164,7 +192,8 @@ class RobotContract:
         await robot.identify()
         await robot.read_condition()
         await robot.read_joints()
-        await robot.flange_pose()
+        if robot.capabilities.tells_flange_pose:
+            await robot.flange_pose()
         truth = await truth_of(fake_client, robot_case)
         assert truth["joints_rad"] == pytest.approx(before, abs=1e-9)
         assert not truth["moving"]
@@ -177,6 +206,7 @@ class RobotContract:
         assert reading.joints_rad == pytest.approx(believed, abs=1e-5)
         assert reading.raw
 
+    @needs("tells_flange_pose")
     async def test_the_flange_pose_is_near_where_the_flange_is(
         self, robot: Any, robot_case: RobotCase, fake_client: FakeCellClient
     ) -> None:
@@ -186,6 +216,7 @@ class RobotContract:
             assert pose.position_m[row] == pytest.approx(truth[row][3], abs=0.03)
             assert list(pose.rotation_matrix()[row]) == pytest.approx(truth[row][:3], abs=0.03)
 
+    @needs("tells_flange_pose", "tells_active_frames")
     async def test_the_active_tool_is_the_controllers_and_a_switch_is_seen(
         self, robot: Any, robot_case: RobotCase, fake_client: FakeCellClient
     ) -> None:
@@ -197,6 +228,7 @@ class RobotContract:
         assert after.flange_tool.position_m != pytest.approx(before.flange_tool.position_m, abs=1e-3)
         assert (await robot.flange_pose()).position_m == pytest.approx(pose.position_m, abs=1e-5)
 
+    @needs("tells_mode")
     async def test_the_mode_is_the_one_switched_to(
         self, robot: Any, robot_case: RobotCase, fake_client: FakeCellClient
     ) -> None:
@@ -205,12 +237,11 @@ class RobotContract:
         await fake_client.inject_fault(fault, device=robot_case.name)
         assert await robot.controller_mode() == after
 
+    @needs("tells_speed_override")
     async def test_the_speed_override_is_the_one_turned_to(
         self, robot: Any, robot_case: RobotCase, fake_client: FakeCellClient
     ) -> None:
         fault, parameters = robot_case.slow_fault
-        if not robot.capabilities.tells_speed_override:
-            pytest.skip("this controller does not tell it")
         assert await robot.speed_override() == pytest.approx(1.0)
         await fake_client.inject_fault(fault, device=robot_case.name, **parameters)
         assert await robot.speed_override() == pytest.approx(0.15)
@@ -241,6 +272,7 @@ class RobotContract:
         assert failure.value.remedy
         await fake_client.send_command("clear")
 
+    @needs("moves_joints")
     @pytest.mark.parametrize("way", range(3))
     async def test_a_link_lost_during_a_move_is_an_error_that_says_what_to_do(
         self, robot: Any, robot_case: RobotCase, cell: CellConfig, fake_client: FakeCellClient, way: int
@@ -282,6 +314,20 @@ class RobotContract:
         with pytest.raises(WrongDeviceError, match="X-000000"):
             async with wrong.open():
                 pytest.fail("a stranger was let in")
+
+    async def test_what_is_not_claimed_is_refused_with_what_to_do(
+        self, robot: Any, robot_case: RobotCase, fake_client: FakeCellClient
+    ) -> None:
+        can, before = robot.capabilities, (await truth_of(fake_client, robot_case))["joints_rad"]
+        calls = [] if can.moves_joints else [robot.move_joints(robot_case.away_rad, speed_rad_s=0.5)]
+        calls += [] if can.tells_flange_pose else [robot.flange_pose()]
+        if not calls:
+            pytest.skip("this robot claims all of it")
+        for call in calls:
+            with pytest.raises(RefusedError) as refusal:
+                await call
+            assert refusal.value.remedy
+        assert (await truth_of(fake_client, robot_case))["joints_rad"] == pytest.approx(before, abs=1e-9)
 
     async def test_flags_and_methods_agree(self, robot: Any) -> None:
         for flag, methods in ABILITIES.items():

@@ -88,7 +88,10 @@ async def open_at_home(case: RobotCase, cell: CellConfig, fake_client: FakeCellC
     """Open the robot of a case, healthy and at its home position."""
     async with open_retrying(cell.robot_named(case.name)) as robot:
         await case.heal(fake_client, robot)
-        await robot.move_joints(case.home_rad, speed_rad_s=0.5)
+        if robot.capabilities.moves_joints:
+            await robot.move_joints(case.home_rad, speed_rad_s=0.5)
+        else:
+            await fake_client.inject_fault("hand_moves", device=case.name, joints=list(case.home_rad))
         yield robot
 
 
@@ -199,6 +202,12 @@ async def _heal_yaskawa(fake_client: FakeCellClient, robot: Any) -> None:
     await robot.stop()
 
 
+async def _heal_opc_ua(fake_client: FakeCellClient, robot: Any) -> None:
+    await fake_client.send_command("clear")
+    await fake_client.inject_fault("mend", device="any_maker")
+    await until_ready(robot, Readiness.READY)
+
+
 async def _heal_draw_wire(fake_client: FakeCellClient) -> None:
     await fake_client.send_command("clear")
     await fake_client.inject_fault("node_off", device="wire")  # forgets every answer that is still under way
@@ -304,6 +313,17 @@ ROBOTS: dict[str, RobotCase] = {
         stop_fault=("emergency_stop", {}),
         slow_fault=("override", {"percent": 15}),
         impatient={"stuck_s": 1.0},
+    ),
+    "opc_ua": RobotCase(
+        name="any_maker",
+        home_rad=(-0.35, 0.17, -0.44, 0.26, -1.05, 0.35),
+        away_rad=(0.45, 0.3, -0.3, 0.3, -0.9, 0.2),
+        slow_rad_s=0.02,
+        heal=_heal_opc_ua,
+        link_faults=(("silent", {}), ("refuse", {}), ("reset", {})),
+        stop_fault=("emergency_stop", {}),
+        slow_fault=("override", {"percent": 15}),
+        impatient={},
     ),
     "yaskawa": RobotCase(
         name="motoman",

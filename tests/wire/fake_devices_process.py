@@ -154,6 +154,18 @@ step_s = 0.5
 settle_s = 0.02
 
 {floor}
+[[robot]]
+name = "any_maker"
+driver = "opc_ua"
+address = "{address}"
+port = 4840
+model = "fanuc_m6ib"
+motion = "observe"
+serial = "ER-230817"
+deadline_s = 2.0
+still_s = 0.1
+
+{floor}
 [[gauge]]
 name = "wire"
 driver = "draw_wire"

@@ -1,0 +1,184 @@
+"""One session with an OPC UA server: made when it is needed, given up where it fails, made anew by the next request.
+
+The library asyncua encodes and decodes; its tasks for reconnecting and renewing are not used, so that a session lives
+and dies with the requests of this driver.
+"""
+
+import asyncio
+import logging
+import time
+from collections.abc import Awaitable, Callable
+from contextlib import suppress
+from typing import TypeVar
+
+from asyncua import Client, ua
+from asyncua.client.ua_session import UaSession
+
+from cellcal.calibration.message import make_message
+from cellcal.drivers.errors import DeviceError, RefusedError, UnreachableError, WireProtocolError
+from cellcal.drivers.wire.backoff import Backoff
+from cellcal.drivers.wire.deadline import timeout_error
+
+T = TypeVar("T")
+_CABLE = "Check that the controller is on, its OPC UA server runs, and address and port of the cell file are its own."
+_ACCESS = (
+    "Allow reading on the server: anonymously, or for the user and the certificates that the cell file names."
+)
+_REPORT = "Try again; if it stays, report this with the name and the version of the server."
+_RENEW_SHARE = 0.5  # of the life of a secure channel
+_CLOSING_S = 0.5
+# The session or its channel is no more; a new one may be all right.
+_SESSION_ENDED = frozenset(
+    (
+        ua.StatusCodes.BadSessionIdInvalid,
+        ua.StatusCodes.BadSessionClosed,
+        ua.StatusCodes.BadSessionNotActivated,
+        ua.StatusCodes.BadSecureChannelIdInvalid,
+        ua.StatusCodes.BadSecureChannelClosed,
+        ua.StatusCodes.BadSecureChannelTokenUnknown,
+        ua.StatusCodes.BadConnectionClosed,
+        ua.StatusCodes.BadConnectionRejected,
+        ua.StatusCodes.BadServerHalted,
+        ua.StatusCodes.BadShutdown,
+        ua.StatusCodes.BadCommunicationError,
+        ua.StatusCodes.BadTimeout,
+    )
+)
+_NOT_LET_IN = frozenset(
+    (
+        ua.StatusCodes.BadSecurityPolicyRejected,
+        ua.StatusCodes.BadSecurityModeRejected,
+        ua.StatusCodes.BadSecurityChecksFailed,
+        ua.StatusCodes.BadIdentityTokenRejected,
+        ua.StatusCodes.BadIdentityTokenInvalid,
+        ua.StatusCodes.BadUserAccessDenied,
+    )
+)
+logging.getLogger("asyncua").setLevel(
+    logging.CRITICAL
+)  # what it reports as errors is reported here, in sentences
+
+
+class ServerLink:
+    """Asks one server; a request that fails ends the session."""
+
+    def __init__(self, device: str, url: str, *, deadline_s: float) -> None:
+        self.device, self._url, self._deadline_s = device, url, deadline_s
+        self._client: Client | None = None
+        self._renew_at_s = 0.0
+        self._backoff = Backoff()
+        self.session_number = 0  # counts sessions: node ids of an earlier one may be other nodes
+
+    async def connect(self) -> None:
+        """Make a session, where there is none; renew the channel of one before its life ends."""
+        if self._client is not None:
+            await self._renew(self._client)
+            return
+        await self._backoff.wait()
+        client = Client(self._url, timeout=self._deadline_s)
+        client.name = client.description = "cellcal"
+        try:
+            await self._enter(client)
+        except BaseException:
+            self._backoff.note_failure()
+            client.disconnect_socket()
+            raise
+        self._backoff.note_success()
+        self._client = client
+        self.session_number += 1
+
+    async def ask(self, request: Callable[[UaSession], Awaitable[T]], asking: str) -> T:
+        """Return the answer to a request; ``asking`` says in a message what for."""
+        await self.connect()
+        client = self._client
+        assert client is not None
+        return await self._guard(lambda: request(client.uaclient.session), asking)
+
+    async def close(self) -> None:
+        """End the session in good order, if the server still listens."""
+        client, self._client = self._client, None
+        if client is None:
+            return
+        with suppress(Exception):  # whatever is left of it ends with the socket
+            async with asyncio.timeout(_CLOSING_S):
+                await client.close_session()
+                await client.close_secure_channel()
+        client.disconnect_socket()
+
+    def drop(self) -> None:
+        """Give the session up; the next request makes a new one."""
+        client, self._client = self._client, None
+        if client is not None:
+            client.disconnect_socket()
+
+    async def _enter(self, client: Client) -> None:
+        async def make_session() -> None:
+            await client.connect_socket()
+            await client.send_hello()
+            await client.open_secure_channel()
+            await client.create_session()
+            await client.activate_session()
+
+        await self._guard(make_session, "a session")
+        self._note_channel(client)
+
+    async def _renew(self, client: Client) -> None:
+        if time.monotonic() >= self._renew_at_s:
+            await self._guard(lambda: client.open_secure_channel(renew=True), "a longer session")
+            self._note_channel(client)
+
+    def _note_channel(self, client: Client) -> None:
+        self._renew_at_s = time.monotonic() + _RENEW_SHARE * client.secure_channel_timeout / 1000.0
+
+    async def _guard(self, request: Callable[[], Awaitable[T]], asking: str) -> T:
+        """Await a request; turn what the library raises into a DeviceError."""
+        try:
+            return await request()
+        except TimeoutError:
+            self.drop()
+            raise timeout_error(self.device, self._deadline_s, "waiting for the OPC UA server") from None
+        except OSError as error:
+            self.drop()
+            raise self._lost_error(str(error) or type(error).__name__) from error
+        except ua.UaStatusCodeError as error:
+            raise self._status_error(error, asking) from error
+        except Exception as error:
+            self.drop()
+            raise WireProtocolError(
+                self.device,
+                make_message(
+                    "the OPC UA server answered to {asking} with what cannot be read ({error_type}: {error}).",
+                    asking=asking,
+                    error_type=type(error).__name__,
+                    error=error,
+                ),
+                remedy=_REPORT,
+            ) from error
+
+    def _status_error(self, error: ua.UaStatusCodeError, asking: str) -> DeviceError:
+        status = ua.StatusCode(ua.UInt32(error.code)).name
+        if error.code in _SESSION_ENDED:
+            self.drop()
+            return self._lost_error(status)
+        if error.code in _NOT_LET_IN:
+            return RefusedError(
+                self.device,
+                make_message("the OPC UA server does not let this program in ({status}).", status=status),
+                remedy=_ACCESS,
+                vendor_code=error.code,
+                vendor_text=status,
+            )
+        return RefusedError(
+            self.device,
+            make_message("the OPC UA server refuses {asking} ({status}).", asking=asking, status=status),
+            remedy=_REPORT,
+            vendor_code=error.code,
+            vendor_text=status,
+        )
+
+    def _lost_error(self, reason: str) -> UnreachableError:
+        return UnreachableError(
+            self.device,
+            make_message("no connection to the OPC UA server {url}: {reason}.", url=self._url, reason=reason),
+            remedy=_CABLE,
+        )
