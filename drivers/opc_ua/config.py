@@ -2,6 +2,7 @@
 
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
@@ -10,6 +11,7 @@ from cellcal.drivers.interfaces import RobotCapabilities
 
 if TYPE_CHECKING:
     from cellcal.drivers.opc_ua.robot import OpcUaRobot
+    from cellcal.drivers.opc_ua.server_access import ServerAccess
 
 _REQUEST_SHARE = 0.5  # of the deadline: a request that fails leaves time for saying so
 _USUAL_AXES = 6
@@ -26,6 +28,11 @@ class OpcUaConfig(BaseModel):
     address: str = Field(min_length=1)
     port: int = Field(default=4840, ge=1, le=65535)
     path: str = Field(default="/", pattern=r"^/[^\s?#@]*$")  # of the endpoint: opc.tcp://ADDRESS:PORT/PATH
+    user: str = Field(default="", max_length=64)  # "": anonymous
+    password: str = Field(default="", max_length=128)
+    certificate: Path | None = None  # ours, with its key, and the server's own: all three encrypt the channel
+    private_key: Path | None = None
+    server_certificate: Path | None = None
     model: str = Field(min_length=1)  # name of the nominal robot model
     serial: str = Field(
         min_length=1
@@ -45,6 +52,19 @@ class OpcUaConfig(BaseModel):
             raise ValueError("still_s is at most half of deadline_s: a reading may have to wait so long")
         if len(set(self.axes)) != len(self.axes):
             raise ValueError("axes names each axis once")
+        return self
+
+    @model_validator(mode="after")
+    def _check_access(self) -> Self:
+        files = (self.certificate, self.private_key, self.server_certificate)
+        if None in files and files != (None, None, None):
+            raise ValueError("certificate, private_key and server_certificate go together")
+        if self.user and None in files:
+            raise ValueError(
+                "user: a password goes over an encrypted channel only; name the certificates as well"
+            )
+        if self.password and not self.user:
+            raise ValueError("password without user")
         return self
 
     @property
@@ -71,7 +91,7 @@ class OpcUaConfig(BaseModel):
         from cellcal.drivers.opc_ua.server_link import ServerLink  # noqa: PLC0415  as above
 
         url = f"opc.tcp://{self.address}:{self.port}{self.path}"
-        link = ServerLink(self.name, url, deadline_s=_REQUEST_SHARE * self.deadline_s)
+        link = ServerLink(self.name, url, self._make_access(), deadline_s=_REQUEST_SHARE * self.deadline_s)
         options = OpcUaOptions(
             self.serial, self.motion_device, self.axes, self.capabilities, self.deadline_s, self.still_s
         )
@@ -81,3 +101,11 @@ class OpcUaConfig(BaseModel):
             yield robot
         finally:
             await robot.close()
+
+    def _make_access(self) -> "ServerAccess":
+        from cellcal.drivers.opc_ua.server_access import CertificateFiles, ServerAccess  # noqa: PLC0415  as above
+
+        if self.certificate is None or self.private_key is None or self.server_certificate is None:
+            return ServerAccess()
+        files = CertificateFiles(self.certificate, self.private_key, self.server_certificate)
+        return ServerAccess(self.user, self.password, files)

@@ -54,7 +54,7 @@ class NodeSearch:
         )
 
     async def children_of(self, node_id: ua.NodeId) -> list[FoundChild]:
-        """Return the objects and variables below a node."""
+        """Return the objects and variables below a node, without placeholders that a server took over from a type."""
         description = ua.BrowseDescription(
             node_id,
             ua.BrowseDirection.Forward,
@@ -64,7 +64,7 @@ class NodeSearch:
             ua.UInt32(_ALL_FIELDS),
         )
         references = (await self._browse([description]))[0]
-        return [
+        found = [
             FoundChild(
                 reference.BrowseName.Name or "",
                 self._to_local(reference.NodeId),
@@ -72,6 +72,7 @@ class NodeSearch:
             )
             for reference in references
         ]
+        return [child for child in found if not (child.name.startswith("<") and child.name.endswith(">"))]
 
     async def children_of_type(self, node_id: ua.NodeId, wanted: ua.NodeId) -> list[FoundChild]:
         """Return the children whose type is this one or derived from it."""

@@ -13,14 +13,19 @@ from typing import TypeVar
 
 from asyncua import Client, ua
 from asyncua.client.ua_session import UaSession
+from asyncua.ua import ua_binary
 
 from cellcal.calibration.message import make_message
 from cellcal.drivers.errors import DeviceError, RefusedError, UnreachableError, WireProtocolError
+from cellcal.drivers.opc_ua.server_access import ServerAccess, prepare_client
 from cellcal.drivers.wire.backoff import Backoff
 from cellcal.drivers.wire.deadline import timeout_error
 
 T = TypeVar("T")
 _CABLE = "Check that the controller is on, its OPC UA server runs, and address and port of the cell file are its own."
+_CERTIFICATE = (
+    "Check that the OPC UA server runs, and that server_certificate in the cell file is the one that it uses."
+)
 _ACCESS = (
     "Allow reading on the server: anonymously, or for the user and the certificates that the cell file names."
 )
@@ -59,11 +64,24 @@ logging.getLogger("asyncua").setLevel(
 )  # what it reports as errors is reported here, in sentences
 
 
+class _RefusedArray:
+    """Arrays of the type Null: no element takes an octet, and the library makes as many as a damaged length says."""
+
+    @staticmethod
+    def unpack_array(data: object, length: int) -> list[None]:
+        """Refuse an array."""
+        del data, length
+        raise ValueError("an array of empty values")
+
+
+ua_binary.Primitives1.Null = _RefusedArray  # found there by the library's reader of arrays
+
+
 class ServerLink:
     """Asks one server; a request that fails ends the session."""
 
-    def __init__(self, device: str, url: str, *, deadline_s: float) -> None:
-        self.device, self._url, self._deadline_s = device, url, deadline_s
+    def __init__(self, device: str, url: str, access: ServerAccess, *, deadline_s: float) -> None:
+        self.device, self._url, self._access, self._deadline_s = device, url, access, deadline_s
         self._client: Client | None = None
         self._renew_at_s = 0.0
         self._backoff = Backoff()
@@ -78,6 +96,7 @@ class ServerLink:
         client = Client(self._url, timeout=self._deadline_s)
         client.name = client.description = "cellcal"
         try:
+            await prepare_client(self.device, client, self._access)
             await self._enter(client)
         except BaseException:
             self._backoff.note_failure()
@@ -117,7 +136,7 @@ class ServerLink:
             await client.send_hello()
             await client.open_secure_channel()
             await client.create_session()
-            await client.activate_session()
+            await client.activate_session(self._access.user or None, self._access.password or None)
 
         await self._guard(make_session, "a session")
         self._note_channel(client)
@@ -142,6 +161,9 @@ class ServerLink:
             raise self._lost_error(str(error) or type(error).__name__) from error
         except ua.UaStatusCodeError as error:
             raise self._status_error(error, asking) from error
+        except ua.UaError as error:  # raised by the library where server and client have no way in common
+            self.drop()
+            raise self._not_let_in_error(str(error), 0) from error
         except Exception as error:
             self.drop()
             raise WireProtocolError(
@@ -161,13 +183,7 @@ class ServerLink:
             self.drop()
             return self._lost_error(status)
         if error.code in _NOT_LET_IN:
-            return RefusedError(
-                self.device,
-                make_message("the OPC UA server does not let this program in ({status}).", status=status),
-                remedy=_ACCESS,
-                vendor_code=error.code,
-                vendor_text=status,
-            )
+            return self._not_let_in_error(status, error.code)
         return RefusedError(
             self.device,
             make_message("the OPC UA server refuses {asking} ({status}).", asking=asking, status=status),
@@ -176,9 +192,18 @@ class ServerLink:
             vendor_text=status,
         )
 
+    def _not_let_in_error(self, status: str, code: int) -> RefusedError:
+        return RefusedError(
+            self.device,
+            make_message("the OPC UA server does not let this program in ({status}).", status=status),
+            remedy=_ACCESS,
+            vendor_code=code,
+            vendor_text=status,
+        )
+
     def _lost_error(self, reason: str) -> UnreachableError:
         return UnreachableError(
             self.device,
             make_message("no connection to the OPC UA server {url}: {reason}.", url=self._url, reason=reason),
-            remedy=_CABLE,
+            remedy=_CABLE if self._access.files is None else _CERTIFICATE,
         )

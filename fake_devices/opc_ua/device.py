@@ -33,10 +33,12 @@ from cellcal.fake_devices.opc_ua.controller import (
 from cellcal.fake_devices.opc_ua.node_table import NodeTable
 from cellcal.fake_devices.opc_ua.robotics_space import RobotLayout, SpaceBuilder
 from cellcal.fake_devices.opc_ua.server import LINK_FAULTS, OpcUaPort
+from cellcal.fake_devices.opc_ua.server_guard import ServerGuard
 from cellcal.fake_devices.world import World
 
 _MODES = {"manual": MANUAL_REDUCED, "manual_high": MANUAL_HIGH, "automatic": AUTOMATIC, "external": EXTERNAL}
 _JOG_RAD_S2 = 2.0
+_ACCESS_KEYS = ("certificate", "private_key", "users")
 _VALUE_FAULTS: Mapping[str, Mapping[str, Any]] = {
     "bad_status": {"node": "", "code": "BadSensorFailure"},
     "not_a_number": {"node": "", "value": "nan"},
@@ -53,12 +55,15 @@ class FakeOpcUaRobot(NetworkedRobot):
         name = str(table["name"])
         arm = world.add_arm(name, str(table["model"]))
         self.controller = RobotController(arm, NamePlate(serial=str(table.get("serial", "0"))))
-        self.layout = _layout_of(table.get("settings", {}), len(arm.joints_rad))
+        settings = dict(table.get("settings", {}))
+        access = {key: settings.pop(key) for key in _ACCESS_KEYS if key in settings}
+        self.layout = _layout_of(settings, len(arm.joints_rad))
         kinds = {**{kind: {} for kind in LINK_FAULTS}, **_VALUE_FAULTS}
         faults = LinkFaults(kinds, world.clock.real_now_s)
         self._rng = random.Random(world.seed)  # the order of namespaces only
         host, port = str(table.get("address", "127.0.0.1")), int(table.get("port", 4840))
-        self.server = OpcUaPort(host, port, self._build_table(faults), faults)
+        guard = ServerGuard.from_settings(access)
+        self.server = OpcUaPort(host, port, self._build_table(faults), faults, guard)
         super().__init__(name, arm, self.server, faults)
         c = self.controller
         self._events |= {

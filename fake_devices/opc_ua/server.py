@@ -15,30 +15,35 @@ import asyncio
 import logging
 import struct
 
+from asyncua import ua
 from asyncua.common.utils import Buffer
 from asyncua.ua.ua_binary import header_from_binary
+from cryptography.exceptions import InvalidSignature
 
 from cellcal.fake_devices.link_faults import LinkFaults
 from cellcal.fake_devices.listening_port import ListeningPort
 from cellcal.fake_devices.opc_ua.node_table import NodeTable
+from cellcal.fake_devices.opc_ua.server_guard import ServerGuard
 from cellcal.fake_devices.opc_ua.session import ClientConnection, ServerState
 
 LINK_FAULTS = ("silent", "refuse", "reset", "half")
 _LARGEST_MESSAGE = 1 << 20
-logging.getLogger("asyncua").setLevel(logging.CRITICAL)  # a client that hangs up is no news here
+logging.getLogger("asyncua").setLevel(logging.CRITICAL + 1)  # a client that hangs up is no news here
 
 
 class OpcUaPort(ListeningPort):
     """The port of the server."""
 
-    def __init__(self, host: str, port: int, table: NodeTable, faults: LinkFaults) -> None:
+    def __init__(
+        self, host: str, port: int, table: NodeTable, faults: LinkFaults, guard: ServerGuard | None = None
+    ) -> None:
         super().__init__(host, port, self._serve_messages)
-        self._endpoint, self._faults = f"opc.tcp://{host}:{port}/", faults
-        self.state = ServerState(table, self._endpoint)
+        self._endpoint, self._faults, self._guard = f"opc.tcp://{host}:{port}/", faults, guard
+        self.state = ServerState(table, self._endpoint, guard)
 
     def restart(self, table: NodeTable) -> None:
         """Come back with these nodes; no session is known any more."""
-        self.state = ServerState(table, self._endpoint)
+        self.state = ServerState(table, self._endpoint, self._guard)
         self.cut_connections()
 
     async def _serve_messages(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
@@ -49,7 +54,10 @@ class OpcUaPort(ListeningPort):
             if not 8 < size <= _LARGEST_MESSAGE:
                 return
             message = Buffer(head + await reader.readexactly(size - 8))
-            answer = connection.answer(header_from_binary(message), message)
+            try:
+                answer = connection.answer(header_from_binary(message), message)
+            except (ua.UaError, InvalidSignature, ValueError):  # not encrypted or signed as it must be
+                answer = None
             if answer is None or self._faults.use_once("reset") is not None:
                 writer.transport.abort()
                 return

@@ -1,7 +1,7 @@
 """One client's connection: messages of UA TCP taken apart, requests answered.
 
 Imitates
-    An OPC UA server over opc.tcp without message security, for anonymous users.
+    An OPC UA server over opc.tcp: without message security for anyone, or with a guard (server_guard.py).
 Source
     OPC 10000-4 (services) and OPC 10000-6 (UA TCP, binary encoding); asyncua takes octets apart
     and puts them together.
@@ -9,10 +9,11 @@ Modelled
     Hello, secure channel and its renewal, sessions that a restart forgets, GetEndpoints, Browse, BrowseNext,
     TranslateBrowsePathsToNodeIds, Read. Any other service is refused with BadServiceUnsupported.
 Not modelled
-    Signed or encrypted messages, users with passwords, subscriptions, discovery of other servers.
+    Subscriptions, discovery of other servers, more than one endpoint.
 """
 
 import itertools
+import secrets
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any
@@ -24,10 +25,11 @@ from asyncua.crypto.security_policies import SecurityPolicyNone
 from asyncua.ua.ua_binary import nodeid_from_binary, struct_from_binary, struct_to_binary, uatcp_to_binary
 
 from cellcal.fake_devices.opc_ua.node_table import NodeTable
+from cellcal.fake_devices.opc_ua.server_guard import ServerGuard
 
 _PRODUCT = "urn:cellcal:fake:robot-server"
 _SESSION_MS = 60_000.0
-_ANONYMOUS = "anonymous"
+_ANONYMOUS, _BY_NAME = "anonymous", "user"
 
 
 @dataclass
@@ -36,6 +38,7 @@ class ServerState:
 
     table: NodeTable
     endpoint: str
+    guard: ServerGuard | None = None  # None: anyone is let in, without encryption
     sessions: set[ua.NodeId] = field(default_factory=set)  # authentication tokens
     numbers: Iterator[int] = field(default_factory=lambda: itertools.count(100))
 
@@ -45,7 +48,10 @@ class ServerState:
 
     def describe_endpoint(self) -> ua.EndpointDescription:
         """Return the only way in: no security, anonymous."""
+        guard = self.guard
         token = ua.UserTokenPolicy(_ANONYMOUS, ua.UserTokenType.Anonymous)
+        if guard is not None and guard.users:
+            token = ua.UserTokenPolicy(_BY_NAME, ua.UserTokenType.UserName)
         server = ua.ApplicationDescription(
             _PRODUCT, _PRODUCT, ua.LocalizedText("robot server"), ua.ApplicationType.Server
         )
@@ -53,8 +59,9 @@ class ServerState:
         return ua.EndpointDescription(
             EndpointUrl=self.endpoint,
             Server=server,
-            SecurityMode=ua.MessageSecurityMode.None_,
-            SecurityPolicyUri=SecurityPolicyNone.URI,
+            ServerCertificate=None if guard is None else guard.certificate_der,
+            SecurityMode=ua.MessageSecurityMode.None_ if guard is None else guard.MODE,
+            SecurityPolicyUri=SecurityPolicyNone.URI if guard is None else guard.POLICY.URI,
             UserIdentityTokens=[token],
             TransportProfileUri="http://opcfoundation.org/UA-Profile/Transport/uatcp-uasc-uabinary",
         )
@@ -67,6 +74,9 @@ class ClientConnection:
         self._state = state
         self._limits = TransportLimits()
         self._channel = SecureConnection(SecurityPolicyNone(), self._limits)
+        self._nonce = b""
+        if state.guard is not None:
+            self._channel.set_policy_factories([state.guard.make_factory()])
         self._services: Mapping[int, Callable[[Buffer], Any]] = {
             ua.ObjectIds.GetEndpointsRequest_Encoding_DefaultBinary: self._get_endpoints,
             ua.ObjectIds.CreateSessionRequest_Encoding_DefaultBinary: self._create_session,
@@ -96,6 +106,13 @@ class ClientConnection:
 
     def _open_channel(self, body: Buffer, number: int) -> bytes:
         request = struct_from_binary(ua.OpenSecureChannelRequest, body)
+        guard, policy = self._state.guard, self._channel.security_policy
+        if guard is not None and (policy.URI, request.Parameters.SecurityMode) != (
+            guard.POLICY.URI,
+            guard.MODE,
+        ):
+            refused = ua.StatusCode(ua.UInt32(ua.StatusCodes.BadSecurityPolicyRejected))
+            return bytes(uatcp_to_binary(ua.MessageType.Error, ua.ErrorMessage(refused, "not encrypted")))
         response = ua.OpenSecureChannelResponse()
         response.Parameters = self._channel.open(request.Parameters, self._state)
         return self._frame(response, request.RequestHeader, number, ua.MessageType.SecureOpen)
@@ -132,16 +149,29 @@ class ClientConnection:
         result = response.Parameters
         result.SessionId, result.AuthenticationToken = ua.NodeId(next(self._state.numbers), 1), token
         result.RevisedSessionTimeout = min(_SESSION_MS, request.RequestedSessionTimeout or _SESSION_MS)
-        result.ServerNonce = bytes(32)
+        result.ServerNonce = self._nonce = secrets.token_bytes(32)
+        policy = self._channel.security_policy
+        if policy.host_certificate is not None:
+            result.ServerCertificate = policy.host_certificate
+            signed = (policy.peer_certificate or b"") + (request.ClientNonce or b"")
+            result.ServerSignature.Signature = policy.asymmetric_cryptography.signature(signed)
+            result.ServerSignature.Algorithm = policy.AsymmetricSignatureURI
         result.ServerEndpoints = [self._state.describe_endpoint()]
         return response
 
     def _activate_session(self, body: Buffer) -> Any:
         request = struct_from_binary(ua.ActivateSessionParameters, body)
-        if isinstance(request.UserIdentityToken, ua.UserNameIdentityToken | ua.X509IdentityToken):
-            return _fault(ua.StatusCodes.BadIdentityTokenRejected)
+        policy, guard = self._channel.security_policy, self._state.guard
+        if policy.host_certificate is not None:
+            signed = policy.host_certificate + self._nonce
+            policy.asymmetric_cryptography.verify(signed, request.ClientSignature.Signature)
+        if guard is None:
+            if isinstance(request.UserIdentityToken, ua.UserNameIdentityToken | ua.X509IdentityToken):
+                return _fault(ua.StatusCodes.BadIdentityTokenRejected)
+        elif not guard.lets_in(request.UserIdentityToken, self._nonce):
+            return _fault(ua.StatusCodes.BadUserAccessDenied)
         response = ua.ActivateSessionResponse()
-        response.Parameters.ServerNonce = bytes(32)
+        response.Parameters.ServerNonce = self._nonce = secrets.token_bytes(32)
         return response
 
     def _close_session(self, body: Buffer) -> Any:

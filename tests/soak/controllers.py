@@ -21,6 +21,7 @@ from cellcal.service.configuration.cell_file import read_cell_file
 from cellcal.service.demo.fake_cell_client import FakeCellClient
 from tests.soak.campaign_figures import CampaignFigures
 from tests.soak.input_mutations import mutated_input
+from tests.soak.opc_ua_answers import example_answer, read_opc_ua_answer
 from tests.wire.driver_cases import ROBOTS, open_retrying
 from tests.wire.fake_devices_process import run_fakes
 from tests.wire.link_cuts import cut_links
@@ -115,6 +116,7 @@ READERS: dict[str, tuple[Callable[[bytes], object], bytes]] = {
     "fanuc packet": (_read_packet, PACKET),
     "ur primary interface": (_read_primary, _primary_bytes()),
     "ur robot api": (_read_robot_api, MODE),
+    "opc ua values": (read_opc_ua_answer, example_answer()),
 }
 
 

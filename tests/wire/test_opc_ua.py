@@ -3,12 +3,18 @@
 import asyncio
 import math
 import random
+import struct
 from collections.abc import AsyncIterator, Mapping
 from contextlib import asynccontextmanager, suppress
+from pathlib import Path
 from typing import Any
 
 import pytest
 from asyncua import Client, ua
+from asyncua.common.utils import Buffer
+from asyncua.crypto import cert_gen
+from cryptography import x509
+from cryptography.hazmat.primitives.serialization import Encoding
 
 from cellcal.drivers.errors import (
     DeviceError,
@@ -19,6 +25,7 @@ from cellcal.drivers.errors import (
     WrongDeviceError,
 )
 from cellcal.drivers.interfaces import Readiness
+from cellcal.drivers.opc_ua import server_link
 from cellcal.drivers.opc_ua.axis_units import order_axes, unit_of_axis
 from cellcal.drivers.opc_ua.config import OpcUaConfig
 from cellcal.drivers.opc_ua.safety_state import SafetyState, condition_of, mode_name
@@ -301,6 +308,12 @@ async def test_software_that_is_not_shown_is_left_empty() -> None:
         assert (await robot.identify()).firmware == ""
 
 
+async def test_a_placeholder_that_a_server_took_over_from_a_type_is_no_device() -> None:
+    settings = {"devices": ["Arm", "<MotionDeviceIdentifier>"]}
+    async with fake_server(settings) as fake, config_of(fake).open() as robot:
+        assert (await robot.read_joints()).joints_rad == pytest.approx(believed(fake), abs=1e-9)
+
+
 async def test_axes_without_an_order_need_names_in_the_cell_file() -> None:
     names = ["S", "L", "U", "R", "B", "T"]
     async with fake_server({"axis_names": names}) as fake:
@@ -355,6 +368,86 @@ async def test_an_answer_in_pieces_is_put_together() -> None:
     async with fake_server() as fake, config_of(fake).open() as robot:
         await fake.inject_fault("half", {})
         assert (await robot.read_joints()).joints_rad == pytest.approx(believed(fake), abs=1e-9)
+
+
+# servers that encrypt
+
+
+def write_pair(folder: Path, name: str) -> dict[str, str]:
+    """Write a certificate of its own and the key to it; return both paths."""
+    key = cert_gen.generate_private_key()
+    certificate = cert_gen.generate_self_signed_app_certificate(
+        key, name, {}, [x509.UniformResourceIdentifier(f"urn:test:{name}")], extended=[]
+    )
+    paths = {"certificate": str(folder / f"{name}.der"), "private_key": str(folder / f"{name}.pem")}
+    Path(paths["certificate"]).write_bytes(certificate.public_bytes(Encoding.DER))
+    Path(paths["private_key"]).write_bytes(cert_gen.dump_private_key_as_pem(key))
+    return paths
+
+
+@pytest.fixture(scope="module")
+def pairs(tmp_path_factory: pytest.TempPathFactory) -> dict[str, dict[str, str]]:
+    """Certificates of a server, of another server, and of us."""
+    folder = tmp_path_factory.mktemp("certificates")
+    return {name: write_pair(folder, name) for name in ("server", "other", "ours")}
+
+
+async def test_a_server_that_encrypts_is_read_with_certificates_and_password(
+    pairs: dict[str, dict[str, str]],
+) -> None:
+    ours = {**pairs["ours"], "server_certificate": pairs["server"]["certificate"]}
+    async with fake_server({**pairs["server"], "users": {"reader": "s3cret"}}) as fake:
+        config = config_of(fake, **ours, user="reader", password="s3cret")
+        async with config.open() as robot:
+            assert (await robot.read_joints()).joints_rad == pytest.approx(believed(fake), abs=1e-9)
+            await fake.inject_fault("restart", {"shuffled": True})
+            await failure_of(robot.read_joints())
+            await reads_again(robot, fake)
+        for changes in ({"password": "guess"}, {"user": "other"}, {"user": "", "password": ""}):
+            failure = await failure_of_opening(config.model_copy(update=changes))
+            assert isinstance(failure, RefusedError)
+            assert "certificates" in failure.remedy
+        assert isinstance(await failure_of_opening(config_of(fake)), RefusedError)  # without encryption
+
+
+@pytest.mark.parametrize("encrypts", [True, False])
+async def test_a_channel_is_renewed_before_its_life_ends(
+    pairs: dict[str, dict[str, str]], encrypts: bool
+) -> None:
+    ours = {**pairs["ours"], "server_certificate": pairs["server"]["certificate"]}
+    settings, changes = (pairs["server"], ours) if encrypts else ({}, {})
+    async with fake_server(settings) as fake, config_of(fake, **changes).open() as robot:
+        session = robot._link.session_number
+        for _ in range(3):
+            robot._link._renew_at_s = 0.0
+            assert (await robot.read_joints()).joints_rad == pytest.approx(believed(fake), abs=1e-9)
+            assert robot._link._renew_at_s > 0.0
+        assert robot._link.session_number == session
+
+
+async def test_a_server_with_another_certificate_is_not_talked_to(pairs: dict[str, dict[str, str]]) -> None:
+    ours = {**pairs["ours"], "server_certificate": pairs["other"]["certificate"]}
+    async with fake_server(pairs["server"]) as fake:
+        assert "server_certificate" in (await failure_of_opening(config_of(fake, **ours))).remedy
+    async with fake_server() as fake:  # one that does not encrypt at all
+        await failure_of_opening(config_of(fake, **ours))
+
+
+async def test_certificates_that_cannot_be_read_are_named(
+    pairs: dict[str, dict[str, str]], tmp_path: Path
+) -> None:
+    broken = tmp_path / "broken.der"
+    broken.write_bytes(b"no certificate")
+    async with fake_server(pairs["server"]) as fake:
+        for wrong in (str(broken), str(tmp_path / "missing.der")):
+            files = {
+                **pairs["ours"],
+                "server_certificate": pairs["server"]["certificate"],
+                "certificate": wrong,
+            }
+            failure = await failure_of_opening(config_of(fake, **files))
+            assert isinstance(failure, RefusedError)
+            assert "certificate" in failure.remedy
 
 
 # rules without a wire
@@ -448,12 +541,28 @@ def test_one_stop_of_several_safety_states_stops_the_robot() -> None:
 
 @pytest.mark.parametrize(
     "changes",
-    [{"still_s": 2.0, "deadline_s": 2.0}, {"axes": ["A1", "A1"]}, {"path": "no slash"}, {"port": 0}],
+    [
+        {"still_s": 2.0, "deadline_s": 2.0},
+        {"axes": ["A1", "A1"]},
+        {"path": "no slash"},
+        {"port": 0},
+        {"certificate": "ours.der"},
+        {"user": "reader"},
+        {"password": "s3cret"},
+    ],
 )
 def test_entries_that_cannot_work_are_refused(changes: dict[str, Any]) -> None:
     entry = {"driver": "opc_ua", "name": "r", "address": "10.0.0.1", "model": "ur10e", "serial": "1"}
     with pytest.raises(ValueError, match=next(iter(changes))):
         OpcUaConfig.model_validate({**entry, **changes})
+
+
+def test_an_array_of_nothing_with_a_damaged_length_is_refused_at_once() -> None:
+    octets = bytes([0x80]) + struct.pack(
+        "<i", 2**31 - 1
+    )  # as many elements as fit, none of which takes an octet
+    with pytest.raises(ValueError, match="empty values"):
+        server_link.ua_binary.variant_from_binary(Buffer(octets))
 
 
 # the simulator, as a plain client sees it
