@@ -23,7 +23,6 @@ import cellcal.fake_devices.fanuc_rmi.device
 import cellcal.fake_devices.kuka.device
 import cellcal.fake_devices.laser_tracker.device
 import cellcal.fake_devices.modbus_robot.device
-import cellcal.fake_devices.opc_ua.device
 import cellcal.fake_devices.touch_probe.device
 import cellcal.fake_devices.universal_robots.device
 import cellcal.fake_devices.yaskawa.device
@@ -34,13 +33,20 @@ from cellcal.fake_devices.world import World
 
 Factory = Callable[[World, Mapping[str, Any]], FakeDevice]
 
+
+def _create_opc_ua_robot(world: World, table: Mapping[str, Any]) -> FakeDevice:
+    from cellcal.fake_devices.opc_ua.device import create_opc_ua_robot  # noqa: PLC0415  its library loads slowly
+
+    return create_opc_ua_robot(world, table)
+
+
 FACTORIES: dict[str, Factory] = {
     "modbus_robot": cellcal.fake_devices.modbus_robot.device.create_modbus_robot,
     "universal_robots": cellcal.fake_devices.universal_robots.device.create_universal_robot,
     "fanuc_rmi": cellcal.fake_devices.fanuc_rmi.device.create_fanuc_rmi_robot,
     "kuka_variables": cellcal.fake_devices.kuka.device.create_kuka_robot,
     "abb_web_services": cellcal.fake_devices.abb.device.create_abb_robot,
-    "opc_ua": cellcal.fake_devices.opc_ua.device.create_opc_ua_robot,
+    "opc_ua": _create_opc_ua_robot,
     "yaskawa": cellcal.fake_devices.yaskawa.device.create_yaskawa_robot,
     "draw_wire": cellcal.fake_devices.draw_wire.device.create_draw_wire,
     "laser_tracker": cellcal.fake_devices.laser_tracker.device.create_laser_tracker,
