@@ -118,6 +118,8 @@ async def at_home(
 async def robot_at_home(
     robot: Any, robot_case: RobotCase, cell: CellConfig, fake_client: FakeCellClient
 ) -> AsyncIterator[RobotAtHome]:
+    if not robot.capabilities.moves_joints:
+        pytest.skip("this link moves no arm")
     await robot.close()
     async with at_home(cell, fake_client, robot_case) as made:
         yield made
