@@ -44,11 +44,6 @@ class ControllerStatus:
         return bool(self.word_2 & 0x06)
 
     @property
-    def has_command_hold(self) -> bool:
-        """Whether a hold that came over the network is on."""
-        return bool(self.word_2 & 0x08)
-
-    @property
     def has_alarm(self) -> bool:
         """Whether an alarm or an error is active."""
         return bool(self.word_2 & 0x30)
