@@ -14,7 +14,7 @@ import math
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from cellcal.fake_devices.device import FaultRefusedError, JsonObject
+from cellcal.fake_devices.device import JsonObject, run_fault_action
 from cellcal.fake_devices.laser_tracker import layout as at
 from cellcal.fake_devices.laser_tracker.controller import TrackerController
 from cellcal.fake_devices.laser_tracker.sensor import TrackerSensor
@@ -86,10 +86,7 @@ class FakeLaserTracker:
 
     async def inject_fault(self, name: str, parameters: Mapping[str, Any]) -> JsonObject:
         if name in self._fault_actions:
-            remaining = dict(parameters)
-            self._fault_actions[name](remaining)
-            if remaining:
-                raise FaultRefusedError(f"{name} does not know {', '.join(sorted(remaining))}")
+            run_fault_action(self._fault_actions[name], name, parameters)
         else:
             self._faults.switch_on(name, parameters)
             if name == "refuse":
