@@ -21,54 +21,21 @@ from cellcal.procedures.motion.joint_history import ContactPosition, position_be
 from cellcal.procedures.motion.motion_gate import MotionCare
 from cellcal.procedures.motion.probe_line import Place, ProbeLine, probe_line
 from cellcal.procedures.procedure_definition import NEEDS
-from cellcal.procedures.run import NeedsUnmetError, ProcedureError
+from cellcal.procedures.run import NeedsUnmetError
+from cellcal.procedures.steps.contact_errors import (
+    AlreadyInContactError,
+    BouncingContactError,
+    ContactError,
+    ContactLostError,
+    NoContactError,
+    OvertravelError,
+    StuckContactError,
+)
 from cellcal.procedures.steps.teach import is_still
 
 PROBING_CAP_M_S = 0.002
 STOP_S = 0.2  # a controller's own reaction and its braking at probing speed
 SETTLE_S = 0.5
-
-
-class ContactError(ProcedureError):
-    """A touch did not happen as it should; the arm stands."""
-
-    code = "procedure.contact"
-
-
-class AlreadyInContactError(ContactError):
-    """The contact is closed before the approach begins."""
-
-    code = "procedure.already_in_contact"
-
-
-class NoContactError(ContactError):
-    """The whole way was travelled and nothing was touched."""
-
-    code = "procedure.no_contact"
-
-
-class ContactLostError(ContactError):
-    """The contact closed and is open again although the arm has not moved back."""
-
-    code = "procedure.contact_lost"
-
-
-class BouncingContactError(ContactError):
-    """The contact does not settle."""
-
-    code = "procedure.contact_bounces"
-
-
-class StuckContactError(ContactError):
-    """The contact stays closed although the tip has moved away."""
-
-    code = "procedure.contact_stuck"
-
-
-class OvertravelError(ContactError):
-    """The arm pushed the tip farther than the probe allows, or would."""
-
-    code = "procedure.overtravel"
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from cellcal.calibration.errors import CellError
-from cellcal.calibration.motion.collision import PlaneObstacle, SphereObstacle
+from cellcal.calibration.motion.cell_shapes import PlaneObstacle, SphereObstacle
 from cellcal.calibration.motion.position_uncertainty import PositionUncertainty
 from cellcal.drivers.errors import MotionStoppedError, RefusedError, UnreachableError
 from cellcal.drivers.interfaces import Condition, JointReading, Readiness
@@ -20,15 +20,9 @@ from cellcal.procedures.cell import MotionLevel
 from cellcal.procedures.mastering_record import MasteringRecordSpec, mastering_record
 from cellcal.procedures.motion.approach import OVERSHOOT_RAD
 from cellcal.procedures.motion.manual_moves import NotThereError
-from cellcal.procedures.motion.motion_gate import (
-    JogMove,
-    MotionCare,
-    MotionRefusedError,
-    jog_axis,
-    move_along,
-    refuse_off_target,
-)
+from cellcal.procedures.motion.motion_gate import JogMove, MotionCare, jog_axis, move_along, refuse_off_target
 from cellcal.procedures.motion.plans import MotionBounds
+from cellcal.procedures.motion.robot_readiness import MotionRefusedError
 from cellcal.procedures.motors import PositionLostAgainError
 from cellcal.procedures.run import DeclinedError, Run
 from cellcal.procedures.steps.motion import IndexTurn, follow_way, pass_index

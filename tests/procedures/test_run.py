@@ -13,7 +13,7 @@ from cellcal.procedures.questions import ask_confirmation
 from cellcal.procedures.run import DeclinedError, ReplayMismatchError, Run
 from cellcal.procedures.run_history import EventKind, RunHistory
 from cellcal.service.record.journal import Journal, StoreError
-from cellcal.service.runs.run_procedure import JournalLedger
+from cellcal.service.runs.journal_ledger import JournalLedger
 from tests.procedures.ideal_devices import IdealArm, ScriptedTechnician
 from tests.procedures.memory_ledgers import CrashError, MemoryLedger, MortalLedger
 

@@ -12,7 +12,8 @@ import pytest
 
 from cellcal.calibration.arm.kinematics import load_model
 from cellcal.calibration.message import join_messages, make_message
-from cellcal.calibration.motion.collision import CollisionCheck, PlaneObstacle, SphereObstacle, assumed_shape
+from cellcal.calibration.motion.cell_shapes import PlaneObstacle, SphereObstacle, assumed_shape
+from cellcal.calibration.motion.collision import CollisionCheck
 from cellcal.calibration.motion.motion_check import MotionLimits, WirePath, check_moves
 from cellcal.calibration.motion.position_uncertainty import PositionUncertainty
 from cellcal.calibration.points.touch_design import TURNS, ToolTurn
@@ -52,6 +53,7 @@ WHOLE = (
     "drivers/yaskawa",
     "calibration/identification/identifiability.py",
     "calibration/identification/misfit.py",
+    "calibration/identification/misfit_error.py",
     "calibration/identification/misfit_hypotheses.py",
     "calibration/identification/position_scale.py",
     "calibration/line_accuracy.py",
@@ -77,6 +79,7 @@ WHOLE = (
     "service/engineering/measured/tag_files.py",
     "service/people",
     "service/engineering/programs/cell_of_program.py",
+    "service/engineering/programs/program_points.py",
     "service/engineering/programs/held_joints.py",
     "service/engineering/programs/other_arm_checks.py",
     "service/engineering/programs/other_postures.py",

@@ -10,7 +10,8 @@ from cellcal.calibration.errors import CalibrationError, DegenerateDataError
 from cellcal.calibration.identification.estimator import FitProblem, estimate_arm
 from cellcal.calibration.identification.observations import LengthObservations, PointObservations
 from cellcal.calibration.identification.parameters import GRAVITY, OFFSETS, Priors
-from cellcal.calibration.motion.collision import CollisionCheck, SphereObstacle, assumed_shape
+from cellcal.calibration.motion.cell_shapes import SphereObstacle, assumed_shape
+from cellcal.calibration.motion.collision import CollisionCheck
 from cellcal.calibration.motion.motion_check import MotionLimits, WirePath
 from cellcal.calibration.poses.enough_poses import AcceptanceLimits, acceptance_gaps, enough_poses
 from cellcal.calibration.poses.measurement_poses import (

@@ -19,15 +19,9 @@ from cellcal.calibration.errors import CalibrationError
 from cellcal.calibration.geometry import exp_rotation
 from cellcal.calibration.identification.free_parameters import all_joint_terms
 from cellcal.calibration.identification.identify import identify_arm
+from cellcal.calibration.identification.layouts import term_parameters
 from cellcal.calibration.identification.observations import DevicePlacement, PointObservations
-from cellcal.calibration.identification.parameters import (
-    GRAVITY,
-    RIPPLE,
-    ArmState,
-    Priors,
-    nominal_state,
-    term_parameters,
-)
+from cellcal.calibration.identification.parameters import GRAVITY, RIPPLE, ArmState, Priors, nominal_state
 from cellcal.calibration.identification.selection import (
     IdentificationOptions,
     possible_levels,

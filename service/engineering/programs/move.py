@@ -14,9 +14,10 @@ from cellcal.calibration.programs.transfer import TransferFrames
 from cellcal.drivers.programs.brands import ConfigurationRule
 from cellcal.service.engineering.programs.expected_accuracy import Expectation
 from cellcal.service.engineering.programs.joint_points import UNDECIDED, JointPoints
-from cellcal.service.engineering.programs.program_transfer import FramePair, ProgramTransfer
+from cellcal.service.engineering.programs.program_transfer import ProgramTransfer
 from cellcal.service.engineering.programs.project import Project
 from cellcal.service.engineering.programs.robot_makes import RobotMake, make_of
+from cellcal.service.engineering.programs.transfer_route import FramePair
 
 _POSE = 6  # joints that follow every change
 

@@ -13,8 +13,9 @@ from cellcal.calibration.geometry import Array, inverse_transform, log_rotation
 from cellcal.calibration.message import make_message
 from cellcal.drivers.programs.positions import ProgramFile
 from cellcal.drivers.programs.shifts import ProgramShift, ShiftAxes
-from cellcal.service.engineering.programs.cell_of_program import ProgramPoints, frame_of, name_in
+from cellcal.service.engineering.programs.cell_of_program import frame_of, name_in
 from cellcal.service.engineering.programs.external.carried_points import CarriedChanges
+from cellcal.service.engineering.programs.program_points import ProgramPoints
 from cellcal.service.engineering.programs.project import Project
 from cellcal.service.engineering.programs.result import PointFinding
 

@@ -5,7 +5,6 @@ from typing import Protocol
 import numpy as np
 
 from cellcal.calibration.geometry import Array, log_rotation
-from cellcal.service.engineering.programs.cell_of_program import PointGroup, ProgramPoints, Rows
 from cellcal.service.engineering.programs.external.carried_points import (
     AxisEnd,
     CarriedPoints,
@@ -13,6 +12,7 @@ from cellcal.service.engineering.programs.external.carried_points import (
     unlike_axis,
 )
 from cellcal.service.engineering.programs.external.point_values import beyond_range
+from cellcal.service.engineering.programs.program_points import PointGroup, ProgramPoints, Rows
 from cellcal.service.engineering.programs.project import Project
 
 _LEAST_RAD = 1e-9
