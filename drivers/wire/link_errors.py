@@ -1,7 +1,7 @@
 """Errors of a network connection to a controller that cannot be made or is lost."""
 
 from cellcal.calibration.message import make_message
-from cellcal.drivers.errors import UnreachableError
+from cellcal.drivers.errors import UnreachableError, WireProtocolError
 
 
 def no_connection_error(device: str, address: str, error: OSError, remedy: str) -> UnreachableError:
@@ -20,4 +20,11 @@ def lost_connection_error(device: str, error: Exception, remedy: str) -> Unreach
     reason = getattr(error, "strerror", None) or "the controller hung up"
     return UnreachableError(
         device, make_message("the connection was lost: {reason}.", reason=reason), remedy=remedy
+    )
+
+
+def unreadable_answer_error(device: str, what: str, remedy: str, frame: str) -> WireProtocolError:
+    """Return that an answer is not what the maker's document says; ``frame`` is how it came."""
+    return WireProtocolError(
+        device, make_message("an answer cannot be read: {what}.", what=what), remedy=remedy, frame=frame
     )

@@ -3,8 +3,8 @@
 import struct
 from dataclasses import dataclass
 
-from cellcal.calibration.message import make_message
 from cellcal.drivers.errors import WireProtocolError
+from cellcal.drivers.wire.link_errors import unreadable_answer_error
 from cellcal.drivers.yaskawa.hses_frames import HsesRequest
 from cellcal.drivers.yaskawa.hses_link import HsesLink
 
@@ -150,9 +150,6 @@ def _unpack(link: HsesLink, form: struct.Struct, data: bytes) -> tuple:  # type:
 
 
 def _unreadable(link: HsesLink, what: str, data: bytes) -> WireProtocolError:
-    return WireProtocolError(
-        link.device,
-        make_message("an answer cannot be read: {what}.", what=what),
-        remedy="Check that robot 1 of this controller is an arm of six axes.",
-        frame=data.hex(),
+    return unreadable_answer_error(
+        link.device, what, "Check that robot 1 of this controller is an arm of six axes.", data.hex()
     )

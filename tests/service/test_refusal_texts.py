@@ -79,7 +79,6 @@ WHOLE = (
     "service/engineering/measured/tag_files.py",
     "service/people",
     "service/engineering/programs/cell_of_program.py",
-    "service/engineering/programs/program_points.py",
     "service/engineering/programs/held_joints.py",
     "service/engineering/programs/other_arm_checks.py",
     "service/engineering/programs/other_postures.py",

@@ -19,7 +19,11 @@ from cellcal.drivers.errors import DeviceError, RefusedError, UnreachableError, 
 from cellcal.drivers.supervision import start_link_task
 from cellcal.drivers.wire.cancellation import cancel_until_done
 from cellcal.drivers.wire.deadline import answer_deadline
-from cellcal.drivers.wire.link_errors import lost_connection_error, no_connection_error
+from cellcal.drivers.wire.link_errors import (
+    lost_connection_error,
+    no_connection_error,
+    unreadable_answer_error,
+)
 from cellcal.drivers.wire.tables import code_table
 from cellcal.drivers.wire.trace import FrameTrace
 
@@ -250,12 +254,7 @@ class RmiLink:
         return lost_connection_error(self.device, error, _CABLE)
 
     def _unreadable(self, what: str, frame: bytes = b"") -> WireProtocolError:
-        return WireProtocolError(
-            self.device,
-            make_message("an answer cannot be read: {what}.", what=what),
-            remedy=_REPORT,
-            frame=frame[:200].hex(),
-        )
+        return unreadable_answer_error(self.device, what, _REPORT, frame[:200].hex())
 
 
 def _encode(packet: Packet) -> bytes:

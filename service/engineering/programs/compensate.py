@@ -13,25 +13,14 @@ from cellcal.service.engineering.programs.expected_accuracy import Expectation
 from cellcal.service.engineering.programs.program_transfer import ProgramTransfer
 from cellcal.service.engineering.programs.project import Project
 from cellcal.service.engineering.programs.project_poses import ProjectError
-from cellcal.service.engineering.programs.transfer_route import FramePair
+from cellcal.service.engineering.programs.transfer_route import FramePair, OneCellRoute
 
 
 @dataclass(frozen=True, eq=False)
-class CompensationRoute:
+class CompensationRoute(OneCellRoute):
     """From where the controller believes its tip to be to where the real one is, or back."""
 
-    project: Project
     direction: ProgramDirection
-
-    @property
-    def source(self) -> Project:
-        """Return the cell."""
-        return self.project
-
-    @property
-    def target(self) -> Project:
-        """Return the cell."""
-        return self.project
 
     @property
     def change(self) -> Array:

@@ -4,9 +4,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from cellcal.calibration.geometry import Array
-from cellcal.calibration.programs.transfer import (
-    TransferFrames,
-)
+from cellcal.calibration.programs.transfer import TransferFrames
 from cellcal.service.engineering.programs.expected_accuracy import Expectation
 from cellcal.service.engineering.programs.external.standing_tools import standing_change
 from cellcal.service.engineering.programs.project import Project
@@ -70,3 +68,20 @@ class TransferRoute(Protocol):
     def make_expectation(self, frame_pair: FramePair) -> Expectation:
         """Return what the expected errors come from."""
         ...
+
+
+@dataclass(frozen=True, eq=False)
+class OneCellRoute:
+    """A route whose source and target are the same cell."""
+
+    project: Project
+
+    @property
+    def source(self) -> Project:
+        """Return the cell."""
+        return self.project
+
+    @property
+    def target(self) -> Project:
+        """Return the cell."""
+        return self.project
