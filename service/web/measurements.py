@@ -36,13 +36,13 @@ from cellcal.service.engineering.programs.jobs.shapes import MOST_FILE_BYTES
 from cellcal.service.people.roles import Right
 from cellcal.service.web.dependencies import Who, app_context, require_right
 from cellcal.service.web.error_responses import RefusalResponse
-from cellcal.service.web.page_jobs import JobId, ending_jobs, jobs_of_service
+from cellcal.service.web.page_jobs import JobId, jobs_lifespan, jobs_of_service
 from cellcal.service.web.parameters import SetHead
 from cellcal.service.web.rollback import NewerVersionError
 from cellcal.service.web.session_control import authorize_version
 
 _JOBS = "identifications"  # in the state of the application
-router = APIRouter(prefix="/measurements", lifespan=ending_jobs(_JOBS))
+router = APIRouter(prefix="/measurements", lifespan=jobs_lifespan(_JOBS))
 
 
 class SaveRequest(BaseModel):

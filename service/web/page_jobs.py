@@ -24,7 +24,7 @@ def jobs_of_service(connection: HTTPConnection, key: str, make: Callable[[CellCo
     return found
 
 
-def ending_jobs(key: str) -> Callable[[FastAPI], AbstractAsyncContextManager[None]]:
+def jobs_lifespan(key: str) -> Callable[[FastAPI], AbstractAsyncContextManager[None]]:
     """Return the lifespan of a router that ends the jobs under a key when the service ends."""
 
     @asynccontextmanager

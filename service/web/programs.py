@@ -28,7 +28,7 @@ from cellcal.service.people.roles import Right
 from cellcal.service.web.dependencies import Who, app_context, require_right
 from cellcal.service.web.error_responses import RefusalResponse
 from cellcal.service.web.overlays import frames_of
-from cellcal.service.web.page_jobs import JobId, ending_jobs, jobs_of_service
+from cellcal.service.web.page_jobs import JobId, jobs_lifespan, jobs_of_service
 
 _ARCHIVE: dict[int | str, dict[str, Any]] = {
     200: {"content": {"application/zip": {}}, "description": "the new programs and their reports"},
@@ -37,7 +37,7 @@ _ARCHIVE: dict[int | str, dict[str, Any]] = {
 
 
 _JOBS = "programs"  # in the state of the application
-router = APIRouter(prefix="/programs", lifespan=ending_jobs(_JOBS))
+router = APIRouter(prefix="/programs", lifespan=jobs_lifespan(_JOBS))
 
 
 def jobs_of(connection: HTTPConnection) -> Jobs:
