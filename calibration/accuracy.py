@@ -70,22 +70,6 @@ class AccuracyTest:
         """The largest positional repeatability of any pose."""
         return max(pose.rp_m for pose in self.poses)
 
-    @property
-    def mean_ap_m(self) -> float:
-        """The mean positional accuracy of the poses."""
-        return float(np.mean([pose.ap_m for pose in self.poses]))
-
-
-@dataclass(frozen=True, slots=True)
-class AccuracyChange:
-    """What a calibration changed, at the same poses under the same conditions."""
-
-    before: AccuracyTest
-    after: AccuracyTest
-    ap_change_m: tuple[float, ...]  # per pose; negative is better
-    improved: tuple[bool | None, ...]  # per pose; None where the change is within its uncertainty
-    repeatability_alike: bool  # calibration does not change it: if it differs, something else did
-
 
 @dataclass(frozen=True, eq=False)
 class AttainedPoses:
@@ -175,31 +159,6 @@ def evaluate_accuracy(
     poses = tuple(_pose_result(attained, index) for index in range(len(attained.positions_m)))
     departures = _list_departures(len(poses), cycles, conditions)
     return AccuracyTest(REDUCED_TITLE if departures else FULL_TITLE, poses, cycles, conditions, departures)
-
-
-def compare_accuracy(before: AccuracyTest, after: AccuracyTest) -> AccuracyChange:
-    """Compare two tests of the same poses; a change within its uncertainty (k = 2) is called neither way.
-
-    Raises
-    ------
-    CalibrationError
-        Other poses, cycles or conditions.
-    """
-    if (len(before.poses), before.conditions) != (len(after.poses), after.conditions):
-        raise CalibrationError(
-            "before and after were not measured alike.", remedy="Repeat with the same poses, load and speed."
-        )
-    changes, verdicts = [], []
-    for old, new in zip(before.poses, after.poses, strict=True):
-        change = new.ap_m - old.ap_m
-        uncertainty = 2 * math.hypot(old.ap_sigma_m, new.ap_sigma_m)
-        changes.append(change)
-        verdicts.append(None if abs(change) <= uncertainty else change < 0)
-    alike = all(
-        abs(new.rp_m - old.rp_m) <= 3 * math.hypot(old.rp_sigma_m, new.rp_sigma_m)
-        for old, new in zip(before.poses, after.poses, strict=True)
-    )
-    return AccuracyChange(before, after, tuple(changes), tuple(verdicts), alike)
 
 
 def refuse_fitted(

@@ -204,14 +204,6 @@ class SimulatedArm:
             TrapezoidMotion(self.joints_rad, np.asarray(target_rad), speed, acceleration, self.clock.now_s())
         )
 
-    def start_speed(self, velocity_rad_s: ArrayLike, acceleration: float) -> None:
-        """Change to a constant joint velocity and keep it until told otherwise."""
-        now = self.clock.now_s()
-        target_velocity = np.asarray(velocity_rad_s, dtype=float)
-        self._begin_motion(
-            SpeedChange(self.joints_rad, self.joint_velocity, target_velocity, acceleration, now)
-        )
-
     def change_pace(self, pace: float) -> None:
         """Let the motion that is under way go on so many times as fast."""
         now = self.clock.now_s()

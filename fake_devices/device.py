@@ -14,10 +14,11 @@ file. Its name stands in ``fake_devices.cell.FACTORIES`` under the driver that t
 server knows sockets; it opens them in ``start``.
 """
 
-from collections.abc import Mapping
-from typing import Any, Protocol
+from collections.abc import Callable, Mapping
+from typing import Any, Protocol, TypeVar
 
 JsonObject = dict[str, Any]
+_Answer = TypeVar("_Answer")
 
 
 class FaultRefusedError(ValueError):
@@ -52,3 +53,14 @@ class FakeDevice(Protocol):
     def true_state(self) -> JsonObject:
         """Return what no procedure may know, ready for JSON."""
         ...
+
+
+def run_fault_action(
+    action: Callable[[dict[str, Any]], _Answer], name: str, parameters: Mapping[str, Any]
+) -> _Answer:
+    """Run what a fault does; it takes the parameters that it knows out of the table, and the rest is refused."""
+    remaining = dict(parameters)
+    answer = action(remaining)
+    if remaining:
+        raise FaultRefusedError(f"{name} does not know {', '.join(sorted(remaining))}")
+    return answer

@@ -2,6 +2,7 @@
 
 import asyncio
 import ssl
+from abc import ABC, abstractmethod
 from collections.abc import Awaitable, Callable
 from contextlib import suppress
 from typing import TypeAlias
@@ -46,3 +47,53 @@ class ListeningPort:
         finally:
             self._writers.discard(writer)
             writer.close()
+
+
+class AwaitedPort(ABC):
+    """A port whose users wait until its last connection has ended; port 0 finds a free one and keeps it."""
+
+    def __init__(self, host: str, port: int) -> None:
+        self.host, self.port = host, port
+        self._server: asyncio.Server | None = None
+        self._serving: set[asyncio.Task[None]] = set()
+
+    @property
+    def is_listening(self) -> bool:
+        """Whether new clients are accepted."""
+        return self._server is not None
+
+    async def open(self) -> None:
+        """Listen, where nothing listens yet."""
+        if self._server is None:
+            self._server = await asyncio.start_server(
+                self._serve_noted, self.host, self.port, reuse_address=True
+            )
+            self.port = self._server.sockets[0].getsockname()[1]
+
+    def close(self) -> None:
+        """Stop listening and drop every connection."""
+        if self._server is not None:
+            self._server.close()
+            self._server = None
+        self.drop_connections()
+
+    async def wait_closed(self) -> None:
+        """Close, and wait until every connection has ended."""
+        self.close()
+        if self._serving:
+            await asyncio.wait(self._serving)
+
+    @abstractmethod
+    def drop_connections(self) -> None:
+        """Reset every connection; new clients are accepted while the port is open."""
+
+    @abstractmethod
+    async def _serve_client(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        """Serve one client until its connection ends."""
+
+    async def _serve_noted(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        task = asyncio.current_task()
+        if task is not None:
+            self._serving.add(task)
+            task.add_done_callback(self._serving.discard)
+        await self._serve_client(reader, writer)

@@ -17,7 +17,7 @@ from contextlib import suppress
 from typing import Any, Protocol
 
 from cellcal.fake_devices.arm import SimulatedArm
-from cellcal.fake_devices.device import FaultRefusedError, JsonObject
+from cellcal.fake_devices.device import FaultRefusedError, JsonObject, run_fault_action
 from cellcal.fake_devices.keep_running import keep_running
 from cellcal.fake_devices.link_faults import LinkFaults
 
@@ -82,13 +82,10 @@ class NetworkedRobot:
 
     async def inject_fault(self, name: str, parameters: Mapping[str, Any]) -> JsonObject:
         if name in self._events:
-            remaining = dict(parameters)
             try:
-                self._events[name](remaining)
+                run_fault_action(self._events[name], name, parameters)
             except (TypeError, ValueError) as problem:
                 raise FaultRefusedError(str(problem)) from problem
-            if remaining:
-                raise FaultRefusedError(f"{name} does not know {', '.join(sorted(remaining))}")
         else:
             self._faults.switch_on(name, parameters)
         await self._listen_or_not()

@@ -21,8 +21,7 @@ from cellcal.calibration.wires.network_fit import WireNetwork
 from cellcal.drivers.interfaces import Instruction
 from cellcal.procedures.arm.tool_write import UNTOLD_AXES, ToolOrder, frame_figures, tool_instruction
 from cellcal.procedures.canonical_json import sha256_of
-from cellcal.procedures.forecast import Forecast, Knowledge, missing_wire_setup
-from cellcal.procedures.motion.plan_words import PlanTour, plan_words
+from cellcal.procedures.forecast import Forecast, Knowledge
 from cellcal.procedures.procedure_definition import Phase, ProcedureDefinition, StoredResult
 from cellcal.procedures.questions import ask_acceptance, ask_confirmation
 from cellcal.procedures.refit import Refit, RefitResult, pose_values, values_of
@@ -39,7 +38,6 @@ from cellcal.procedures.setting_texts import (
 )
 from cellcal.procedures.steps.end_effector import bad_shape_error, point_instruction
 from cellcal.procedures.steps.mastering import check_same_epoch
-from cellcal.procedures.steps.pages import plan_page
 from cellcal.procedures.steps.write import read_tool_frame, write_and_read_back
 from cellcal.procedures.survey.survey import (
     EACH_CAPTURE,
@@ -52,15 +50,12 @@ from cellcal.procedures.survey.survey import (
     WireSpot,
     fit_survey,
 )
-from cellcal.procedures.survey.survey_choice import fixed_plan_captures, order_pools, saving_text
-from cellcal.procedures.survey.survey_forecast import state_before, survey_forecast
+from cellcal.procedures.survey.survey_choice import fixed_plan_captures, saving_text
+from cellcal.procedures.survey.survey_forecast import survey_forecast
 from cellcal.procedures.survey.survey_motion import (
     Wire,
-    draw_pool,
-    resting_poses,
-    unchecked_remarks,
-    way_to_rest,
 )
+from cellcal.procedures.survey.survey_plan import SpotLayout, plan_survey, survey_plan_page
 from cellcal.procedures.survey.survey_refit import refit_lengths, survey_of
 from cellcal.procedures.survey.wire_survey import measure_spots, read_survey_state
 from cellcal.procedures.verdict import ProcedureVerdict, SetAside, state_figure
@@ -190,17 +185,12 @@ async def end_effector_points(run: Run, spec: EndEffectorPoints) -> MeasuredTool
 
 def plan_tool(state: SurveyState, spec: EndEffectorPoints) -> SurveyPlan:
     """Plan spots and the poses to choose from; refuse what cannot succeed before anything moves."""
-    points, at, room = spec.points_in_tool_m, state.gauge_setup, spec.rules.room
+    points, at = spec.points_in_tool_m, state.gauge_setup
     refuse_tool_points(points)
     rough = spec.rough_flange_tool
     places = tuple(WirePlace(hook, spec.rough_sigma_m) for hook in points_in_flange(rough, points))
     wires: tuple[Wire, ...] = tuple((at.anchor_in_base_m, p.at_m, state.gauge_range_m) for p in places)
-    pools = tuple(
-        draw_pool(state.model, wire, room, None, (spec.rules.candidates, spec.rules.seed + k))
-        for k, wire in enumerate(wires)
-    )
-    rests = resting_poses(state.model, wires, room, pools)
-    plan = SurveyPlan(
+    layout = SpotLayout(
         goal=SurveyGoal(rough, points, spec.tip_u_m, spec.angle_u_rad),
         exits=(WirePlace(at.anchor_in_base_m, at.sigma_anchor_m),),
         hooks=(WirePlace(at.hook_in_flange_m, at.sigma_hook_m), *places),
@@ -208,14 +198,11 @@ def plan_tool(state: SurveyState, spec: EndEffectorPoints) -> SurveyPlan:
             WireSpot(0, k, False, point_instruction("wire", k, points[k - 1]))
             for k in range(1, len(points) + 1)
         ),
-        mouth_at_m=state.gauge_setup.mouth_at_m,  # the housing stays where it is
-        way_to_rest_rad=way_to_rest(state.model, room, state.joints_rad, rests),
-        pools=pools,
-        best=((),) * len(pools),
-        paces=tuple(state.speed_limit(hook, room) for _, hook, _ in wires),
-        not_checked=unchecked_remarks(state.model, wires[0], room),
+        wires=wires,
+        mouth_at_m=at.mouth_at_m,
+        turns_mouth=False,  # the housing stays where it is
     )
-    return order_pools(Survey(state, plan, spec.rules))
+    return plan_survey(state, spec.rules, layout)
 
 
 def locate_tool(survey: Survey, spec: EndEffectorPoints, captures: Captures) -> FoundToolFrame:
@@ -269,11 +256,7 @@ def _plan_instruction(plan: SurveyPlan, spec: EndEffectorPoints) -> Instruction:
         max_captures=rules.max_captures,
         map=min(map(len, plan.pools)),
     )
-    tour = PlanTour(
-        spots * rules.min_captures, plan.total_motion(rules.min_captures), "hang the hook into each point"
-    )
-    instruction = Instruction("accept_plan", plan_words(what, tour, plan.not_checked))
-    return plan_page(instruction, tour, plan.planned_moves(spec.rules))
+    return survey_plan_page(plan, rules, what, "hang the hook into each point")
 
 
 def _outline_phases(spec: EndEffectorPoints) -> tuple[Phase, ...]:
@@ -313,11 +296,7 @@ def _judge_result(spec: EndEffectorPoints, result: MeasuredTool | FoundToolFrame
 
 
 def _forecast_run(spec: EndEffectorPoints, knowledge: Knowledge) -> Forecast:
-    lacks = missing_wire_setup(knowledge)
-    if lacks:
-        return Forecast(0.0, lacks=lacks)
-    state = state_before(knowledge)
-    return survey_forecast(Survey(state, plan_tool(state, spec), spec.rules), "tool's", knowledge)
+    return survey_forecast(lambda state: plan_tool(state, spec), spec.rules, "tool's", knowledge)
 
 
 def _make_refit(spec: EndEffectorPoints, findings: Sequence[Finding]) -> Refit:

@@ -23,8 +23,7 @@ from cellcal.calibration.wires.network_fit import WireNetwork
 from cellcal.drivers.interfaces import Instruction
 from cellcal.procedures.accuracy_limits import FrameLimits
 from cellcal.procedures.canonical_json import sha256_of
-from cellcal.procedures.forecast import Forecast, Knowledge, missing_wire_setup
-from cellcal.procedures.motion.plan_words import PlanTour, plan_words
+from cellcal.procedures.forecast import Forecast, Knowledge
 from cellcal.procedures.procedure_definition import Phase, ProcedureDefinition, StoredResult
 from cellcal.procedures.questions import ask_acceptance, ask_confirmation
 from cellcal.procedures.refit import Refit, RefitResult, pose_values, values_of
@@ -39,7 +38,6 @@ from cellcal.procedures.setting_texts import (
     describe_setting,
 )
 from cellcal.procedures.steps.mastering import check_same_epoch
-from cellcal.procedures.steps.pages import plan_page
 from cellcal.procedures.survey.alignment_result import (
     AlignmentResult,
     alignment_instruction,
@@ -66,16 +64,13 @@ from cellcal.procedures.survey.survey import (
     fit_survey,
     goal_uncertainties,
 )
-from cellcal.procedures.survey.survey_choice import fixed_plan_captures, order_pools
-from cellcal.procedures.survey.survey_forecast import state_before, survey_forecast
+from cellcal.procedures.survey.survey_choice import fixed_plan_captures
+from cellcal.procedures.survey.survey_forecast import survey_forecast
 from cellcal.procedures.survey.survey_motion import (
     Wire,
-    draw_pool,
     middle_of_work,
-    resting_poses,
-    unchecked_remarks,
-    way_to_rest,
 )
+from cellcal.procedures.survey.survey_plan import SpotLayout, plan_survey, survey_plan_page
 from cellcal.procedures.survey.survey_refit import refit_lengths, survey_of
 from cellcal.procedures.survey.wire_survey import measure_spots, read_survey_state
 from cellcal.procedures.verdict import ProcedureVerdict
@@ -202,10 +197,6 @@ def plan_alignment(
         WireSpot(k, 0, True, _mount_instruction(k, mouth, spec.fixture))
         for k in range(1, len(spec.points_in_fixture_m) + 1)
     )
-    pools = tuple(
-        draw_pool(state.model, wire, room, mouth, (spec.rules.candidates, spec.rules.seed + k))
-        for k, wire in enumerate(wires)
-    )
     frame_limits = spec.limits if spec.bases is None else spec.bases
     share = 1.0 if spec.bases is None else _SHARED_WIRE
     goal = SurveyGoal(
@@ -215,20 +206,8 @@ def plan_alignment(
         share * frame_limits.angle_rad,
         None if spec.bases is None else known_wire.worst_covariance(spec.points_in_fixture_m),
     )
-    rests = resting_poses(state.model, wires, room, pools)
-    plan = SurveyPlan(
-        goal=goal,
-        exits=exits,
-        hooks=hooks,
-        spots=spots,
-        mouth_at_m=mouth,
-        way_to_rest_rad=way_to_rest(state.model, room, state.joints_rad, rests),
-        pools=pools,
-        best=((),) * len(pools),
-        paces=tuple(state.speed_limit(hook, room) for _, hook, _ in wires),
-        not_checked=unchecked_remarks(state.model, wires[0], room),
-    )
-    return order_pools(Survey(state, plan, spec.rules))
+    layout = SpotLayout(goal, exits, hooks, spots, wires, mouth, turns_mouth=True)
+    return plan_survey(state, spec.rules, layout)
 
 
 def place_fixture(
@@ -296,11 +275,7 @@ def _plan_instruction(plan: SurveyPlan, spec: FixtureAlignment) -> Instruction:
         max_captures=rules.max_captures,
         map=min(map(len, plan.pools)),
     )
-    tour = PlanTour(
-        spots * rules.min_captures, plan.total_motion(rules.min_captures), "move the wire from point to point"
-    )
-    instruction = Instruction("accept_plan", plan_words(what, tour, plan.not_checked))
-    return plan_page(instruction, tour, plan.planned_moves(spec.rules))
+    return survey_plan_page(plan, rules, what, "move the wire from point to point")
 
 
 def _outline_phases(spec: FixtureAlignment) -> tuple[Phase, ...]:
@@ -326,11 +301,7 @@ def _make_verdict(spec: FixtureAlignment, result: AlignmentResult) -> ProcedureV
 
 
 def _forecast_run(spec: FixtureAlignment, knowledge: Knowledge) -> Forecast:
-    lacks = missing_wire_setup(knowledge)
-    if lacks:
-        return Forecast(0.0, lacks=lacks)
-    state = state_before(knowledge)
-    return survey_forecast(Survey(state, plan_alignment(state, spec), spec.rules), "fixture's", knowledge)
+    return survey_forecast(lambda state: plan_alignment(state, spec), spec.rules, "fixture's", knowledge)
 
 
 def _make_refit(spec: FixtureAlignment, findings: Sequence[Finding]) -> Refit:

@@ -18,7 +18,6 @@ from cellcal.calibration.mastering.counts import MasteringRecord, WireCapture
 from cellcal.calibration.mastering.pose_design import predict_turns
 from cellcal.calibration.message import make_message
 from cellcal.calibration.points.fixture import worst_expanded_u
-from cellcal.calibration.uncertainty import chi_square_limit
 from cellcal.calibration.wires.model import WirePoses
 from cellcal.calibration.wires.reference import WirePredictor, WireReference, fit_wire_reference
 from cellcal.drivers.interfaces import Instruction, Readiness
@@ -29,14 +28,11 @@ from cellcal.procedures.motion.plans import MotionBounds, plan_kit, wire_prior
 from cellcal.procedures.motors import Motors, MotorState
 from cellcal.procedures.procedure_definition import Phase, ProcedureDefinition, StoredResult
 from cellcal.procedures.questions import ask_acceptance, ask_confirmation
-from cellcal.procedures.recovery.kit_offers import KitOffers
 from cellcal.procedures.recovery.mastering_forecasts import forecast_places, forecast_record
 from cellcal.procedures.recovery.place_record import place_phases, record_places
 from cellcal.procedures.recovery.record_seal import plan_instruction, seal_record
+from cellcal.procedures.recovery.record_verdict import RecordResult, RecoveryProspect, verdict_on_record
 from cellcal.procedures.recovery.recovery_kit import (
-    GOOD_PROBABILITY,
-    GOOD_SIGMAS,
-    KitProspect,
     KitSpec,
     kit_phases,
     predict_kit,
@@ -68,7 +64,6 @@ from cellcal.procedures.steps.capture import StillCapture, capture_still
 from cellcal.procedures.steps.kit_bench import read_kit_bench
 from cellcal.procedures.steps.mastering import check_same_epoch, read_motors
 from cellcal.procedures.steps.motion import go_along
-from cellcal.procedures.verdict import ProcedureVerdict, SetAside, state_evidence, state_fact, state_figure
 
 _PLACES = ("wire's exit x", "wire's exit y", "wire's exit z", "hook x", "hook y", "hook z")
 _STATE: TypeAdapter[MotorState] = TypeAdapter(MotorState)
@@ -105,26 +100,6 @@ class MasteringRecordSpec:
         ),
     ] = None
     room: Annotated[MotionBounds, ROOM] = field(default_factory=MotionBounds)
-
-
-@dataclass(frozen=True, slots=True)
-class RecoveryProspect:
-    """What a recovery could reach with this record."""
-
-    success_probability: float
-    sigma_turns: tuple[float, ...]
-    captures: int
-
-
-@dataclass(frozen=True, slots=True)
-class RecordResult:
-    """The record, and what it promises."""
-
-    record: MasteringRecord
-    prospect: RecoveryProspect
-    kit: KitProspect | None = None  # what its places promise, where it has any
-    set_aside: tuple[str, ...] = ()  # captures that the others contradicted; measured again
-    offers: KitOffers | None = None  # what its places were chosen from
 
 
 async def mastering_record(run: Run, spec: MasteringRecordSpec) -> RecordResult:
@@ -242,101 +217,6 @@ def _unsealed_record(state: MotorState | Motors, model: str) -> MasteringRecord:
         prior=None,
         taken_by="mastering_record 1",
         sha256="",
-    )
-
-
-def verdict_on_record(result: RecordResult) -> ProcedureVerdict:
-    """Say whether the lengths agree, and how surely a recovery would find lost turns with them."""
-    if result.record.wire is None:
-        return _verdict_on_places(result)
-    (wire, _), prospect = result.record.wire_lengths(), result.prospect
-    agree = state_fact(
-        "the lengths agree with each other",
-        wire.is_consistent(),
-        "chi square at most its 99.9 % limit, and no capture stands out",
-        found=wire.chi_square,
-        limit=chi_square_limit(wire.degrees_of_freedom),
-    )
-    finds = state_evidence(
-        "chance that all lost turns would be found",
-        prospect.success_probability >= GOOD_PROBABILITY,
-        make_message(
-            "PASS if at least {good_probability:g}, else UNDECIDED: record more poses",
-            good_probability=GOOD_PROBABILITY,
-        ),
-        found=prospect.success_probability,
-        limit=GOOD_PROBABILITY,
-    )
-    weakest, words = max(prospect.sigma_turns), "predicted from the record"
-    return ProcedureVerdict(
-        (
-            *(agree, finds),
-            state_figure("deviation of the least known motor, were it lost", weakest, "turn", rule=words),
-            state_figure("RMS of the lengths about the fit", wire.residual_rms_m, "m", rule="no accuracy"),
-        ),
-        limits_from="fixed limits of the procedure",
-        not_verified=(
-            "The mastering itself was not checked: the record keeps it as it was found.",
-            "The accuracy of the robot was not measured.",
-        ),
-        remarks=(
-            "Take a new record after a motor, encoder, belt or gear was exchanged.",
-            "The number of poses is fixed by the settings, their places by design: nothing to save.",
-        ),
-        set_aside=tuple(SetAside(step, MEASURED_AGAIN) for step in result.set_aside),
-    )
-
-
-def _verdict_on_places(result: RecordResult) -> ProcedureVerdict:
-    """Say how surely a recovery would find lost turns at the places, and how well a lost zero."""
-    assert result.kit is not None  # a record without lengths has places
-    assert result.kit.outlook is not None
-    kit = result.kit.outlook
-    finds = state_evidence(
-        "chance that all lost turns would be found",
-        kit.success_probability >= GOOD_PROBABILITY,
-        make_message(
-            "PASS if at least {good_probability:g}, else UNDECIDED: record more places",
-            good_probability=GOOD_PROBABILITY,
-        ),
-        found=kit.success_probability,
-        limit=GOOD_PROBABILITY,
-    )
-    shows = state_evidence(
-        "the places kept for checking would show any wrong turn",
-        kit.check_sigmas >= GOOD_SIGMAS,
-        make_message(
-            "PASS if at {good_sigmas:g} deviations or more, else UNDECIDED: record more places",
-            good_sigmas=GOOD_SIGMAS,
-        ),
-        found=kit.check_sigmas,
-        limit=GOOD_SIGMAS,
-    )
-    words, names = "predicted from the places", load_model(result.record.model).joint_names
-    zeros = [
-        state_figure(
-            make_message("{name}: U of its zero (k=2), were its reference lost", name=name),
-            u,
-            "rad",
-            rule=words,
-        )
-        for name, u in zip(names, kit.offset_u_rad, strict=True)
-    ]
-    weakest = state_figure(
-        "deviation of the least known motor, were it lost", max(kit.sigma_turns), "turn", rule=words
-    )
-    return ProcedureVerdict(
-        (finds, shows, weakest, *zeros),
-        limits_from="fixed limits of the procedure",
-        not_verified=(
-            "The mastering itself was not checked: the record keeps it as it was found.",
-            "The accuracy of the robot was not measured.",
-            "Whether the places stay where they are: look after marks, seat and nests.",
-        ),
-        remarks=(
-            "Take a new record after a motor, encoder, belt or gear was exchanged, or the tip.",
-            "The number of places is fixed by the kit, further ones by what it lacks: nothing to save.",
-        ),
     )
 
 

@@ -14,17 +14,12 @@ from cellcal.calibration.message import make_message
 from cellcal.drivers.interfaces import PositionCure
 from cellcal.procedures.cell import Cell
 from cellcal.procedures.forecast import Forecast, Knowledge
-from cellcal.procedures.mastering_record import (
-    MasteringRecordSpec,
-    RecordResult,
-    RecoveryProspect,
-    mastering_record,
-    verdict_on_record,
-)
+from cellcal.procedures.mastering_record import MasteringRecordSpec, mastering_record
 from cellcal.procedures.motion.plans import MotionBounds
 from cellcal.procedures.procedure_definition import Phase, ProcedureDefinition, StoredResult
 from cellcal.procedures.recovery.mastering_forecasts import forecast_record
 from cellcal.procedures.recovery.record_seal import seal_record
+from cellcal.procedures.recovery.record_verdict import RecordResult, RecoveryProspect, verdict_on_record
 from cellcal.procedures.recovery.shown_position import read_position_data, with_shown_motors
 from cellcal.procedures.run import Run
 from cellcal.procedures.setting_texts import RETAKES, ROOM, SAMPLES, SEED, describe_setting

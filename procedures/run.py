@@ -129,7 +129,6 @@ class Run:
         past = past or RunHistory()
         self._book = _RunState(cell, ledger, past, expected, announce, gate or PauseGate())
         self._book.attempts.update(past.attempts)
-        self._prefix = ""
         self._lend: Callable[[Cell], Cell] = _lend_as_it_is
 
     @property
@@ -137,18 +136,10 @@ class Run:
         """Whether a person turns the axes of a robot that does not know where it is; the cell file says so."""
         return self._lend(self._book.cell).is_jogged_by_hand
 
-    def with_prefix(self, prefix: str) -> "Run":
-        """Return the same run for a sub-procedure: its steps are called ``prefix: name``."""
-        inner = Run(self._book.cell, self._book.ledger)
-        inner._book = self._book
-        inner._prefix = f"{self._prefix}{prefix}: "
-        inner._lend = self._lend
-        return inner
-
     def with_devices(self, change: Callable[[Cell], Cell]) -> "Run":
         """Return the same run whose steps are lent another view of the cell, such as other motors of the robot."""
         inner = Run(self._book.cell, self._book.ledger)
-        inner._book, inner._prefix, inner._lend = self._book, self._prefix, change
+        inner._book, inner._lend = self._book, change
         return inner
 
     async def step(
@@ -260,11 +251,10 @@ class Run:
         return task.codec.validate_python(stored)  # a live step and a replayed one answer alike
 
     def _claim_name(self, name: str) -> str:
-        full = self._prefix + name
-        if full in self._book.named:
-            raise ReplayMismatchError(make_message("two steps are called {full!r}", full=full))
-        self._book.named.add(full)
-        return full
+        if name in self._book.named:
+            raise ReplayMismatchError(make_message("two steps are called {full!r}", full=name))
+        self._book.named.add(name)
+        return name
 
     async def _perform_task(self, task: StepTask) -> Any:
         await self._wait_at_gate(task.name)

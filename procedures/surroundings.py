@@ -10,10 +10,9 @@ from typing import Annotated
 from cellcal.calibration.arm.kinematics import RobotModel, load_model
 from cellcal.calibration.geometry import Pose
 from cellcal.calibration.message import make_message
-from cellcal.calibration.motion.collision import (
+from cellcal.calibration.motion.cell_shapes import (
     BoxObstacle,
     CellShape,
-    CollisionCheck,
     LinkCapsule,
     Obstacle,
     PlaneObstacle,
@@ -21,6 +20,7 @@ from cellcal.calibration.motion.collision import (
     arm_shape,
     assumed_shape,
 )
+from cellcal.calibration.motion.collision import CollisionCheck
 from cellcal.calibration.motion.motion_check import WirePath
 from cellcal.procedures.setting_texts import BOX_HIGH, BOX_LOW, SHAPE_NAME, describe_setting
 

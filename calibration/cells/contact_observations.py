@@ -5,7 +5,7 @@ whose own geometry is fixed there: a plane is its x-y plane, a ball and a pin
 sit at its origin, a wire leaves along its z axis.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import ClassVar, Self, TypeAlias
 
 import numpy as np
@@ -14,8 +14,8 @@ from cellcal.calibration.errors import CalibrationError
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.identification.observations import (
     DevicePlacement,
+    DistanceRows,
     LengthObservations,
-    MeasuredRows,
     PointObservations,
     PoseObservations,
     Rows,
@@ -40,7 +40,7 @@ class PinTouches(PointObservations):
 
 
 @dataclass(frozen=True, eq=False)
-class PlaneContacts(MeasuredRows):
+class PlaneContacts(DistanceRows):
     """The tip stood at a known height above a plane [m]: zero, its ball's radius, or the reading of a dial gauge."""
 
     joints_rad: Array  # (N, n)
@@ -73,14 +73,9 @@ class PlaneContacts(MeasuredRows):
         """Return how the height follows the device's own parameters: it has none."""
         return np.empty((0, 1, tip[0].shape[-1]))
 
-    def errors_m(self, residuals: Array) -> Array:
-        """Return the size of the error of every row [m] from whitened residuals (1, N)."""
-        sizes: Array = np.abs(residuals[0]) * self.sigma_m
-        return sizes
-
 
 @dataclass(frozen=True, eq=False)
-class SphereContacts(MeasuredRows):
+class SphereContacts(DistanceRows):
     """The tip stood on a ball: its distances from the ball's centre [m], ball's radius plus that of the tip."""
 
     joints_rad: Array  # (N, n)
@@ -114,11 +109,6 @@ class SphereContacts(MeasuredRows):
     def own_columns(self, tip: TipFrames, device: DevicePlacement) -> Array:
         """Return how the distance follows the unknown part of the radius (1, 1, N)."""
         return -np.ones((1, 1, tip[0].shape[-1]))
-
-    def errors_m(self, residuals: Array) -> Array:
-        """Return the size of the error of every row [m] from whitened residuals (1, N)."""
-        sizes: Array = np.abs(residuals[0]) * self.sigma_m
-        return sizes
 
 
 @dataclass(frozen=True, eq=False)
@@ -197,17 +187,6 @@ class BarLengths(LengthObservations):
 CellObservations: TypeAlias = (
     PointObservations | PoseObservations | LengthObservations | PlaneContacts | SphereContacts
 )
-
-
-def scaled_sigma(observations: CellObservations, factor: float, turn_factor: float = 1.0) -> CellObservations:
-    """Return the rows with standard deviations of lengths, and of attitudes, multiplied by factors."""
-    if isinstance(observations, PoseObservations):
-        return replace(
-            observations,
-            sigma_m=observations.sigma_m * factor,
-            sigma_rad=observations.sigma_rad * turn_factor,
-        )
-    return replace(observations, sigma_m=observations.sigma_m * factor)
 
 
 def _unit_vectors(way: Array) -> Array:

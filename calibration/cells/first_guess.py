@@ -19,13 +19,14 @@ from cellcal.calibration.geometry import (
 )
 from cellcal.calibration.identification.estimator import FitProblem, estimate_arm
 from cellcal.calibration.identification.first_guess import base_and_tool, first_guess, locate_anchors
+from cellcal.calibration.identification.layouts import make_layout
 from cellcal.calibration.identification.observations import (
     LengthObservations,
     PointObservations,
     PoseObservations,
     Rows,
 )
-from cellcal.calibration.identification.parameters import FRAMES, make_layout
+from cellcal.calibration.identification.parameters import FRAMES
 
 _MOST_ROWS = 100
 _STEPS = 12

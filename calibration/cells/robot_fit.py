@@ -6,8 +6,9 @@ from cellcal.calibration.cells.estimate import CellFit
 from cellcal.calibration.errors import CalibrationError
 from cellcal.calibration.identification.estimator import ArmFit
 from cellcal.calibration.identification.free_parameters import PLACE_ROLES, PartLayout
+from cellcal.calibration.identification.layouts import make_layout
 from cellcal.calibration.identification.observations import DevicePlacement
-from cellcal.calibration.identification.parameters import GEOMETRY, ArmState, make_layout
+from cellcal.calibration.identification.parameters import GEOMETRY, ArmState
 from cellcal.calibration.message import make_message
 
 

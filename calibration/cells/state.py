@@ -11,16 +11,15 @@ from cellcal.calibration.cells.cell import CalibrationCell, CellDevice, CellRobo
 from cellcal.calibration.cells.frame_priors import AXES, FramePrior, move_frames
 from cellcal.calibration.errors import CalibrationError
 from cellcal.calibration.geometry import Array, adjoint_matrix, inverse_transform
+from cellcal.calibration.identification.layouts import geometry_parameters, term_parameters
 from cellcal.calibration.identification.observations import DevicePlacement, Rows
 from cellcal.calibration.identification.parameters import (
     FRAMES,
     ArmState,
     Parameter,
     Priors,
-    geometry_parameters,
     geometry_twists,
     nominal_state,
-    term_parameters,
 )
 from cellcal.calibration.message import make_message
 

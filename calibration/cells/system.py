@@ -12,7 +12,7 @@ from cellcal.calibration.arm.kinematics import (
     independent_columns,
 )
 from cellcal.calibration.cells.cell import CellSeries
-from cellcal.calibration.cells.contact_observations import BarLengths, CellObservations, scaled_sigma
+from cellcal.calibration.cells.contact_observations import BarLengths, CellObservations
 from cellcal.calibration.cells.state import ArmAlongRoute, CellFrames, CellLayout, CellState, FrameRoute
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.identification.observations import PoseObservations, Rows, TipFrames
@@ -63,7 +63,7 @@ class SeriesRows:
 
     def scale_sigmas(self, factors: Array) -> "SeriesRows":
         """Return the rows with sigmas of lengths, and of attitudes, multiplied by factors (1 or 2,)."""
-        return replace(self, observations=scaled_sigma(self.observations, *(float(f) for f in factors)))
+        return replace(self, observations=self.observations.scale_sigma(*(float(f) for f in factors)))
 
     def iterate_blocks(self) -> Iterator[tuple[int, Rows]]:
         """Yield the mountings and rows of each block."""

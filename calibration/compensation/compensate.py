@@ -6,7 +6,6 @@ back to the nominal world the other way round (download). Each point ends with a
 is left, seen by forward kinematics at the very joints that are returned.
 """
 
-from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import IntEnum, StrEnum
@@ -86,11 +85,6 @@ class Compensation:
         """Which points (N,) stand where they shall."""
         reached: Flags = self.status == PointStatus.CONVERGED
         return reached
-
-    def count_by_status(self) -> dict[str, int]:
-        """Return how many points ended how, by the status' name."""
-        found = Counter(self.status.tolist())
-        return {status.name.lower(): found[status] for status in PointStatus}
 
 
 def compensate(

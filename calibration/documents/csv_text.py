@@ -6,7 +6,6 @@ from collections.abc import Iterable
 
 from cellcal.calibration.documents.errors import DocumentError
 
-LONGEST_CELL = csv.field_size_limit()  # the library's own, 131 072 characters
 _MOST_CELLS = 20_000_000
 
 

@@ -18,15 +18,9 @@ from cellcal.calibration.arm.joint_terms import JointTerm, gravity_terms, harmon
 from cellcal.calibration.arm.kinematics import chain_frames, cross_product
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.identification.estimator import FitProblem, place_columns
+from cellcal.calibration.identification.layouts import make_layout, with_further
 from cellcal.calibration.identification.observations import Observations, Rows
-from cellcal.calibration.identification.parameters import (
-    GEOMETRY,
-    ArmState,
-    Parameter,
-    Priors,
-    make_layout,
-    with_further,
-)
+from cellcal.calibration.identification.parameters import GEOMETRY, ArmState, Parameter, Priors
 from cellcal.calibration.identification.robust import RobustFit
 
 AVERAGED_ROWS = 120  # up to here a fit bends its parameters more than its residuals show

@@ -19,6 +19,7 @@ from cellcal.calibration.arm.joint_terms import (
 from cellcal.calibration.arm.kinematics import RobotModel
 from cellcal.calibration.errors import CalibrationError
 from cellcal.calibration.geometry import Array
+from cellcal.calibration.identification.layouts import make_layout, with_further
 from cellcal.calibration.identification.observations import DevicePlacement, Rows
 from cellcal.calibration.identification.parameters import (
     FRAMES,
@@ -31,8 +32,6 @@ from cellcal.calibration.identification.parameters import (
     Parameter,
     ParameterLayout,
     Priors,
-    make_layout,
-    with_further,
 )
 
 # To the eighth: the same orders predict another series of one arm better, higher ones only the series they are from.

@@ -18,7 +18,7 @@ from cellcal.calibration.identification.estimator import (
     place_columns,
     whitened_residuals,
 )
-from cellcal.calibration.identification.observations import Rows, with_sigma
+from cellcal.calibration.identification.observations import Rows
 from cellcal.calibration.identification.robust import RobustFit
 
 _BY_CHANCE = 0.01
@@ -209,7 +209,7 @@ def widen_fit(robust: RobustFit, groups: Rows) -> tuple[RobustFit, GroupEffect]:
     if effect.widening == 1.0 or not len(fit.layout):
         return robust, effect
     factor = effect.widening
-    problem = replace(robust.problem, observations=with_sigma(robust.problem.observations, factor, factor))
+    problem = replace(robust.problem, observations=robust.problem.observations.scale_sigma(factor, factor))
     wide = estimate_arm(fit.layout, fit.state, problem, is_kept.astype(float))
     widened_fit: ArmFit = replace(fit, covariance=wide.covariance)
     freedom = min(robust.degrees_of_freedom, effect.degrees_of_freedom or np.inf)

@@ -35,6 +35,7 @@ from cellcal.calibration.identification.identifiability import (
     not_identified,
 )
 from cellcal.calibration.identification.judgement import Judgement, start_judgement
+from cellcal.calibration.identification.layouts import make_layout
 from cellcal.calibration.identification.observations import Observations, Rows
 from cellcal.calibration.identification.parameters import (
     FRAMES,
@@ -43,7 +44,6 @@ from cellcal.calibration.identification.parameters import (
     OFFSETS,
     ArmState,
     Parameter,
-    make_layout,
 )
 from cellcal.calibration.identification.residual_model import ResidualModel, residual_of
 from cellcal.calibration.identification.robust import RobustFit

@@ -19,16 +19,9 @@ from cellcal.calibration.identification.free_parameters import (
     StartingPoint,
     prepare_fit,
 )
+from cellcal.calibration.identification.layouts import make_layout, with_further
 from cellcal.calibration.identification.observations import Observations
-from cellcal.calibration.identification.parameters import (
-    GEAR,
-    GRAVITY,
-    RIPPLE,
-    ArmState,
-    Priors,
-    make_layout,
-    with_further,
-)
+from cellcal.calibration.identification.parameters import GEAR, GRAVITY, RIPPLE, ArmState, Priors
 from cellcal.calibration.identification.robust import RobustFit, fit_robustly
 
 _DISTINCT_ANGLES = 20  # of a joint, before its ripple or gear ratio may be asked for

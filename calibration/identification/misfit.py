@@ -5,7 +5,7 @@ way that files get wrong: mirrored axes, signs, zeros, order, coupling, units, r
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -15,6 +15,14 @@ from cellcal.calibration.geometry import Array
 from cellcal.calibration.identification.distinct_postures import count_postures
 from cellcal.calibration.identification.estimator import FitProblem, errors_m, estimate_arm
 from cellcal.calibration.identification.first_guess import first_guess
+from cellcal.calibration.identification.layouts import make_layout
+from cellcal.calibration.identification.misfit_error import (
+    MisfitCause,
+    MisfitError,
+    MisfitScore,
+    describe_cause,
+    misfit_error,
+)
 from cellcal.calibration.identification.misfit_hypotheses import (
     FileNames,
     JointInterpretation,
@@ -29,9 +37,9 @@ from cellcal.calibration.identification.observations import (
     Observations,
     PointObservations,
 )
-from cellcal.calibration.identification.parameters import OFFSETS, ArmState, make_layout
+from cellcal.calibration.identification.parameters import OFFSETS, ArmState
 from cellcal.calibration.identification.quick_fit import spread_rows, trimmed_rms
-from cellcal.calibration.message import join_messages, make_message
+from cellcal.calibration.message import make_message
 
 _FEWEST = {"point": 8, "pose": 8, "length": 14}
 _MOST_ROWS = 80
@@ -79,35 +87,6 @@ _KINDS = (
 )
 
 
-class MisfitError(CalibrationError):
-    """Measurements that do not fit the robot, with the cause that explains them if one is known."""
-
-    code = "calibration.misfit"
-
-    def __init__(self, message: str, *, remedy: str, causes: tuple["MisfitCause", ...] = ()) -> None:
-        super().__init__(message, remedy=remedy)
-        self.causes = causes
-
-
-@dataclass(frozen=True, slots=True)
-class MisfitCause:
-    """One explanation of a misfit."""
-
-    kinds: tuple[str, ...]  # unit | angle unit | mirror | coupling | sign | home | order | rows | model
-    says: str
-    cure: str
-    remaining_m: float  # RMS of the rows, with this cause
-
-
-@dataclass(frozen=True, slots=True)
-class MisfitScore:
-    """How well rows fit, and how far the zeros of the inner joints then are from where they should be."""
-
-    score_m: float
-    offsets_rad: tuple[float, ...] = ()
-    sigma_rad: tuple[float, ...] = ()
-
-
 def refuse_misfit(
     model: RobotModel,
     observations: Observations,
@@ -140,7 +119,7 @@ def refuse_misfit(
         sure_m = min(stands.score_m / _DECISIVE, max(_GROSS * motion_m, _GROSS_M))
         causes = causes or _slides(model, some, sure_m, names)
         if causes:
-            raise _misfit_error(model, stands.score_m, motion_m, causes)
+            raise misfit_error(model, stands.score_m, motion_m, causes)
     if stands.score_m <= max(_GROSS * motion_m, _GROSS_M):
         _refuse_far_zero(model, some, stands, names)
     elif _misfits_throughout(model, observations, max(_GROSS * motion_m, _GROSS_M)):
@@ -340,7 +319,7 @@ def _explaining_causes(
     alike.sort(key=lambda pair: (pair[0].part_count, _KINDS.index(pair[0].kinds[-1]), pair[1].score_m))
     causes: dict[str, MisfitCause] = {}
     for candidate, fitted in alike:
-        cause = _describe_cause(candidate, fitted)
+        cause = describe_cause(candidate, fitted)
         if candidate.part_count <= alike[0][0].part_count + 1:
             causes.setdefault(cause.says, cause)
     return tuple(causes.values())[:_MOST_CAUSES]
@@ -371,19 +350,6 @@ def _is_believable(candidate: MisfitCandidate, fitted: MisfitScore) -> bool:
     return fitted.score_m <= max(_GROSS * motion_m, _GROSS_M)
 
 
-def _describe_cause(candidate: MisfitCandidate, fitted: MisfitScore) -> MisfitCause:
-    says, cures = (
-        [*candidate.cause_texts, candidate.reading.says],
-        [*candidate.cure_texts, candidate.reading.cure],
-    )
-    return MisfitCause(
-        candidate.kinds,
-        ", and ".join(word for word in says if word),
-        join_messages(" ", filter(None, cures)),
-        fitted.score_m,
-    )
-
-
 def _with_fitted_zeros(
     reading: JointInterpretation, fitted: MisfitScore, names: FileNames
 ) -> JointInterpretation:
@@ -405,30 +371,3 @@ def _round_angle(angle_rad: float) -> float:
     if quarter and abs(angle_rad - quarter) < _ROUND_RAD:
         return quarter
     return float(np.deg2rad(np.round(np.rad2deg(angle_rad), 1)))
-
-
-def _misfit_error(
-    model: RobotModel, left_m: float, motion_m: float, causes: tuple[MisfitCause, ...]
-) -> MisfitError:
-    first, *rest = causes
-    also = (
-        make_message(" It fits as well that {rest}.", rest="; or that ".join(cause.says for cause in rest))
-        if rest
-        else ""
-    )
-    return MisfitError(
-        make_message(
-            "the measurements do not fit {model_name}: {left_mm:.1f} mm remain of a motion of "
-            "{motion_mm:.0f} mm; only {remaining_mm:.2f} mm remain if {says}.",
-            model_name=model.name,
-            left_mm=left_m * 1000.0,
-            motion_mm=motion_m * 1000.0,
-            remaining_mm=first.remaining_m * 1000.0,
-            says=first.says,
-        ),
-        remedy=make_message("{cure}{also} Nothing was stored.", cure=first.cure, also=also),
-        causes=causes,
-    )
-
-
-__all__ = ["FileNames", "MisfitCause", "MisfitError", "fit_quickly", "refuse_gross_misfit", "refuse_misfit"]

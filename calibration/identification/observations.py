@@ -49,6 +49,12 @@ class MeasuredRows:
             object.__setattr__(taken, field, values[rows])
         return taken
 
+    def scale_sigma(self, factor: float, turn_factor: float = 1.0) -> Self:
+        """Return the rows with standard deviations of lengths, and of attitudes, multiplied by factors."""
+        scaled = copy(self)
+        object.__setattr__(scaled, "sigma_m", self.sigma_m * factor)
+        return scaled
+
     def inverse_sigmas(self, rows: Rows | slice) -> Array:
         """Return 1 / sigma of every channel (channels or 1, N)."""
         scales: Array = 1.0 / self.sigma_m[None, rows]
@@ -119,13 +125,27 @@ class PoseObservations(PointObservations):
             raise CalibrationError("poses need the turning of the tip, too")
         return np.concatenate([linear, angular], axis=1)
 
+    def scale_sigma(self, factor: float, turn_factor: float = 1.0) -> Self:
+        scaled = super().scale_sigma(factor)
+        object.__setattr__(scaled, "sigma_rad", self.sigma_rad * turn_factor)
+        return scaled
+
     def inverse_sigmas(self, rows: Rows | slice) -> Array:
         position, turn = 1.0 / self.sigma_m[rows], 1.0 / self.sigma_rad[rows]
         return np.stack([position] * 3 + [turn] * 3)
 
 
+class DistanceRows(MeasuredRows):
+    """Rows of one distance each."""
+
+    def errors_m(self, residuals: Array) -> Array:
+        """Return the size of the error of every row [m] from whitened residuals (1, N)."""
+        sizes: Array = np.abs(residuals[0]) * self.sigma_m
+        return sizes
+
+
 @dataclass(frozen=True, eq=False)
-class LengthObservations(MeasuredRows):
+class LengthObservations(DistanceRows):
     """Lengths of a draw-wire between its anchor and a hook on the end-effector [m]."""
 
     joints_rad: Array  # (N, n)
@@ -167,11 +187,6 @@ class LengthObservations(MeasuredRows):
         columns[3], columns[4] = 1.0, length
         return columns
 
-    def errors_m(self, residuals: Array) -> Array:
-        """Return the size of the error of every row [m] from whitened residuals (1, N)."""
-        sizes: Array = np.abs(residuals[0]) * self.sigma_m
-        return sizes
-
 
 Observations: TypeAlias = PointObservations | PoseObservations | LengthObservations
 
@@ -191,17 +206,6 @@ def with_mounting(observations: Observations, mounting: Rows) -> Observations:
 def with_joints(observations: Observations, joints_rad: Array) -> Observations:
     """Return the rows with other joint angles (rounding removed, say)."""
     return replace(observations, joints_rad=joints_rad)
-
-
-def with_sigma(observations: Observations, factor: float, turn_factor: float = 1.0) -> Observations:
-    """Return the rows with standard deviations of lengths, and of attitudes, multiplied by factors."""
-    if isinstance(observations, PoseObservations):
-        return replace(
-            observations,
-            sigma_m=observations.sigma_m * factor,
-            sigma_rad=observations.sigma_rad * turn_factor,
-        )
-    return replace(observations, sigma_m=observations.sigma_m * factor)
 
 
 def join_gauges(devices: Sequence[DevicePlacement], rows: Sequence[int]) -> DevicePlacement | None:

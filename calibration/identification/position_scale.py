@@ -17,20 +17,15 @@ from cellcal.calibration.geometry import Array
 from cellcal.calibration.identification.distinct_postures import FEWEST_POSTURES, count_postures
 from cellcal.calibration.identification.estimator import FitProblem, place_columns
 from cellcal.calibration.identification.first_guess import first_guess
+from cellcal.calibration.identification.layouts import make_layout
 from cellcal.calibration.identification.lints import Lint
-from cellcal.calibration.identification.misfit import MisfitCause, MisfitError
+from cellcal.calibration.identification.misfit_error import MisfitCause, MisfitError
 from cellcal.calibration.identification.observations import (
     LengthObservations,
     Observations,
     PointObservations,
 )
-from cellcal.calibration.identification.parameters import (
-    GEOMETRY,
-    Parameter,
-    ParameterLayout,
-    Priors,
-    make_layout,
-)
+from cellcal.calibration.identification.parameters import GEOMETRY, Parameter, ParameterLayout, Priors
 from cellcal.calibration.identification.quick_fit import spread_rows
 from cellcal.calibration.identification.robust import fit_robustly
 from cellcal.calibration.message import make_message

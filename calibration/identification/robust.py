@@ -15,7 +15,7 @@ from cellcal.calibration.identification.leverage import (
     redundant_shares,
     standardised_residuals,
 )
-from cellcal.calibration.identification.observations import PoseObservations, Rows, with_sigma
+from cellcal.calibration.identification.observations import PoseObservations, Rows
 from cellcal.calibration.identification.parameters import ArmState, ParameterLayout
 
 _CAUCHY = 2.5  # deviations at which a row's weight is one half
@@ -178,7 +178,7 @@ def _limit_factors(problem: FitProblem, factors: Array) -> Array:
 
 
 def _with_factors(problem: FitProblem, factors: Array) -> FitProblem:
-    return replace(problem, observations=with_sigma(problem.observations, *(float(f) for f in factors)))
+    return replace(problem, observations=problem.observations.scale_sigma(*(float(f) for f in factors)))
 
 
 def _scaled_by_chi_square(

@@ -18,6 +18,7 @@ from cellcal.calibration.identification.cross_validation import (
 )
 from cellcal.calibration.identification.estimator import FitProblem, errors_m, estimate_arm
 from cellcal.calibration.identification.free_parameters import StartingPoint, all_joint_terms, level_of
+from cellcal.calibration.identification.layouts import make_layout
 from cellcal.calibration.identification.level_fit import fit_level, terms_of_level
 from cellcal.calibration.identification.observations import Observations, Rows, with_mounting
 from cellcal.calibration.identification.parameters import (
@@ -30,7 +31,6 @@ from cellcal.calibration.identification.parameters import (
     RIPPLE,
     ArmState,
     Priors,
-    make_layout,
     nominal_state,
 )
 from cellcal.calibration.identification.series_breaks import (

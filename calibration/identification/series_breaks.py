@@ -11,8 +11,9 @@ from cellcal.calibration.errors import DegenerateDataError
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.identification.estimator import ArmFit, FitProblem, estimate_arm, place_columns
 from cellcal.calibration.identification.first_guess import first_guess
+from cellcal.calibration.identification.layouts import make_layout
 from cellcal.calibration.identification.observations import Observations, Rows, with_mounting
-from cellcal.calibration.identification.parameters import FRAMES, make_layout
+from cellcal.calibration.identification.parameters import FRAMES
 
 _SHORTEST = 12  # rows of one mounting
 _MOST_BREAKS = 8

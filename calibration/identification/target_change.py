@@ -14,14 +14,15 @@ from cellcal.calibration.errors import CalibrationError
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.identification.estimator import FitProblem, estimate_arm, place_columns
 from cellcal.calibration.identification.first_guess import first_guess
-from cellcal.calibration.identification.misfit import MisfitCause, MisfitError
+from cellcal.calibration.identification.layouts import make_layout
+from cellcal.calibration.identification.misfit_error import MisfitCause, MisfitError
 from cellcal.calibration.identification.observations import (
     LengthObservations,
     Observations,
     PointObservations,
     Rows,
 )
-from cellcal.calibration.identification.parameters import GEOMETRY, OFFSETS, make_layout
+from cellcal.calibration.identification.parameters import GEOMETRY, OFFSETS
 from cellcal.calibration.identification.quick_fit import spread_rows
 from cellcal.calibration.message import make_message
 

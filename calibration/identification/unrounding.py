@@ -12,8 +12,9 @@ from cellcal.calibration.arm.kinematics import RobotModel
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.identification.estimator import ArmFit, FitProblem, errors_m, estimate_arm
 from cellcal.calibration.identification.first_guess import first_guess
+from cellcal.calibration.identification.layouts import make_layout
 from cellcal.calibration.identification.observations import PointObservations
-from cellcal.calibration.identification.parameters import FRAMES, make_layout
+from cellcal.calibration.identification.parameters import FRAMES
 
 _STEPS = 4
 _DISAGREES = 6.0  # deviations between printed position and joints, beyond which the row is left alone

@@ -9,7 +9,6 @@ from cellcal.calibration.errors import CalibrationError
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.mastering.counts import DriveTrain, MasteringRecord, PlaceCapture, RecoveryKit
 from cellcal.calibration.mastering.hypothesis_report import RecoveryRobot
-from cellcal.calibration.mastering.integer_search import success_probability
 from cellcal.calibration.mastering.place_choice import PlaceChoice
 from cellcal.calibration.mastering.place_evidence import PlaceProblem
 from cellcal.calibration.mastering.pose_design import TURN_UNCERTAINTY
@@ -49,22 +48,6 @@ def verify_at_places(
     """Judge a recovery at places that were not fitted; as ``verify_recovery``."""
     model = load_model(record.model)
     return verify_evidence(PlaceProblem(model, kit, (record.drive, record.counts_at_zero), checks), recovery)
-
-
-def predict_places(
-    model: RobotModel, kit: RecoveryKit, robot: tuple[DriveTrain, tuple[int, ...]], numbers: Sequence[int]
-) -> tuple[float, Array]:
-    """Predict what visiting these places again would tell, as ``pose_design.predict`` does for lengths.
-
-    Returns
-    -------
-    probability : float
-        Lower bound on the chance that all turns are found right [1].
-    sigma_turns : (n,)
-        Standard deviation of each motor's real estimate [turns].
-    """
-    covariance = place_covariance(model, kit, robot, numbers)
-    return success_probability(covariance), np.sqrt(np.diag(covariance))
 
 
 def place_covariance(

@@ -17,7 +17,7 @@ from cellcal.calibration.arm.urdf import UrdfArm
 from cellcal.calibration.errors import CalibrationError, CellError
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.message import make_message
-from cellcal.calibration.motion.collision import BoxObstacle, Obstacle, PlaneObstacle, SphereObstacle
+from cellcal.calibration.motion.cell_shapes import BoxObstacle, Obstacle, PlaneObstacle, SphereObstacle
 
 _ALWAYS = 0.9  # of random postures: a pair that touches so often is touching by construction
 _TRIALS = 200

@@ -10,7 +10,7 @@ import numpy as np
 from cellcal.calibration.documents.json_text import parse_json
 from cellcal.calibration.errors import CalibrationError
 from cellcal.calibration.geometry import Pose
-from cellcal.calibration.points.fixture import Covariance6, Triple, worst_expanded_u
+from cellcal.calibration.points.fixture import Covariance6, Triple, UncertainFrame
 
 FORMAT = "alignment 1"
 
@@ -34,7 +34,7 @@ class WirePoints:
 
 
 @dataclass(frozen=True, slots=True)
-class Alignment:
+class Alignment(UncertainFrame):
     """One fixture seen from one robot. Never changed; a new measurement is a new alignment."""
 
     fixture: str
@@ -45,16 +45,6 @@ class Alignment:
     covariance: Covariance6  # of the right twist (v, w) of base_fixture [m, rad]
     counts_at_zero: tuple[int, ...] = ()  # the mastering it was measured with; empty where none is kept
     points: WirePoints | None = None  # None where no wire measured them
-
-    @property
-    def origin_u_m(self) -> float:
-        """U (k = 2) of the fixture's origin in its worst direction [m]."""
-        return worst_expanded_u(np.array(self.covariance)[:3, :3])
-
-    @property
-    def angle_u_rad(self) -> float:
-        """U (k = 2) of the turn about the worst axis [rad]."""
-        return worst_expanded_u(np.array(self.covariance)[3:, 3:])
 
 
 def without_points(alignment: Alignment, keep: Sequence[bool]) -> Alignment:

@@ -27,8 +27,25 @@ MIN_SPREAD = 0.15  # second extent of the points by the first: below, a turn abo
 MIRROR_CHI_SQUARE = 25.0  # a mirror image that fits worse than this is excluded
 
 
+class UncertainFrame:
+    """How well a frame is known; the covariance is a field of the dataclass that derives from this."""
+
+    __slots__ = ()
+    covariance: Covariance6  # of the right twist (v, w) [m, rad]
+
+    @property
+    def origin_u_m(self) -> float:
+        """U (k = 2) of the frame's origin in its worst direction [m]."""
+        return worst_expanded_u(np.array(self.covariance)[:3, :3])
+
+    @property
+    def angle_u_rad(self) -> float:
+        """U (k = 2) of the turn about the worst axis [rad]."""
+        return worst_expanded_u(np.array(self.covariance)[3:, 3:])
+
+
 @dataclass(frozen=True, slots=True)
-class PlacedPoints:
+class PlacedPoints(UncertainFrame):
     """A frame fitted to its points: ``outer_inner`` with the covariance of its right twist (v, w) [m, rad]."""
 
     outer_inner: Pose
@@ -51,16 +68,6 @@ class PlacedPoints:
             "detail": "further from" if self.worst_gap_m > 0 else "nearer to",
             "worst_deviation": self.worst_deviation,
         }
-
-    @property
-    def origin_u_m(self) -> float:
-        """U (k = 2) of the origin in its worst direction [m]."""
-        return worst_expanded_u(np.array(self.covariance)[:3, :3])
-
-    @property
-    def angle_u_rad(self) -> float:
-        """U (k = 2) of the turn about the worst axis [rad]."""
-        return worst_expanded_u(np.array(self.covariance)[3:, 3:])
 
     @property
     def most_chi_square(self) -> float:
@@ -86,21 +93,11 @@ class MirrorPoint:
 
 
 @dataclass(frozen=True, slots=True)
-class BaseToBase:
+class BaseToBase(UncertainFrame):
     """One robot's base seen from another's, with the covariance of its right twist."""
 
     other_base_base: Pose
     covariance: Covariance6
-
-    @property
-    def origin_u_m(self) -> float:
-        """U (k = 2) of the base's origin in its worst direction [m]."""
-        return worst_expanded_u(np.array(self.covariance)[:3, :3])
-
-    @property
-    def angle_u_rad(self) -> float:
-        """U (k = 2) of the turn about the worst axis [rad]."""
-        return worst_expanded_u(np.array(self.covariance)[3:, 3:])
 
     @property
     def origin_axes_u_m(self) -> Triple:

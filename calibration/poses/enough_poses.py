@@ -62,11 +62,6 @@ class Sufficiency:
     reason: str
     after: MeasurementOutlook  # once they are measured
 
-    @property
-    def is_reachable(self) -> bool:
-        """Whether some choice of poses is enough."""
-        return self.plan is not None
-
 
 def acceptance_gaps(
     prediction: AccuracyPrediction, acceptance: AcceptanceLimits

@@ -19,6 +19,7 @@ from cellcal.calibration.geometry import Array, homogeneous_matrix
 from cellcal.calibration.identification.base_parameters import base_subset
 from cellcal.calibration.identification.estimator import ArmFit, FitProblem, place_columns
 from cellcal.calibration.identification.identifiability import NotIdentified, not_identified
+from cellcal.calibration.identification.layouts import make_layout, with_further
 from cellcal.calibration.identification.observations import (
     DevicePlacement,
     LengthObservations,
@@ -33,9 +34,7 @@ from cellcal.calibration.identification.parameters import (
     ArmState,
     ParameterLayout,
     Priors,
-    make_layout,
     nominal_state,
-    with_further,
 )
 from cellcal.calibration.mastering.pose_design import candidate_joints
 from cellcal.calibration.message import make_message

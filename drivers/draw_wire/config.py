@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
+from cellcal.drivers.wire.device_connection import connection_to
+
 if TYPE_CHECKING:
     from cellcal.drivers.draw_wire.gauge import DrawWire
     from cellcal.drivers.draw_wire.modbus_gauge import ModbusDrawWire
@@ -47,11 +49,8 @@ class ModbusDrawWireConfig(_DrawWireOptions):
         )
         link = ModbusLink(self.name, self.host, self.port, deadline_s=_TELEGRAM_SHARE * self.deadline_s)
         gauge = ModbusDrawWire(link, load_encoder_map(), options)
-        try:
-            await gauge.connect()
+        async with connection_to(gauge):
             yield gauge
-        finally:
-            await gauge.close()
 
 
 class DrawWireConfig(_DrawWireOptions):
@@ -85,8 +84,5 @@ class DrawWireConfig(_DrawWireOptions):
         )
         options = GaugeOptions(self.serial, self.range_m, self.sigma_m, self.end_margin_m, self.deadline_s)
         gauge = DrawWire(link, load_objects(), options)
-        try:
-            await gauge.connect()
+        async with connection_to(gauge):
             yield gauge
-        finally:
-            await gauge.close()

@@ -10,6 +10,7 @@ from cellcal.drivers.interfaces import TrackerCapabilities
 from cellcal.drivers.laser_tracker.link import EmsconLink
 from cellcal.drivers.laser_tracker.readings import TrackerLimits
 from cellcal.drivers.laser_tracker.tracker import LaserTracker, TrackerOptions
+from cellcal.drivers.wire.device_connection import connection_to
 
 
 class LaserTrackerConfig(BaseModel):
@@ -48,11 +49,8 @@ class LaserTrackerConfig(BaseModel):
         """Connect, check the serial number, and disconnect at the end."""
         link = EmsconLink(self.name, self.address, self.port, self.deadline_s)
         tracker = LaserTracker(link, self._tracker_options())
-        try:
-            await tracker.connect()
+        async with connection_to(tracker):
             yield tracker
-        finally:
-            await tracker.close()
 
     def _tracker_options(self) -> TrackerOptions:
         limits = TrackerLimits(self.range_m, self.sigma_m, self.sigma_per_m, self.sigma_rad, self.steady_m)

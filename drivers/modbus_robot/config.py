@@ -8,6 +8,7 @@ from pydantic import BaseModel, ConfigDict, Field, field_validator
 
 from cellcal.drivers.interfaces import RobotCapabilities
 from cellcal.drivers.modbus_robot.profile import load_profile, profile_names
+from cellcal.drivers.wire.device_connection import connection_to
 
 if TYPE_CHECKING:
     from cellcal.drivers.modbus_robot.robot import ModbusRobot
@@ -74,8 +75,5 @@ class ModbusRobotConfig(BaseModel):
             self.deadline_s, self.speed_limit_rad_s, self.settle_s, self.motion_margin_s
         )
         robot = ModbusRobot(panel, CellProgram(panel, deadline_s=self.deadline_s), options)
-        try:
-            await robot.connect()
+        async with connection_to(robot):
             yield robot if profile.abilities.writes_mastering else TpRobot(robot)
-        finally:
-            await robot.close()

@@ -10,6 +10,7 @@ from cellcal.calibration.orientation import rotation_from, values_from
 from cellcal.drivers.errors import RefusedError
 from cellcal.drivers.interfaces import ActiveFrames
 from cellcal.drivers.modbus_robot.register_client import RegisterBlock, RegisterClient
+from cellcal.drivers.wire.frame_readback import frames_agree
 
 Kind = Literal["tool", "user"]
 _CONVENTION = "fanuc_wpr"
@@ -40,7 +41,7 @@ async def write_frame(panel: RegisterClient, kind: Kind, number: int, pose: Pose
     }
     await panel.write_registers(values, number=number)
     found = await read_frame(panel, kind, number)
-    if not _is_same(found, pose):
+    if not frames_agree(found, pose, within_m=_SAME_M, within_rad=_SAME_RAD):
         raise RefusedError(
             panel.device,
             make_message("{kind} frame {number} was not written as sent.", kind=kind, number=number),
@@ -74,8 +75,3 @@ async def active_frames(panel: RegisterClient, position: RegisterBlock) -> Activ
     user, tool = position.integer_of("user_number"), position.integer_of("tool_number")
     flange_tool = await read_frame(panel, "tool", tool) if tool else Pose((0.0, 0.0, 0.0))
     return ActiveFrames(tool, flange_tool, user)
-
-
-def _is_same(found: Pose, sent: Pose) -> bool:
-    near = np.allclose(found.position_m, sent.position_m, rtol=0, atol=_SAME_M)
-    return near and bool(np.allclose(found.rotation_matrix(), sent.rotation_matrix(), rtol=0, atol=_SAME_RAD))

@@ -77,14 +77,3 @@ class NumberFormat:
         mantissa, power = f"{value:.{self.decimals}e}".split("e")
         sign = "-" if power.startswith("-") else ("+" if self.exponent_digits > 1 else "")
         return f"{mantissa}{self.exponent}{sign}{abs(int(power)):0{self.exponent_digits}d}"
-
-
-def rewrite_number(text: str, value: float) -> str:
-    """Return a number in the old one's format, or the old text itself where it already says the value.
-
-    ``text`` is the number as written, blanks in front included; value in the file's own unit.
-    """
-    form = NumberFormat.from_text(text)
-    old = float(text)
-    half = 0.5 * form.unit_step * (10.0 ** int(text.lower().split("e")[1]) if form.exponent else 1.0)
-    return text if abs(value - old) <= half * (1 - 1e-9) else form.write_value(value)

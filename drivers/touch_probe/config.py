@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Literal
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
 from cellcal.drivers.interfaces import ProbeCapabilities
+from cellcal.drivers.wire.device_connection import connection_to
 
 if TYPE_CHECKING:
     from cellcal.drivers.touch_probe.coupler import Coupler
@@ -105,11 +106,8 @@ class TouchProbeConfig(_CouplerConfig):
         probe = CouplerTouchProbe(
             self._make_coupler(digital_input=self.contact_input), self._probe_capabilities(), options
         )
-        try:
-            await probe.connect()
+        async with connection_to(probe):
             yield probe
-        finally:
-            await probe.close()
 
     def _probe_capabilities(self) -> ProbeCapabilities:
         settling_ms = max(self.debounce_ms, _FEWEST_CLOSED * self.poll_ms)
@@ -144,8 +142,5 @@ class DialGaugeConfig(_CouplerConfig):
             self.range_mm * 1e-3, self.sigma_mm * 1e-3, self.end_margin_mm * 1e-3, self.deadline_s
         )
         gauge = DialGauge(self._make_coupler(analogue_input=self.dial_input), options)
-        try:
-            await gauge.connect()
+        async with connection_to(gauge):
             yield gauge
-        finally:
-            await gauge.close()

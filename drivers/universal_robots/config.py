@@ -24,6 +24,7 @@ from cellcal.drivers.universal_robots.robot_connection import (
     StreamTiming,
 )
 from cellcal.drivers.universal_robots.session import SessionOptions
+from cellcal.drivers.wire.device_connection import connection_to
 
 _STALE_SHARE = 0.25  # of the deadline
 _CONNECT_SHARE = 0.75
@@ -128,11 +129,8 @@ class UniversalRobotConfig(BaseModel):
     async def open(self) -> AsyncIterator[ReadingUniversalRobot]:
         """Connect for reading, check model and serial number; give the robot back at the end."""
         robot = self._make_robot()
-        try:
-            await robot.connect()
+        async with connection_to(robot):
             yield robot
-        finally:
-            await robot.close()
 
     def _make_robot(self) -> ReadingUniversalRobot:
         if self.capabilities.moves_joints:

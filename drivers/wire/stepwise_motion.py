@@ -12,7 +12,6 @@ from abc import ABC, abstractmethod
 from collections.abc import Awaitable, Callable, Iterator
 from contextlib import AbstractAsyncContextManager, contextmanager
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 
@@ -30,23 +29,6 @@ _LOOK = "Look at the robot first: it should have stopped. Use the emergency stop
 IsFinished = Callable[[], Awaitable[bool]]
 
 
-class StepwiseSettings(Protocol):
-    """The settings of a cell file that ``StepwiseOptions`` is made of; units as there."""
-
-    @property
-    def deadline_s(self) -> float: ...
-    @property
-    def speed_limit_rad_s(self) -> float: ...
-    @property
-    def step_s(self) -> float: ...
-    @property
-    def settle_s(self) -> float: ...
-    @property
-    def stuck_s(self) -> float: ...
-    @property
-    def tolerance_rad(self) -> float: ...
-
-
 @dataclass(frozen=True, slots=True)
 class StepwiseOptions:
     """What the cell file says about motion."""
@@ -59,19 +41,6 @@ class StepwiseOptions:
     stuck_s: float  # without any motion: given up
     tolerance_rad: float
 
-    @classmethod
-    def from_settings(cls, axes: int, settings: StepwiseSettings) -> "StepwiseOptions":
-        """Return the options of a robot with so many axes."""
-        return cls(
-            axes,
-            settings.deadline_s,
-            settings.speed_limit_rad_s,
-            settings.step_s,
-            settings.settle_s,
-            settings.stuck_s,
-            settings.tolerance_rad,
-        )
-
 
 class StepwiseMotion(ABC):
     """The motion of a robot whose controller is given one step after the other.
@@ -79,21 +48,29 @@ class StepwiseMotion(ABC):
     A subclass says how a step is ordered, how the arm is stopped, and what the controller's angles are.
     """
 
-    def __init__(self, options: StepwiseOptions) -> None:
-        self._motion = options
+    def __init__(self, device: str, options: StepwiseOptions) -> None:
+        self._device, self._motion = device, options
         self._doing = ""
         self._stop_ordered = False
         self._idle = asyncio.Event()
         self._idle.set()
 
     @property
-    @abstractmethod
     def name(self) -> str:
         """Name in the cell file."""
+        return self._device
 
-    @abstractmethod
     async def read_condition(self) -> Condition:
         """As the interface ``Device`` says."""
+        try:
+            async with self._answer_deadline("asking its condition"):
+                return await self._request_condition()
+        except DeviceError as error:
+            return Condition(Readiness.UNREACHABLE, error.message, error.remedy)
+
+    @abstractmethod
+    async def _request_condition(self) -> Condition:
+        """Return what the controller says about itself; raise where it does not answer."""
 
     @abstractmethod
     async def _read_angles(self) -> Joints:

@@ -5,41 +5,31 @@ from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from typing import TYPE_CHECKING, Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, field_validator
+from pydantic import Field, field_validator
 
 from cellcal.drivers.interfaces import RobotCapabilities
+from cellcal.drivers.wire.device_connection import connection_to
 from cellcal.drivers.wire.motor_turns import MotorTurns
+from cellcal.drivers.wire.stepwise_config import StepwiseRobotConfig
 
 if TYPE_CHECKING:
     from cellcal.drivers.yaskawa.robot import YaskawaOptions, YaskawaRobot
 
-_TELEGRAM_SHARE = 0.5  # of the deadline: a failed telegram leaves time for a stop and for saying so
 _Scale = Annotated[float, Field(allow_inf_nan=False)]
 
 
-class YaskawaConfig(BaseModel):
+class YaskawaConfig(StepwiseRobotConfig):
     """How to reach a Yaskawa controller with the High Speed Ethernet Server, and how its arm may move."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
-
     driver: Literal["yaskawa"]
-    name: str = Field(min_length=1, max_length=64)
-    address: str = Field(min_length=1)
     port: int = Field(default=10040, ge=1, le=65535)
     file_port: int = Field(default=10041, ge=1, le=65535)
-    model: str = Field(min_length=1)  # name of the nominal robot model
     controller_type: str = Field(
         min_length=1, max_length=16
     )  # as the controller names its robot, for the check
     serial: str = Field(min_length=1)  # of the type plate: the controller does not tell it
     pulses_per_degree: Annotated[tuple[_Scale, ...], Field(min_length=6, max_length=6)]  # S L U R B T, signed
     fastest_axis_deg_s: float = Field(gt=0, le=2000)  # of the data sheet: speeds are told as a share of it
-    deadline_s: float = Field(default=2.0, gt=0, le=60)
-    speed_limit_rad_s: float = Field(gt=0, le=3.0)
-    step_s: float = Field(default=0.5, gt=0, le=5.0)  # so long the arm may go on when the link is lost
-    settle_s: float = Field(default=0.5, ge=0, le=60)
-    stuck_s: float = Field(default=2.0, gt=0, le=60)
-    tolerance_rad: float = Field(default=5e-4, gt=0, le=0.01)
     motor_turns_per_joint_turn: MotorTurns = None  # gear ratios of the data sheet; a position cure needs them
 
     @field_validator("pulses_per_degree")
@@ -58,11 +48,6 @@ class YaskawaConfig(BaseModel):
 
         return CAPABILITIES
 
-    @property
-    def pendant_language(self) -> str:
-        """The key of the pendant's language among the program writers of the registry."""
-        return self.driver
-
     @asynccontextmanager
     async def open(self) -> AsyncIterator["YaskawaRobot"]:
         """Connect, check the type of the robot, and close the sockets at the end."""
@@ -70,23 +55,19 @@ class YaskawaConfig(BaseModel):
         from cellcal.drivers.yaskawa.hses_link import HsesLink  # noqa: PLC0415  as above
         from cellcal.drivers.yaskawa.robot import YaskawaRobot  # noqa: PLC0415  as above
 
-        within_s = _TELEGRAM_SHARE * self.deadline_s
+        within_s = self.telegram_deadline_s
         link = HsesLink(self.name, self.address, self.port, ROBOT_DIVISION, deadline_s=within_s)
         files = HsesLink(self.name, self.address, self.file_port, FILE_DIVISION, deadline_s=within_s)
         robot = YaskawaRobot(link, files, self._make_options())
-        try:
-            await robot.connect()
+        async with connection_to(robot):
             yield robot
-        finally:
-            await robot.close()
 
     def _make_options(self) -> "YaskawaOptions":
-        from cellcal.drivers.wire.stepwise_motion import StepwiseOptions  # noqa: PLC0415  as above
         from cellcal.drivers.yaskawa.motion import PulseScale  # noqa: PLC0415  a cell file is read without it
         from cellcal.drivers.yaskawa.robot import YaskawaOptions  # noqa: PLC0415  as above
         from cellcal.drivers.yaskawa.state import AXES  # noqa: PLC0415  as above
 
-        motion = StepwiseOptions.from_settings(AXES, self)
+        motion = self.stepwise_options(AXES)
         return YaskawaOptions(
             self.controller_type,
             self.serial,

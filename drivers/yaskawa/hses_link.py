@@ -7,6 +7,7 @@ from collections.abc import AsyncIterator
 from cellcal.calibration.message import make_message
 from cellcal.drivers.errors import RefusedError, UnreachableError, WireProtocolError
 from cellcal.drivers.wire.deadline import AnswerDeadline, timeout_error
+from cellcal.drivers.wire.link_errors import no_connection_error, unreadable_answer_error
 from cellcal.drivers.wire.tables import code_table
 from cellcal.drivers.wire.trace import FrameTrace
 from cellcal.drivers.yaskawa.hses_frames import (
@@ -50,15 +51,7 @@ class HsesLink(asyncio.DatagramProtocol):
                 lambda: self, remote_addr=(self._address, self._port)
             )
         except OSError as error:
-            raise UnreachableError(
-                self.device,
-                make_message(
-                    "no connection to {address}: {strerror}.",
-                    address=self._address,
-                    strerror=error.strerror or error,
-                ),
-                remedy=_CABLE,
-            ) from error
+            raise no_connection_error(self.device, self._address, error, _CABLE) from error
 
     def close(self) -> None:
         """Close the socket."""
@@ -178,11 +171,11 @@ class HsesLink(asyncio.DatagramProtocol):
         try:
             return read_answer(frame, self._division)
         except ValueError as error:
-            raise WireProtocolError(
+            raise unreadable_answer_error(
                 self.device,
-                make_message("an answer cannot be read: {what}.", what=error),
-                remedy="Check that the address is that of a Yaskawa controller.",
-                frame=frame.hex(),
+                str(error),
+                "Check that the address is that of a Yaskawa controller.",
+                frame.hex(),
             ) from error
 
     def _data_of(self, answer: HsesAnswer, request: HsesRequest) -> bytes:

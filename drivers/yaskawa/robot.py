@@ -13,7 +13,6 @@ from cellcal.calibration.mastering.counts import DriveTrain
 from cellcal.calibration.mastering.position_record import ShownValue
 from cellcal.calibration.message import make_message
 from cellcal.drivers.errors import (
-    DeviceError,
     RefusedError,
     WrongDeviceError,
 )
@@ -25,7 +24,6 @@ from cellcal.drivers.interfaces import (
     JointReading,
     Joints,
     PositionCure,
-    Readiness,
     RobotCapabilities,
 )
 from cellcal.drivers.wire.stepwise_motion import IsFinished, StepwiseMotion, StepwiseOptions
@@ -44,9 +42,7 @@ from cellcal.drivers.yaskawa.tool_file import ToolData, pose_of, read_tools
 
 _LOG = logging.getLogger(__name__)
 VERIFIED_ON: tuple[str, ...] = ()  # controller software this driver has run on; none yet, see README.md
-_POLL_S = 0.01
 _TOOL_FILE = "TOOL.CND"
-_LOOK = "Look at the robot first: it should have stopped. Use the emergency stop if it has not."
 
 CAPABILITIES = RobotCapabilities(
     axes=AXES,
@@ -73,12 +69,8 @@ class YaskawaRobot(StepwiseMotion):
     """Robot, KnowsActiveFrames and KnowsMode. Mastering is pendant work on this controller."""
 
     def __init__(self, link: HsesLink, files: HsesLink, options: YaskawaOptions) -> None:
-        super().__init__(options.motion)
+        super().__init__(link.device, options.motion)
         self._link, self._files, self._options = link, files, options
-
-    @property
-    def name(self) -> str:
-        return self._link.device
 
     @property
     def capabilities(self) -> RobotCapabilities:
@@ -113,14 +105,10 @@ class YaskawaRobot(StepwiseMotion):
             version, model = await read_system(self._link)
         return Identity("Yaskawa", model, self._options.serial, version)
 
-    async def read_condition(self) -> Condition:
-        try:
-            async with self._answer_deadline("asking its condition"):
-                status = await read_status(self._link)
-                alarms = await read_alarms(self._link) if status.has_alarm else ()
-                return condition_of(status, alarms)
-        except DeviceError as error:
-            return Condition(Readiness.UNREACHABLE, error.message, error.remedy)
+    async def _request_condition(self) -> Condition:
+        status = await read_status(self._link)
+        alarms = await read_alarms(self._link) if status.has_alarm else ()
+        return condition_of(status, alarms)
 
     async def read_joints(self) -> JointReading:
         async with self._answer_deadline("reading the joints"):

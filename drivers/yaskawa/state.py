@@ -3,8 +3,8 @@
 import struct
 from dataclasses import dataclass
 
-from cellcal.calibration.message import make_message
 from cellcal.drivers.errors import WireProtocolError
+from cellcal.drivers.wire.link_errors import unreadable_answer_error
 from cellcal.drivers.yaskawa.hses_frames import HsesRequest
 from cellcal.drivers.yaskawa.hses_link import HsesLink
 
@@ -42,11 +42,6 @@ class ControllerStatus:
     def is_on_hold(self) -> bool:
         """Whether the pendant or an external signal holds the robot; our own hold is not meant."""
         return bool(self.word_2 & 0x06)
-
-    @property
-    def has_command_hold(self) -> bool:
-        """Whether a hold that came over the network is on."""
-        return bool(self.word_2 & 0x08)
 
     @property
     def has_alarm(self) -> bool:
@@ -155,9 +150,6 @@ def _unpack(link: HsesLink, form: struct.Struct, data: bytes) -> tuple:  # type:
 
 
 def _unreadable(link: HsesLink, what: str, data: bytes) -> WireProtocolError:
-    return WireProtocolError(
-        link.device,
-        make_message("an answer cannot be read: {what}.", what=what),
-        remedy="Check that robot 1 of this controller is an arm of six axes.",
-        frame=data.hex(),
+    return unreadable_answer_error(
+        link.device, what, "Check that robot 1 of this controller is an arm of six axes.", data.hex()
     )

@@ -15,7 +15,7 @@ from collections.abc import Callable, Mapping
 from contextlib import suppress
 from typing import Any
 
-from cellcal.fake_devices.device import FaultRefusedError, JsonObject
+from cellcal.fake_devices.device import JsonObject, run_fault_action
 from cellcal.fake_devices.draw_wire.modbus_device import FakeModbusDrawWire
 from cellcal.fake_devices.draw_wire.node import KINDS, DrawWireNode
 from cellcal.fake_devices.draw_wire.socketcand import SocketCanDaemon
@@ -109,10 +109,7 @@ class FakeDrawWire:
 
     async def inject_fault(self, name: str, parameters: Mapping[str, Any]) -> JsonObject:
         if name in self._fault_actions:
-            remaining = dict(parameters)
-            self._fault_actions[name](remaining)
-            if remaining:
-                raise FaultRefusedError(f"{name} does not know {', '.join(sorted(remaining))}")
+            run_fault_action(self._fault_actions[name], name, parameters)
         else:
             self._faults.switch_on(name, parameters)
             await self._live_or_die()

@@ -15,7 +15,7 @@ from collections.abc import Mapping
 from contextlib import suppress
 from typing import Any
 
-from cellcal.fake_devices.device import FaultRefusedError, JsonObject
+from cellcal.fake_devices.device import JsonObject, run_fault_action
 from cellcal.fake_devices.draw_wire.modbus_encoder import KINDS, ModbusEncoder
 from cellcal.fake_devices.draw_wire.wire_faults import wire_faults
 from cellcal.fake_devices.keep_running import keep_running
@@ -80,10 +80,7 @@ class FakeModbusDrawWire:
 
     async def inject_fault(self, name: str, parameters: Mapping[str, Any]) -> JsonObject:
         if name in self._fault_actions:
-            remaining = dict(parameters)
-            self._fault_actions[name](remaining)
-            if remaining:
-                raise FaultRefusedError(f"{name} does not know {', '.join(sorted(remaining))}")
+            run_fault_action(self._fault_actions[name], name, parameters)
         else:
             self._faults.switch_on(name, parameters)
             await self._listen_or_not()

@@ -19,6 +19,8 @@ import logging
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from cellcal.fake_devices.listening_port import AwaitedPort
+
 log = logging.getLogger(__name__)
 
 _QUIET_S = 0.02  # between the last handshake answer and the first frame, so that they are separate reads
@@ -47,17 +49,16 @@ class _CanClient:
     raw_from_s: float | None = None
 
 
-class SocketCanDaemon:
+class SocketCanDaemon(AwaitedPort):
     """Carries frames between TCP clients and the nodes of one bus."""
 
     def __init__(self, host: str, port: int, channel: str, real: Callable[[], float]) -> None:
-        self.host, self.port, self.channel = host, port, channel
+        super().__init__(host, port)
+        self.channel = channel
         self.hung = False
         self.on_frame: Callable[[int, bytes], None] = lambda _can_id, _data: None
         self._real = real
-        self._server: asyncio.Server | None = None
         self._clients: list[_CanClient] = []
-        self._serving: set[asyncio.Task[None]] = set()
 
     @property
     def client_count(self) -> int:
@@ -70,32 +71,9 @@ class SocketCanDaemon:
         now_s = self._real()
         return sum(client.raw_from_s is not None and now_s >= client.raw_from_s for client in self._clients)
 
-    @property
-    def is_listening(self) -> bool:
-        """Whether the daemon lives."""
-        return self._server is not None
-
-    async def open(self) -> None:
-        """Listen; port 0 finds one and keeps it."""
-        if self._server is None:
-            self._server = await asyncio.start_server(
-                self._serve_client, self.host, self.port, reuse_address=True
-            )
-            self.port = self._server.sockets[0].getsockname()[1]
-
-    def close(self) -> None:
-        """Die: no listener, every connection gone."""
-        if self._server is not None:
-            self._server.close()
-            self._server = None
+    def drop_connections(self) -> None:
         for client in self._clients:
             client.writer.transport.abort()
-
-    async def wait_closed(self) -> None:
-        """Wait until every connection has ended."""
-        self.close()
-        if self._serving:
-            await asyncio.wait(self._serving)
 
     def send_frame(self, can_id: int, data: bytes, *, sender: object = None) -> None:
         """Put a frame on the bus: every client but the sender reads it."""
@@ -117,10 +95,6 @@ class SocketCanDaemon:
                 client.writer.write(text.encode())
 
     async def _serve_client(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        task = asyncio.current_task()
-        if task is not None:
-            self._serving.add(task)
-            task.add_done_callback(self._serving.discard)
         client = _CanClient(writer)
         self._clients.append(client)
         try:

@@ -14,7 +14,7 @@ import math
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from cellcal.fake_devices.device import FaultRefusedError, JsonObject
+from cellcal.fake_devices.device import JsonObject, run_fault_action
 from cellcal.fake_devices.laser_tracker import layout as at
 from cellcal.fake_devices.laser_tracker.controller import TrackerController
 from cellcal.fake_devices.laser_tracker.sensor import TrackerSensor
@@ -64,7 +64,7 @@ class FakeLaserTracker:
             "event": lambda parameters: self.server.broadcast(at.status_change(int(parameters.pop("code")))),
             "not_initialised": lambda _parameters: setattr(self.controller, "initialised", False),
             "power_cycle": self._power_cycle,
-            "reset": lambda _parameters: self.server.drop_clients(),
+            "reset": lambda _parameters: self.server.drop_connections(),
         }  # fmt: skip
 
     @property
@@ -77,7 +77,7 @@ class FakeLaserTracker:
 
     async def stop(self) -> None:
         await self.controller.end_work()
-        await self.server.close()
+        await self.server.wait_closed()
 
     # faults
 
@@ -86,14 +86,11 @@ class FakeLaserTracker:
 
     async def inject_fault(self, name: str, parameters: Mapping[str, Any]) -> JsonObject:
         if name in self._fault_actions:
-            remaining = dict(parameters)
-            self._fault_actions[name](remaining)
-            if remaining:
-                raise FaultRefusedError(f"{name} does not know {', '.join(sorted(remaining))}")
+            run_fault_action(self._fault_actions[name], name, parameters)
         else:
             self._faults.switch_on(name, parameters)
             if name == "refuse":
-                self.server.drop_clients()
+                self.server.drop_connections()
         return {}
 
     def clear_faults(self) -> None:
@@ -141,7 +138,7 @@ class FakeLaserTracker:
 
     def _power_cycle(self, _parameters: Parameters) -> None:
         self.controller.restart_server()
-        self.server.drop_clients()
+        self.server.drop_connections()
 
     # truth
 

@@ -18,6 +18,7 @@ from typing import Any
 
 from cellcal.fake_devices.laser_tracker import layout as at
 from cellcal.fake_devices.link_faults import LinkFaults
+from cellcal.fake_devices.listening_port import AwaitedPort
 
 KINDS: dict[str, dict[str, Any]] = {
     "silent": {},
@@ -39,16 +40,14 @@ _EVENTS = (at.SSC_ENVIRONMENT, at.SSC_SETTINGS, 853, 4)
 _LONGEST_BYTES = 65_536
 
 
-class TrackerServer:
+class TrackerServer(AwaitedPort):
     """Frames bytes; knows no meaning but size, type and command."""
 
     def __init__(self, host: str, port: int, faults: LinkFaults) -> None:
-        self.host, self.port = host, port
+        super().__init__(host, port)
         self._faults = faults
         self.on_packet: Callable[[bytes, Callable[[bytes], None]], None] = lambda _data, _reply: None
-        self._server: asyncio.Server | None = None
         self._writers: set[asyncio.StreamWriter] = set()
-        self._serving: set[asyncio.Task[None]] = set()
         self._sending: set[asyncio.Task[None]] = set()
         self._last_result = b""
 
@@ -57,25 +56,13 @@ class TrackerServer:
         """How many clients are connected."""
         return len(self._writers)
 
-    async def open(self) -> None:
-        """Listen; port 0 finds one and keeps it."""
-        if self._server is None:
-            self._server = await asyncio.start_server(
-                self._serve_client, self.host, self.port, reuse_address=True
-            )
-            self.port = self._server.sockets[0].getsockname()[1]
-
-    def drop_clients(self) -> None:
-        """Reset every connection."""
+    def drop_connections(self) -> None:
         for writer in list(self._writers):
             writer.transport.abort()
 
-    async def close(self) -> None:
-        """Stop listening and end every connection."""
-        if self._server is not None:
-            self._server.close()
-            self._server = None
-        self.drop_clients()
+    async def wait_closed(self) -> None:
+        """Close, and wait until every connection and every delayed answer has ended."""
+        self.close()
         for task in self._sending:
             task.cancel()
         if waiting := self._serving | self._sending:
@@ -92,10 +79,6 @@ class TrackerServer:
             self._send_bytes(writer, data)
 
     async def _serve_client(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        task = asyncio.current_task()
-        assert task is not None
-        self._serving.add(task)
-        task.add_done_callback(self._serving.discard)
         if self._faults.active_parameters("refuse") is not None:
             writer.transport.abort()
             return

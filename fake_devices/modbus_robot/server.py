@@ -23,6 +23,7 @@ from functools import partial
 from typing import Any, Protocol
 
 from cellcal.fake_devices.link_faults import LinkFaults
+from cellcal.fake_devices.listening_port import AwaitedPort
 
 log = logging.getLogger(__name__)
 
@@ -115,18 +116,17 @@ def _is_write(request: bytes) -> bool:
     return request[0] in (5, 6, 15, 16)
 
 
-class ModbusServer:
+class ModbusServer(AwaitedPort):
     """Serves one register map on one address; closed while the controller has no power."""
 
     def __init__(
         self, host: str, port: int, reply: HoldingRegisters | Callable[[bytes], bytes], faults: LinkFaults
     ) -> None:
         """Serve registers, or whatever turns a request PDU into a response PDU or raises ModbusError."""
-        self.host, self.port, self.faults = host, port, faults
+        super().__init__(host, port)
+        self.faults = faults
         self._reply = reply if callable(reply) else partial(answer_request, reply)
-        self._server: asyncio.Server | None = None
         self._writers: list[asyncio.StreamWriter] = []
-        self._serving: set[asyncio.Task[None]] = set()
         self._late_response: bytes | None = None
 
     @property
@@ -134,44 +134,15 @@ class ModbusServer:
         """How many clients are connected."""
         return len(self._writers)
 
-    @property
-    def is_listening(self) -> bool:
-        """Whether new clients are welcome."""
-        return self._server is not None
-
-    async def open(self) -> None:
-        """Listen; port 0 finds one and keeps it."""
-        if self._server is None:
-            self._server = await asyncio.start_server(
-                self._serve_client, self.host, self.port, reuse_address=True
-            )
-            self.port = self._server.sockets[0].getsockname()[1]
-
     def close(self) -> None:
-        """Stop listening and drop every connection."""
-        if self._server is not None:
-            self._server.close()
-            self._server = None
-        for writer in self._writers:
-            writer.transport.abort()
+        super().close()
         self._late_response = None
 
-    async def wait_closed(self) -> None:
-        """Wait until every connection has ended."""
-        self.close()
-        if self._serving:
-            await asyncio.wait(self._serving)
-
     def drop_connections(self) -> None:
-        """Cut what is connected; new connections are welcome."""
         for writer in self._writers:
             writer.transport.abort()
 
     async def _serve_client(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        task = asyncio.current_task()
-        if task is not None:
-            self._serving.add(task)
-            task.add_done_callback(self._serving.discard)
         self._writers.append(writer)
         if len(self._writers) > MAX_CONNECTIONS:
             self._writers[0].transport.abort()

@@ -81,7 +81,6 @@ def _tool_pose(script: ControlScript, joints_rad: Vector) -> Vector:
 
 
 def _speed_joints(script: ControlScript) -> None:
-    script.speed_is_linear = False
     script.run_thread(JointSpeedMove(script.double_arguments(0, 6), script.double_arguments(6, 1)[0]))
 
 
@@ -90,7 +89,6 @@ def _speed_tool(script: ControlScript) -> None:
 
 
 def _run_tool_speed(script: ControlScript, velocity: Vector, acceleration: float) -> None:
-    script.speed_is_linear = True
     running = script.background
     if isinstance(running, ToolSpeedMove):
         running.target, running.acceleration = velocity, acceleration

@@ -40,8 +40,6 @@ class ControlScript:
         self.offset, self.path = program.register_offset, program.path
         self.background: SetPointMotion | None = None
         self.background_reports = False
-        self.speed_is_linear = False
-        self.stop_is_linear = False
         self.contact_direction: Vector | None = None
         self._acts = acts
         self._foreground: SetPointMotion | None = None

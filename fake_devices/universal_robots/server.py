@@ -150,12 +150,3 @@ class UniversalRobotServer:
             package = self._state.state_package()
             for listener in listeners:
                 listener.send(package)
-
-
-async def serve_universal_robot(
-    arm: ArmPort, address: str, identity: UrIdentity, world_s: Callable[[], float]
-) -> UniversalRobotServer:
-    """Start a fake controller on an address; ``world_s`` tells the time in which its arm moves."""
-    server = UniversalRobotServer(arm, address, identity, world_s)
-    await server.start()
-    return server

@@ -17,14 +17,19 @@ from cellcal.calibration.identification.parameters import GRAVITY, Priors
 from cellcal.calibration.mastering.counts import DriveTrain
 from cellcal.calibration.message import make_message
 from cellcal.calibration.poses.arm_fit import ArmTask
-from cellcal.drivers.interfaces import Counts, Instruction, Joints, Readiness
+from cellcal.drivers.interfaces import Counts, Instruction, Joints
 from cellcal.procedures.cell import Cell, MotionCaps
 from cellcal.procedures.forecast import Knowledge
 from cellcal.procedures.procedure_definition import NEEDS
 from cellcal.procedures.run import NeedsUnmetError, RefusalError
 from cellcal.procedures.steps.capture import SPREAD_SIGMAS
 from cellcal.procedures.steps.length import LengthCapture, capture_length
-from cellcal.procedures.steps.mastering import MODEL_TOLERANCE_M, length_gauge, model_error_m, nominal_model
+from cellcal.procedures.steps.mastering import (
+    length_gauge,
+    nominal_model,
+    refuse_other_model,
+    refuse_unhealthy,
+)
 from cellcal.procedures.steps.measure_point import PointCapture, measure_point, tracker_of
 
 Method = Literal["wire", "tracker"]
@@ -86,28 +91,10 @@ async def read_healthy_arm(cell: Cell) -> tuple[RobotModel, Joints]:
     """Return the arm as it is drawn and where it stands; refuse one not ready, not mastered, or another model."""
     condition = await cell.robot.read_condition()
     mastering = None if cell.mastering is None else await cell.mastering.read_mastering()
-    if condition.readiness is not Readiness.READY or (mastering is not None and not mastering.mastered):
-        raise RefusalError(
-            make_message(
-                "the robot is not ready or not mastered: {condition_message}",
-                condition_message=condition.message or "mastering data invalid",
-            ),
-            code="procedure.not_healthy",
-            remedy="Clear what is wrong, then start a new run.",
-        )
+    refuse_unhealthy(condition, mastering)
     model = nominal_model(cell)
     joints_rad = (await cell.robot.read_joints()).joints_rad
-    error_m = model_error_m(model, joints_rad, await cell.robot.flange_pose())
-    if error_m > MODEL_TOLERANCE_M:
-        raise RefusalError(
-            make_message(
-                "the controller says its flange is {error_mm:.0f} mm from where a {model_name} has it",
-                error_mm=error_m * 1000.0,
-                model_name=model.name,
-            ),
-            code="procedure.wrong_model",
-            remedy="Correct the robot's model in the cell file, then start a new run.",
-        )
+    refuse_other_model(model, joints_rad, await cell.robot.flange_pose())
     return model, joints_rad
 
 

@@ -26,10 +26,10 @@ from cellcal.calibration.poses.arm_fit import (
     target_expanded_u,
 )
 from cellcal.calibration.poses.calibrated_arm import CalibratedArm
-from cellcal.calibration.uncertainty import chi_square_limit
 from cellcal.drivers.interfaces import Counts
 from cellcal.procedures.arm.arm_bench import ArmCapture, joints_of, observations_of, of_target, values_of
 from cellcal.procedures.arm.calibration_plan import CalibrationSeries, fit_captures, fixed_plan_captures
+from cellcal.procedures.arm.predicted_errors import PredictedErrors
 from cellcal.procedures.arm.tool_result import FoundTool, find_tool
 
 OFFSETS_EXPLAIN = (
@@ -57,7 +57,7 @@ class HiddenParameter:
 
 
 @dataclass(frozen=True, slots=True)
-class HoldOutErrors:
+class HoldOutErrors(PredictedErrors):
     """Errors of readings at poses that took no part in the fit, a coordinate [m]."""
 
     captures: int
@@ -68,16 +68,6 @@ class HoldOutErrors:
     offsets_only_rms_m: float  # with joint zeros as the only errors
     chi_square: float  # of the errors after, against what was predicted
     degrees_of_freedom: int
-
-    @property
-    def most_chi_square(self) -> float:
-        """What the stated uncertainty allows chi square at 99.9 %."""
-        return chi_square_limit(self.degrees_of_freedom)
-
-    @property
-    def is_as_predicted(self) -> bool:
-        """Whether the errors are no larger than the stated uncertainty allows."""
-        return self.chi_square <= self.most_chi_square
 
     @property
     def is_explained_by_offsets(self) -> bool:

@@ -17,13 +17,13 @@ from cellcal.calibration.poses.arm_fit import (
     predicted_sigma,
     reading_sigma,
 )
-from cellcal.calibration.uncertainty import chi_square_limit
 from cellcal.procedures.arm.arm_bench import ArmCapture, observations_of, of_target
+from cellcal.procedures.arm.predicted_errors import PredictedErrors
 from cellcal.procedures.arm.tool_plan import ToolGoal
 
 
 @dataclass(frozen=True, slots=True)
-class PointChecks:
+class PointChecks(PredictedErrors):
     """Errors of readings of the points at poses that took no part in the fit, a coordinate [m]."""
 
     captures: int
@@ -31,16 +31,6 @@ class PointChecks:
     max_m: float
     chi_square: float  # against what was predicted
     degrees_of_freedom: int
-
-    @property
-    def most_chi_square(self) -> float:
-        """What the stated uncertainty allows chi square at 99.9 %."""
-        return chi_square_limit(self.degrees_of_freedom)
-
-    @property
-    def is_as_predicted(self) -> bool:
-        """Whether the errors are no larger than the stated uncertainty allows."""
-        return self.chi_square <= self.most_chi_square
 
 
 @dataclass(frozen=True, slots=True)

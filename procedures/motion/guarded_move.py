@@ -10,6 +10,7 @@ from cellcal.procedures.cell import Cell
 from cellcal.procedures.motion import motion_gate
 from cellcal.procedures.motion.joint_history import TimedJoints
 from cellcal.procedures.motion.motion_gate import MotionCare
+from cellcal.procedures.motion.robot_readiness import loop_time
 
 READ_PAUSE_S = 0.005
 
@@ -68,7 +69,7 @@ async def _record_joints(robot: Robot, readings: list[TimedJoints], enough: asyn
 
 
 async def _read_timed(robot: Robot) -> TimedJoints:
-    asked_s = _loop_time()
+    asked_s = loop_time()
     reading = await robot.read_joints()
     return TimedJoints(asked_s, reading.taken_at_s, reading.joints_rad, reading.device_time_s)
 
@@ -88,7 +89,3 @@ async def _end_tasks(*tasks: asyncio.Task[None] | asyncio.Task[ContactEdge]) -> 
             task.exception()  # consumed: what matters of it is raised by who looked
     if cancelled is not None:
         raise cancelled
-
-
-def _loop_time() -> float:
-    return asyncio.get_running_loop().time()  # the clock of the readings

@@ -6,7 +6,6 @@ those of before, our right to command it unbroken, and the way free. The cell fi
 software, a program that a person starts, or a person with the pendant. This is no safety function.
 """
 
-import asyncio
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -15,19 +14,21 @@ from enum import Enum
 import numpy as np
 
 from cellcal.calibration.arm.kinematics import RobotModel
-from cellcal.calibration.geometry import Array
 from cellcal.calibration.message import make_message
 from cellcal.calibration.motion.motion_check import MotionLimits, MotionVerdict, WirePath, check_moves
 from cellcal.calibration.motion.position_uncertainty import PositionUncertainty
-from cellcal.drivers.errors import MotionStoppedError, RefusedError, UnreachableError
-from cellcal.drivers.interfaces import Counts, Instruction, JointReading, Joints, Readiness
-from cellcal.procedures.cell import Cell, MotionApproval, MotionLevel
-from cellcal.procedures.motion.active_frames import check_same_frames
+from cellcal.drivers.interfaces import Joints, Readiness
+from cellcal.procedures.cell import Cell, MotionLevel
 from cellcal.procedures.motion.guided_jog import HandJog, jog_by_hand
 from cellcal.procedures.motion.manual_moves import move_by_hand
+from cellcal.procedures.motion.motion_approval import ensure_approved
+from cellcal.procedures.motion.robot_readiness import (
+    MotionRefusedError,
+    check_still_allowed,
+    read_ready_robot,
+)
 from cellcal.procedures.motion.speed_limit import SpeedLimit
-from cellcal.procedures.motors import PositionLostAgainError, axis_jog
-from cellcal.procedures.questions import ask_confirmation
+from cellcal.procedures.motors import axis_jog
 from cellcal.procedures.run import NeedsUnmetError, ProcedureError
 from cellcal.procedures.surroundings import clearance_check
 
@@ -36,20 +37,11 @@ HAND_TOLERANCE_RAD = 0.0087266  # 0.5 deg: what a person sets on a pendant
 HAND_JOG_TOLERANCE_RAD = 0.0523599  # 3 deg: a capture counts where it was taken, not where it was planned
 SLACK_SHARE = 0.5  # of the distances that plans keep: an arm comes to rest beside its target by up to 0.1 deg
 WRAP_RAD = 9.424778  # 540 deg: a plan winds the wire by up to 270 to either side of where it began
-STALE_S = 1.0
-SAME_OVERRIDE = 0.005  # pendants show whole per cent
-AGREED_S = 8 * 3600.0  # a shift: an older consent to motion no longer counts
 SLOWEST_RAD_S = 1e-5
 _MANUAL = (
     Readiness.NOT_READY,
 )  # a controller in manual mode: a person moves the arm there, and nothing else does
 _STRAIGHT = 0.01  # smallest singular value of the Jacobian on a straight move; about 5 deg at a wrist
-
-
-class MotionRefusedError(ProcedureError):
-    """A move was not commanded. Nothing has moved."""
-
-    code = "procedure.motion_refused"
 
 
 class OffTargetError(ProcedureError):
@@ -106,7 +98,7 @@ async def move_along(
         The active tool, user frame or payload is not the one that this run began with.
     """
     by_hand = cell.level is not MotionLevel.COMMANDED
-    here = await _read_ready(cell, Readiness.READY, *(_MANUAL if by_hand else ()))
+    here = await read_ready_robot(cell, Readiness.READY, *(_MANUAL if by_hand else ()))
     speeds = _check_and_cap(cell, care, here.joints_rad, way_rad, speed_rad_s, doubt=doubt)
     if pace is not None:
         speeds = tuple(map(min, speeds, pace.leg_speeds(here.joints_rad, way_rad)))
@@ -114,16 +106,16 @@ async def move_along(
         wired = care is MotionCare.WIRED
         await move_by_hand(cell, way_rad, min(speeds), HAND_TOLERANCE_RAD, wired=wired)
         return
-    await _ensure_approved(cell, here.joints_rad, way_rad, max(speeds))
+    await ensure_approved(cell, here.joints_rad, way_rad, max(speeds))
     for corner, speed in zip(way_rad, speeds, strict=True):
-        await _check_still_allowed(cell)
+        await check_still_allowed(cell)
         await cell.robot.move_joints(tuple(corner), speed_rad_s=speed)
 
 
 async def jog_axis(cell: Cell, jog: JogMove) -> None:
     """Turn one joint, also of a robot that does not know where it is; raises as ``move_along``."""
     by_hand = cell.is_jogged_by_hand
-    await _read_ready(cell, Readiness.READY, Readiness.POSITION_LOST, *(_MANUAL if by_hand else ()))
+    await read_ready_robot(cell, Readiness.READY, Readiness.POSITION_LOST, *(_MANUAL if by_hand else ()))
     speed = min(jog.speed_rad_s, cell.limits.jog_speed_rad_s)
     _refuse_no_number((float(jog.axis), jog.delta_rad, speed))
     if jog.here_rad is not None:
@@ -134,8 +126,8 @@ async def jog_axis(cell: Cell, jog: JogMove) -> None:
         turn_rad = jog.delta_rad + jog.back_rad
         await jog_by_hand(cell, HandJog(jog.axis, turn_rad, speed, jog.tolerance_rad, from_below=True))
         return
-    await _ensure_approved(cell, None, (), speed)
-    await _check_still_allowed(cell)
+    await ensure_approved(cell, None, (), speed)
+    await check_still_allowed(cell)
     await axis_jog(cell).jog_axis(jog.axis, jog.delta_rad, speed_rad_s=speed)
 
 
@@ -244,166 +236,7 @@ def _refuse_no_number(numbers: Sequence[float]) -> None:
         )
 
 
-async def _read_ready(cell: Cell, *allowed: Readiness) -> JointReading:
-    """Return a fresh reading of a robot that may be moved; a lost robot's joints mean nothing."""
-    _check_permit(cell)
-    condition = await cell.robot.read_condition()
-    if condition.readiness not in allowed:
-        name, words, remedy = cell.robot.name, condition.message, condition.remedy
-        if condition.readiness is Readiness.UNREACHABLE:
-            raise UnreachableError(name, words, remedy=remedy)
-        if condition.readiness is Readiness.STOPPED:
-            raise MotionStoppedError(name, words, remedy=remedy)
-        raise RefusedError(name, words or "the robot is not ready to move", remedy=remedy)
-    await _check_same_encoders(cell)
-    await check_same_frames(cell)
-    if Readiness.POSITION_LOST in allowed:
-        return JointReading((), moving=False, taken_at_s=_loop_time())
-    reading = await cell.robot.read_joints()
-    if reading.moving or _loop_time() - reading.taken_at_s > STALE_S:
-        what = "moves already" if reading.moving else "shows a state that is too old"
-        raise MotionRefusedError(
-            make_message("the robot {what}: no move is commanded on top of it", what=what),
-            remedy="Look at the robot and find out who moves it, then resume.",
-        )
-    return reading
-
-
-async def _check_still_allowed(cell: Cell) -> None:
-    """Look right before a command at what may have changed while a person was asked or a corner was gone."""
-    _check_permit(cell)
-    await _check_same_encoders(cell)
-    await check_same_frames(cell)
-
-
-async def _check_same_encoders(cell: Cell) -> None:
-    if cell.mastering is None:
-        return
-    epoch, memory = await cell.mastering.encoder_epoch(), cell.motion
-    if memory.epoch is None:
-        memory.epoch = epoch
-    elif epoch != memory.epoch:
-        raise PositionLostAgainError(
-            make_message(
-                "the robot lost its position during this run (encoder epoch {epoch}, now {found})",
-                epoch=memory.epoch,
-                found=epoch,
-            ),
-            remedy="Start the recovery anew; the points measured before cannot be combined with later ones.",
-        )
-
-
-def _check_permit(cell: Cell) -> None:
-    if cell.permit is not None:
-        cell.permit.check_held()
-
-
-async def _ensure_approved(
-    cell: Cell, here_rad: Joints | None, way_rad: Sequence[Joints], speed_rad_s: float
-) -> None:
-    """Have a person agree to each single move, unless a plan was approved or the shapes of the cell are known.
-
-    What was agreed to a shift ago is asked again, whatever it was: a run may have waited over night.
-    """
-    await _ensure_recent(cell, here_rad)
-    await _check_override(cell, here_rad)
-    if cell.surroundings.is_known or cell.motion.approved:
-        return
-    deltas = "" if here_rad is None else _turns_text(here_rad, way_rad[-1])
-    words = make_message(
-        "No obstacles known: the path was not checked against what stands in the cell. The robot "
-        "will turn{deltas} at up to {speed_rad_s:.1f} deg/s. Look at its way. May it move?",
-        deltas=deltas,
-        speed_rad_s=math.degrees(speed_rad_s),
-    )
-    await _ask_agreement(cell, Instruction("approve_move", words), here_rad)
-
-
-async def _ensure_recent(cell: Cell, here_rad: Joints | None) -> None:
-    memory = cell.motion
-    if memory.agreed_at_s is None:
-        memory.agreed_at_s = _loop_time()  # this entry's first move; the cell file allows it
-    if _loop_time() - memory.agreed_at_s <= AGREED_S:
-        return
-    words = "This run was allowed to move the robot more than 8 hours ago. Look at the robot. May it move?"
-    await _ask_agreement(cell, Instruction("may_still_move", words), here_rad)
-    memory.note_approval(_loop_time())
-
-
-async def _check_override(cell: Cell, here_rad: Joints | None) -> None:
-    """Have a person agree to an override above the one that the arm was watched at; below, no question is asked."""
-    if cell.override is None:
-        return
-    memory = cell.motion
-    while (now := await cell.override.speed_override()) > (
-        before := _watched_override(memory, now)
-    ) + SAME_OVERRIDE:
-        words = make_message(
-            "The speed override stands at {now_percent:.0f} %, and was {before_percent:.0f} % at "
-            "most while this run moved the robot. Nothing recorded is lost. Look at the robot. May "
-            "it move that fast?",
-            now_percent=now * 100,
-            before_percent=before * 100,
-        )
-        await _ask_agreement(cell, Instruction("may_move_faster", words), here_rad)
-        memory.override = now
-
-
-def _watched_override(memory: MotionApproval, now: float) -> float:
-    """Return the highest override agreed to: that of this entry's first move, until more is agreed to."""
-    if memory.override is None:
-        memory.override = now
-    return memory.override
-
-
-async def _ask_agreement(cell: Cell, instruction: Instruction, here_rad: Joints | None) -> None:
-    """Have a person agree to motion, and see that the robot stands as it did when it was asked."""
-    stood = await _read_counts(cell) if here_rad is None else None
-    await ask_confirmation(cell, instruction)
-    await _check_unmoved(cell, here_rad, stood)
-
-
-async def _check_unmoved(cell: Cell, here_rad: Joints | None, stood: Counts | None) -> None:
-    """Look again: an answer may take minutes, and the way was checked from where the arm stood before.
-
-    A robot that does not know where it is shows by its motors' counts whether it was turned.
-    """
-    if here_rad is not None:
-        now = await _read_ready(cell, Readiness.READY)
-        turned_rad = np.array(now.joints_rad) - here_rad
-    else:
-        await _read_ready(cell, Readiness.READY, Readiness.POSITION_LOST)
-        turned_rad = await _turned_rad(cell, stood)
-    if np.abs(turned_rad).max() > cell.limits.joint_tolerance_rad:
-        raise MotionRefusedError(
-            "the robot was moved while a person was asked whether it may move",
-            remedy="Nothing was commanded. Resume: the way is then checked from where the robot stands.",
-        )
-
-
-async def _read_counts(cell: Cell) -> Counts | None:
-    return None if cell.mastering is None else await cell.mastering.encoder_counts()
-
-
-async def _turned_rad(cell: Cell, stood: Counts | None) -> Array:
-    """Return by how much the joints were turned since the counts; zero where the robot tells no counts."""
-    if cell.mastering is None or stood is None:
-        return np.zeros(1)
-    drive, now = await cell.mastering.drive_train(), await cell.mastering.encoder_counts()
-    return drive.to_joints(np.array(now), np.array(stood))
-
-
-def _turns_text(here_rad: Joints, there_rad: Joints) -> str:
-    turns = [math.degrees(b - a) for a, b in zip(here_rad, there_rad, strict=True)]
-    turn_texts = ", ".join(f"J{k} {turn:+.1f}" for k, turn in enumerate(turns, 1) if abs(turn) >= 0.05)
-    return f" {turn_texts} deg" if turn_texts else ""
-
-
 def _model_of(cell: Cell) -> RobotModel:
     if cell.model is None:
         raise NeedsUnmetError("no kinematic model of the robot is known", missing=("model",))
     return cell.model
-
-
-def _loop_time() -> float:
-    return asyncio.get_running_loop().time()  # the clock of the readings

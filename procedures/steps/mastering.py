@@ -15,6 +15,7 @@ from cellcal.drivers.interfaces import (
     Counts,
     DistanceGauge,
     Joints,
+    MasteringData,
     Readiness,
 )
 from cellcal.procedures.cell import Cell
@@ -49,7 +50,7 @@ async def read_motors(cell: Cell) -> MotorState:
     condition, mastering = await cell.robot.read_condition(), await store.read_mastering()
     joints_rad = (await cell.robot.read_joints()).joints_rad
     if mastering.mastered and condition.readiness is Readiness.READY:
-        _refuse_other_model(nominal_model(cell), joints_rad, await cell.robot.flange_pose())
+        refuse_other_model(nominal_model(cell), joints_rad, await cell.robot.flange_pose())
     return MotorState(
         identity=await cell.robot.identify(),
         condition=condition,
@@ -72,7 +73,21 @@ def model_error_m(model: RobotModel, joints_rad: Joints, base_flange: Pose) -> f
     return float(np.linalg.norm(ours - np.array(base_flange.position_m)))
 
 
-def _refuse_other_model(model: RobotModel, joints_rad: Joints, base_flange: Pose) -> None:
+def refuse_unhealthy(condition: Condition, mastering: MasteringData | None) -> None:
+    """Refuse a robot that is not ready, or whose own mastering is not valid."""
+    if condition.readiness is not Readiness.READY or (mastering is not None and not mastering.mastered):
+        raise RefusalError(
+            make_message(
+                "the robot is not ready or not mastered: {condition_message}",
+                condition_message=condition.message or "mastering data invalid",
+            ),
+            code="procedure.not_healthy",
+            remedy="Clear what is wrong, then start a new run.",
+        )
+
+
+def refuse_other_model(model: RobotModel, joints_rad: Joints, base_flange: Pose) -> None:
+    """Refuse a robot whose controller has its flange elsewhere than the model of the cell file."""
     error_m = model_error_m(model, joints_rad, base_flange)
     if error_m > MODEL_TOLERANCE_M:
         raise RefusalError(

@@ -73,11 +73,6 @@ async def go_to_from_above(
     return await _read_arrival(cell)
 
 
-async def come_from_below(cell: Cell, target_rad: Joints, speed_rad_s: float) -> Joints:
-    """Move any robot to joints as ``go_to`` does; return where it stands, in the controller's joints."""
-    return await follow_way(cell, (target_rad,), speed_rad_s)
-
-
 async def follow_way(
     cell: Cell,
     way_rad: tuple[Joints, ...],

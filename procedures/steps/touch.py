@@ -4,7 +4,6 @@ The arm travels on while probe, cable and program notice the touch. Where it was
 joint readings around it; what their times leave open is part of the uncertainty.
 """
 
-import asyncio
 import math
 import statistics
 from collections.abc import Sequence
@@ -20,55 +19,23 @@ from cellcal.procedures.motion.guarded_move import GuardedTravel, move_until_con
 from cellcal.procedures.motion.joint_history import ContactPosition, position_between
 from cellcal.procedures.motion.motion_gate import MotionCare
 from cellcal.procedures.motion.probe_line import Place, ProbeLine, probe_line
+from cellcal.procedures.motion.robot_readiness import loop_time
 from cellcal.procedures.procedure_definition import NEEDS
-from cellcal.procedures.run import NeedsUnmetError, ProcedureError
+from cellcal.procedures.run import NeedsUnmetError
+from cellcal.procedures.steps.contact_errors import (
+    AlreadyInContactError,
+    BouncingContactError,
+    ContactError,
+    ContactLostError,
+    NoContactError,
+    OvertravelError,
+    StuckContactError,
+)
 from cellcal.procedures.steps.teach import is_still
 
 PROBING_CAP_M_S = 0.002
 STOP_S = 0.2  # a controller's own reaction and its braking at probing speed
 SETTLE_S = 0.5
-
-
-class ContactError(ProcedureError):
-    """A touch did not happen as it should; the arm stands."""
-
-    code = "procedure.contact"
-
-
-class AlreadyInContactError(ContactError):
-    """The contact is closed before the approach begins."""
-
-    code = "procedure.already_in_contact"
-
-
-class NoContactError(ContactError):
-    """The whole way was travelled and nothing was touched."""
-
-    code = "procedure.no_contact"
-
-
-class ContactLostError(ContactError):
-    """The contact closed and is open again although the arm has not moved back."""
-
-    code = "procedure.contact_lost"
-
-
-class BouncingContactError(ContactError):
-    """The contact does not settle."""
-
-    code = "procedure.contact_bounces"
-
-
-class StuckContactError(ContactError):
-    """The contact stays closed although the tip has moved away."""
-
-    code = "procedure.contact_stuck"
-
-
-class OvertravelError(ContactError):
-    """The arm pushed the tip farther than the probe allows, or would."""
-
-    code = "procedure.overtravel"
 
 
 @dataclass(frozen=True, slots=True)
@@ -314,9 +281,9 @@ async def _check_open(probe: TouchProbe, trouble: str) -> None:
 
 async def _contact_becomes(probe: TouchProbe, *, closed: bool) -> bool:
     """Whether the contact comes to that within the time in which arm and springs come to rest."""
-    give_up_s = _loop_time() + SETTLE_S
+    give_up_s = loop_time() + SETTLE_S
     while (await probe.read_contact()).closed is not closed:
-        if _loop_time() > give_up_s:
+        if loop_time() > give_up_s:
             return False
     return True
 
@@ -405,7 +372,3 @@ def _touched_point(label: str, line: ProbeLine, touches: Sequence[ProbeTouch]) -
 def _as_triple(values: np.ndarray[tuple[int, ...], np.dtype[np.float64]]) -> Place:
     x, y, z = (float(value) for value in values)
     return x, y, z
-
-
-def _loop_time() -> float:
-    return asyncio.get_running_loop().time()  # the clock of the readings

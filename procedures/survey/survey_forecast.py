@@ -1,6 +1,7 @@
 """What a survey with the draw-wire would need and reach, before a device is touched."""
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
 
 from cellcal.calibration.message import make_message
@@ -14,13 +15,20 @@ from cellcal.procedures.forecast import (
     Prediction,
     missing_wire_setup,
 )
-from cellcal.procedures.survey.survey import EACH_CAPTURE, Survey, SurveyState, recorded_wire
+from cellcal.procedures.survey.survey import (
+    EACH_CAPTURE,
+    Survey,
+    SurveyPlan,
+    SurveyRules,
+    SurveyState,
+    recorded_wire,
+)
 from cellcal.procedures.survey.survey_choice import expected_at_least
 
 _CAREFUL = 4  # times the readings, or a fourth of the scale's uncertainty: what more care is taken to be
 
 
-def state_before(knowledge: Knowledge) -> SurveyState:
+def _state_before(knowledge: Knowledge) -> SurveyState:
     """Return the robot as it is imagined before anybody asked it.
 
     Raises
@@ -51,8 +59,19 @@ def state_before(knowledge: Knowledge) -> SurveyState:
     )
 
 
-def survey_forecast(survey: Survey, what: str, knowledge: Knowledge) -> Forecast:
+def survey_forecast(
+    plan_survey: Callable[[SurveyState], SurveyPlan], rules: SurveyRules, what: str, knowledge: Knowledge
+) -> Forecast:
     """Return how many captures a survey expects, how long they take and what they will tell."""
+    lacks = missing_wire_setup(knowledge)
+    if lacks:
+        return Forecast(0.0, lacks=lacks)
+    state = _state_before(knowledge)
+    survey = Survey(state, plan_survey(state), rules)
+    return _forecast_of(survey, what, knowledge)
+
+
+def _forecast_of(survey: Survey, what: str, knowledge: Knowledge) -> Forecast:
     rules, goal, plan = survey.rules, survey.plan.goal, survey.plan
     low, high = rules.min_captures, min(rules.max_captures, *(len(pool) for pool in plan.pools))
     while low < high:  # more captures never tell less

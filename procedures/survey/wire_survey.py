@@ -8,14 +8,19 @@ from dataclasses import dataclass
 
 from cellcal.calibration.message import make_message
 from cellcal.calibration.wires.network_fit import WireNetwork
-from cellcal.drivers.interfaces import Joints, Readiness
+from cellcal.drivers.interfaces import Joints
 from cellcal.procedures.cell import Cell
 from cellcal.procedures.motion.speed_limit import SpeedLimit
 from cellcal.procedures.questions import ask_confirmation
 from cellcal.procedures.refit import LEFT_OUT, MEASURED_AGAIN
 from cellcal.procedures.run import NeedsUnmetError, RefusalError, Run
 from cellcal.procedures.steps.length import LengthCapture, capture_length
-from cellcal.procedures.steps.mastering import MODEL_TOLERANCE_M, length_gauge, model_error_m, nominal_model
+from cellcal.procedures.steps.mastering import (
+    length_gauge,
+    nominal_model,
+    refuse_other_model,
+    refuse_unhealthy,
+)
 from cellcal.procedures.steps.motion import follow_way
 from cellcal.procedures.survey.survey import (
     Captures,
@@ -39,27 +44,9 @@ async def read_survey_state(cell: Cell) -> SurveyState:
         raise NeedsUnmetError("the cell file does not say where the wire is fixed", missing=("gauge_setup",))
     condition, identity = await cell.robot.read_condition(), await cell.robot.identify()
     mastering = None if cell.mastering is None else await cell.mastering.read_mastering()
-    if condition.readiness is not Readiness.READY or (mastering is not None and not mastering.mastered):
-        raise RefusalError(
-            make_message(
-                "the robot is not ready or not mastered: {condition_message}",
-                condition_message=condition.message or "mastering data invalid",
-            ),
-            code="procedure.not_healthy",
-            remedy="Clear what is wrong, then start a new run.",
-        )
+    refuse_unhealthy(condition, mastering)
     joints_rad = (await cell.robot.read_joints()).joints_rad
-    error_m = model_error_m(model, joints_rad, await cell.robot.flange_pose())
-    if error_m > MODEL_TOLERANCE_M:
-        raise RefusalError(
-            make_message(
-                "the controller says its flange is {error_mm:.0f} mm from where a {model_name} has it",
-                error_mm=error_m * 1000.0,
-                model_name=model.name,
-            ),
-            code="procedure.wrong_model",
-            remedy="Correct the robot's model in the cell file, then start a new run.",
-        )
+    refuse_other_model(model, joints_rad, await cell.robot.flange_pose())
     counts_at_zero = () if mastering is None else mastering.counts_at_zero
     return SurveyState(
         serial=identity.serial,

@@ -62,12 +62,6 @@ def as_pdf(page: CertificatePage) -> bytes:
         raise (_unknown_letters(error) if _lacks_letters(error) else _compile_error(error)) from error
 
 
-def as_pictures(page: CertificatePage, *, ppi: float = 80.0) -> list[bytes]:
-    """Return the sheets as PNG, to be looked at."""
-    found = _make_compiler(page, of_computer=True).compile(format="png", ppi=ppi)
-    return found if isinstance(found, list) else [found or b""]
-
-
 def _compile_pdf(page: CertificatePage, *, of_computer: bool) -> bytes:
     ended = read_time(page.ended_utc)
     compiler = _make_compiler(page, of_computer=of_computer)

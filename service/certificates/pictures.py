@@ -5,22 +5,32 @@ colours, so that a copy in grey tells the same.
 """
 
 import math
-import unicodedata
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
-from html import escape
+from dataclasses import dataclass
 from typing import Any
 
 from cellcal.calibration.message import make_message
 from cellcal.service.certificates.blocks import PictureBlock
 from cellcal.service.certificates.certificate_texts import ENGLISH
+from cellcal.service.certificates.svg_drawing import (
+    AFTER,
+    BEFORE,
+    GRID,
+    LEFT,
+    LIMIT,
+    RIGHT,
+    ROW,
+    WIDTH,
+    Axis,
+    FigureScale,
+    SvgDrawing,
+    begin_chart,
+    draw_grid,
+    text_width,
+)
 from cellcal.service.quantities import format_quantity
 from cellcal.service.translation import Translations
 
-# After M. Okabe, K. Ito, Color Universal Design, 2008.
-_AFTER, _BEFORE, _LIMIT, _INK, _GRID = "#0072b2", "#6b6b6b", "#c04a00", "#222222", "#d9d9d9"
-_WIDTH, _ROW, _LEFT, _RIGHT = 560.0, 22.0, 218.0, 22.0
-_LETTER = 5.5  # mean width
 _LONGEST_NAME = 38  # letters beside a drawing
 _MOST_POINTS = 400  # dots of one drawing: more are one blot
 _MOST_LIMITS_SHOWN = 4.0  # beyond so many limits, a dot stands at the edge with its figure
@@ -48,24 +58,24 @@ def against_limits(
     shares = [abs(figure["value"]) / figure["limit"] for figure in judged]
     spreads = [_uncertainty_bar(figure) / figure["limit"] for figure in judged]
     most = max(share + spread for share, spread in zip(shares, spreads, strict=True))
-    axis = _Axis(0.0, min(max(1.2, 1.05 * most), _MOST_LIMITS_SHOWN), _LEFT, _WIDTH - _RIGHT)
-    drawing = _SvgDrawing(28.0 + _ROW * len(judged) + 38.0)
-    bottom = 28.0 + _ROW * len(judged)
-    _draw_grid(drawing, axis, (18.0, bottom), _FigureScale("%", 100.0, axis.high))
+    axis = Axis(0.0, min(max(1.2, 1.05 * most), _MOST_LIMITS_SHOWN), LEFT, WIDTH - RIGHT)
+    drawing = SvgDrawing(28.0 + ROW * len(judged) + 38.0)
+    bottom = 28.0 + ROW * len(judged)
+    draw_grid(drawing, axis, (18.0, bottom), FigureScale("%", 100.0, axis.high))
     x = axis.to_position(1.0)
-    drawing.draw_line((x, 18.0), (x, bottom), _LIMIT, 1.6, dashed=True)
-    drawing.draw_text((x, 12.0), translations.translate("limit"), "middle", _LIMIT)
+    drawing.draw_line((x, 18.0), (x, bottom), LIMIT, 1.6, dashed=True)
+    drawing.draw_text((x, 12.0), translations.translate("limit"), "middle", LIMIT)
     for row, (figure, share, spread) in enumerate(zip(judged, shares, spreads, strict=True)):
-        y = 28.0 + _ROW * (row + 0.5)
+        y = 28.0 + ROW * (row + 0.5)
         drawing.draw_text(
-            (_LEFT - 10.0, y + 3.5), _shorten_name(translations.translate(figure["name"])), "end"
+            (LEFT - 10.0, y + 3.5), _shorten_name(translations.translate(figure["name"])), "end"
         )
         drawing.draw_line(
-            (axis.to_position(share - spread), y), (axis.to_position(share + spread), y), _AFTER, 2.0
+            (axis.to_position(share - spread), y), (axis.to_position(share + spread), y), AFTER, 2.0
         )
-        drawing.draw_dot((axis.to_position(share), y), _AFTER)
+        drawing.draw_dot((axis.to_position(share), y), AFTER)
     drawing.draw_text(
-        ((_LEFT + _WIDTH - _RIGHT) / 2, bottom + 32.0),
+        ((LEFT + WIDTH - RIGHT) / 2, bottom + 32.0),
         translations.translate("share of the limit [%]"),
         "middle",
     )
@@ -130,20 +140,20 @@ def _draw_pairs(
 ) -> PictureBlock:
     """Draw two marks a row, joined, on an axis that has zero on it."""
     values = [value for row in rows for value in (row.before, row.after)]
-    scale = _FigureScale.for_largest(max(map(abs, values)), unit)
+    scale = FigureScale.for_largest(max(map(abs, values)), unit)
     low, high = (scale.top if any(sign * v > 0 for v in values) else 0.0 for sign in (-1.0, 1.0))
-    axis = _Axis(-low, high or scale.top, _LEFT, _WIDTH - _RIGHT)
-    bottom = 28.0 + _ROW * len(rows)
-    drawing = _SvgDrawing(bottom + 38.0)
-    _draw_grid(drawing, axis, (18.0, bottom), scale)
+    axis = Axis(-low, high or scale.top, LEFT, WIDTH - RIGHT)
+    bottom = 28.0 + ROW * len(rows)
+    drawing = SvgDrawing(bottom + 38.0)
+    draw_grid(drawing, axis, (18.0, bottom), scale)
     for number, row in enumerate(rows):
-        y = 28.0 + _ROW * (number + 0.5)
-        drawing.draw_text((_LEFT - 10.0, y + 3.5), _shorten_name(row.name), "end")
-        drawing.draw_line((axis.to_position(row.before), y), (axis.to_position(row.after), y), _GRID, 2.0)
-        drawing.draw_ring((axis.to_position(row.before), y), _BEFORE)
-        drawing.draw_dot((axis.to_position(row.after), y), _AFTER)
-    drawing.draw_key((_LEFT, 12.0), translations.translate("before"), translations.translate("after"))
-    drawing.draw_text(((_LEFT + _WIDTH - _RIGHT) / 2, bottom + 32.0), f"[{scale.unit}]", "middle")
+        y = 28.0 + ROW * (number + 0.5)
+        drawing.draw_text((LEFT - 10.0, y + 3.5), _shorten_name(row.name), "end")
+        drawing.draw_line((axis.to_position(row.before), y), (axis.to_position(row.after), y), GRID, 2.0)
+        drawing.draw_ring((axis.to_position(row.before), y), BEFORE)
+        drawing.draw_dot((axis.to_position(row.after), y), AFTER)
+    drawing.draw_key((LEFT, 12.0), translations.translate("before"), translations.translate("after"))
+    drawing.draw_text(((LEFT + WIDTH - RIGHT) / 2, bottom + 32.0), f"[{scale.unit}]", "middle")
     description = "; ".join(
         f"{row.name}: "
         + translations.translate(
@@ -192,13 +202,13 @@ def errors_by_point(errors: PointErrors, translations: Translations = ENGLISH) -
     """Draw one dot a point."""
     if not 0 < len(errors.values_m) <= _MOST_POINTS:
         return None
-    scale = _FigureScale.for_largest(max(errors.values_m))
-    axis = _Axis(0.0, scale.top, 120.0, 16.0)
-    drawing, places = _begin_chart(
+    scale = FigureScale.for_largest(max(errors.values_m))
+    axis = Axis(0.0, scale.top, 120.0, 16.0)
+    drawing, places = begin_chart(
         axis, scale, len(errors.values_m), translations.translate("point"), errors.names
     )
     for x, value in zip(places, errors.values_m, strict=True):
-        drawing.draw_dot((x, axis.to_position(value)), _AFTER)
+        drawing.draw_dot((x, axis.to_position(value)), AFTER)
     worst = max(range(len(errors.values_m)), key=errors.values_m.__getitem__)
     name = errors.names[worst] if worst < len(errors.names) else str(worst + 1)
     alt = make_message(
@@ -221,19 +231,17 @@ def scatter_of(
     most = max((abs(value) for each in spread for value in each), default=0.0)
     if not most > 1e-9 or sum(map(len, spread)) > _MOST_POINTS:
         return None
-    scale = _FigureScale.for_largest(most)
-    axis = _Axis(-scale.top, scale.top, 120.0, 16.0)
-    drawing, places = _begin_chart(
+    scale = FigureScale.for_largest(most)
+    axis = Axis(-scale.top, scale.top, 120.0, 16.0)
+    drawing, places = begin_chart(
         axis, scale, len(taken), translations.translate("length reading, in the order taken")
     )
     for x, (used, _), samples in zip(places, taken, spread, strict=True):
         for value in samples:
             (drawing.draw_dot if used else drawing.draw_ring)(
-                (x, axis.to_position(value)), _AFTER if used else _LIMIT
+                (x, axis.to_position(value)), AFTER if used else LIMIT
             )
-    drawing.draw_key(
-        (130.0, 12.0), translations.translate("not used"), translations.translate("used"), _LIMIT
-    )
+    drawing.draw_key((130.0, 12.0), translations.translate("not used"), translations.translate("used"), LIMIT)
     return drawing.to_picture(
         translations.translate("Samples of each reading: what they differ from their mean."),
         translations.translate(
@@ -244,126 +252,6 @@ def scatter_of(
             )
         ),
     )
-
-
-@dataclass(frozen=True, slots=True)
-class _Axis:
-    """From a value to a place on paper; values outside stand at the edge."""
-
-    low: float
-    high: float
-    begin: float
-    end: float
-
-    def to_position(self, value: float) -> float:
-        share = (min(max(value, self.low), self.high) - self.low) / (self.high - self.low)
-        return self.begin + share * (self.end - self.begin)
-
-    def round_ticks(self, factor: float = 1.0) -> list[float]:
-        """Return values that are round when multiplied by a factor."""
-        step = _round_step((self.high - self.low) * factor) / factor
-        first = math.ceil(self.low / step - 1e-9)
-        return [k * step for k in range(first, math.floor(self.high / step + 1e-9) + 1)]
-
-
-@dataclass(frozen=True, slots=True)
-class _FigureScale:
-    """A unit in which figures are written with few digits, and where an axis of them ends."""
-
-    unit: str
-    factor: float
-    top: float
-
-    @classmethod
-    def for_largest(cls, most: float, unit: str = "m") -> "_FigureScale":
-        top = 1.08 * most if most > 1e-9 else 1e-6
-        if unit == "rad":
-            return cls("deg", math.degrees(1.0), top)
-        return cls("mm", 1e3, top) if top >= 2e-4 else cls("µm", 1e6, top)
-
-    def format_value(self, value: float) -> str:
-        return f"{value * self.factor:.6g}"
-
-
-@dataclass(slots=True)
-class _SvgDrawing:
-    """SVG being written."""
-
-    height: float
-    parts: list[str] = field(default_factory=list)
-
-    def draw_line(
-        self,
-        one: tuple[float, float],
-        other: tuple[float, float],
-        colour: str,
-        width: float,
-        *,
-        dashed: bool = False,
-    ) -> None:
-        dashes = ' stroke-dasharray="5 3"' if dashed else ""
-        ends = f'x1="{one[0]:.1f}" y1="{one[1]:.1f}" x2="{other[0]:.1f}" y2="{other[1]:.1f}"'
-        self.parts.append(f'<line {ends} stroke="{colour}" stroke-width="{width}"{dashes}/>')
-
-    def draw_dot(self, at: tuple[float, float], colour: str) -> None:
-        self.parts.append(f'<circle cx="{at[0]:.1f}" cy="{at[1]:.1f}" r="3.4" fill="{colour}"/>')
-
-    def draw_ring(self, at: tuple[float, float], colour: str) -> None:
-        self.parts.append(
-            f'<circle cx="{at[0]:.1f}" cy="{at[1]:.1f}" r="3.4" fill="#ffffff" stroke="{colour}" stroke-width="1.5"/>'
-        )
-
-    def draw_text(self, at: tuple[float, float], words: str, anchor: str, colour: str = _INK) -> None:
-        self.parts.append(
-            f'<text x="{at[0]:.1f}" y="{at[1]:.1f}" text-anchor="{anchor}" fill="{colour}">{escape(words)}</text>'
-        )
-
-    def draw_key(self, at: tuple[float, float], ring: str, dot: str, colour: str = _BEFORE) -> None:
-        x, y = at
-        self.draw_ring((x, y - 3.5), colour)
-        self.draw_text((x + 8.0, y), ring, "start")
-        beside = x + 8.0 + max(70.0, _LETTER * _text_width(ring) + 20.0)
-        self.draw_dot((beside, y - 3.5), _AFTER)
-        self.draw_text((beside + 8.0, y), dot, "start")
-
-    def to_picture(self, caption: str, alt: str) -> PictureBlock:
-        size = f'width="{_WIDTH:.0f}" height="{self.height:.0f}" viewBox="0 0 {_WIDTH:.0f} {self.height:.0f}"'
-        letters = 'font-family="Libertinus Serif, serif" font-size="11"'
-        svg = f'<svg xmlns="http://www.w3.org/2000/svg" {size} {letters}>{"".join(self.parts)}</svg>'
-        return PictureBlock(svg, alt, caption)
-
-
-def _begin_chart(
-    axis: _Axis, scale: _FigureScale, count: int, what: str, names: Sequence[str] = ()
-) -> tuple[_SvgDrawing, list[float]]:
-    """Begin a drawing with values upwards and points from left to right; return it and the points' places."""
-    left, right = 64.0, _WIDTH - _RIGHT
-    drawing = _SvgDrawing(158.0)
-    for value in axis.round_ticks(scale.factor):
-        drawing.draw_line((left, axis.to_position(value)), (right, axis.to_position(value)), _GRID, 0.8)
-        drawing.draw_text((left - 6.0, axis.to_position(value) + 3.5), scale.format_value(value), "end")
-    drawing.draw_text((8.0, 12.0), f"[{scale.unit}]", "start")
-    width = (right - left) / count
-    places = [left + width * (k + 0.5) for k in range(count)]
-    every = max(1, math.ceil(count / 25))
-    for k in range(0, count, every):
-        name = names[k] if k < len(names) and len(names[k]) <= 6 else str(k + 1)
-        drawing.draw_text((places[k], axis.begin + 18.0), name, "middle")
-    drawing.draw_text(((left + right) / 2, axis.begin + 35.0), what, "middle")
-    return drawing, places
-
-
-def _draw_grid(drawing: _SvgDrawing, axis: _Axis, between: tuple[float, float], scale: _FigureScale) -> None:
-    for value in axis.round_ticks(scale.factor):
-        x = axis.to_position(value)
-        drawing.draw_line((x, between[0]), (x, between[1]), _GRID, 0.8)
-        drawing.draw_text((x, between[1] + 15.0), scale.format_value(value), "middle")
-
-
-def _round_step(span: float) -> float:
-    """Return a round distance of ticks that gives three to seven of them."""
-    power = 10.0 ** math.floor(math.log10(span / 3.0))
-    return max(factor for factor in (1.0, 2.0, 5.0) if factor * power <= span / 3.0) * power
 
 
 def _has_share(figure: Mapping[str, Any]) -> bool:
@@ -383,16 +271,11 @@ def _format_percent(share: float) -> str:
 
 
 def _shorten_name(name: str) -> str:
-    if _text_width(name) <= _LONGEST_NAME:
+    if text_width(name) <= _LONGEST_NAME:
         return name
-    while _text_width(name) >= _LONGEST_NAME:
+    while text_width(name) >= _LONGEST_NAME:
         name = name[:-1]
     return f"{name.rstrip()}…"
-
-
-def _text_width(words: str) -> int:
-    """Return the width of words in letters: a Chinese character is two wide."""
-    return sum(2 if unicodedata.east_asian_width(letter) in "WF" else 1 for letter in words)
 
 
 def _are_points(value: list[Any]) -> bool:

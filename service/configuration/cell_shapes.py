@@ -14,7 +14,7 @@ from cellcal.calibration.documents.toml_text import parse_toml
 from cellcal.calibration.errors import CalibrationError, CellError
 from cellcal.calibration.geometry import Pose, homogeneous_matrix
 from cellcal.calibration.message import make_message
-from cellcal.calibration.motion.collision import CellShape, LinkCapsule, PlaneObstacle, SphereObstacle
+from cellcal.calibration.motion.cell_shapes import CellShape, LinkCapsule, PlaneObstacle, SphereObstacle
 from cellcal.calibration.motion.motion_check import WirePath
 from cellcal.calibration.orientation import rotation_from
 from cellcal.procedures.surroundings import BoxBlock, Surroundings, cell_shape, clearance_check

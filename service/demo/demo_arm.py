@@ -21,7 +21,8 @@ from cellcal.calibration.documents.plain_files import read_plain_text
 from cellcal.calibration.documents.toml_text import parse_toml
 from cellcal.calibration.errors import CalibrationError, CellError, DegenerateDataError
 from cellcal.calibration.geometry import Array
-from cellcal.calibration.motion.collision import CellShape, CollisionCheck, PlaneObstacle, arm_shape
+from cellcal.calibration.motion.cell_shapes import CellShape, PlaneObstacle, arm_shape
+from cellcal.calibration.motion.collision import CollisionCheck
 from cellcal.calibration.motion.motion_check import MotionLimits, WirePath
 from cellcal.calibration.poses.measurement_poses import measurable_postures
 

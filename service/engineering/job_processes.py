@@ -6,16 +6,20 @@ The process writes one JSON object a line on its output. Its input is open for a
 import asyncio
 import contextlib
 import json
+import logging
 import os
 import sys
 from collections.abc import Callable, Sequence
 from typing import Any
 
 from cellcal.calibration.documents.json_text import parse_json
+from cellcal.calibration.errors import CellError
 from cellcal.calibration.message_table import with_messages
+from cellcal.service.engineering.job_limits import JobLimits
 
 _LONGEST_LINE = 1 << 20
 _LEAVE_S = 5.0
+_BROKEN = {"message": "The computation failed; the service's log has the cause.", "remedy": ""}
 
 
 async def run_job_process(
@@ -54,6 +58,21 @@ def write_message(**words: Any) -> None:
     """Write one line to the service."""
     sys.stdout.write(json.dumps(with_messages(words)) + "\n")
     sys.stdout.flush()
+
+
+def finish_job(work: Callable[[], None], limits: JobLimits, log: logging.Logger, name: str) -> None:
+    """Do the work of a job, and write to the service how it ended."""
+    try:
+        work()
+    except CellError as error:
+        write_message(end="failed", message=error.message, remedy=error.remedy)
+    except MemoryError:
+        write_message(end="failed", message=limits.too_large, remedy=limits.remedy)
+    except Exception:
+        log.exception("%s broke", name)
+        write_message(end="failed", **_BROKEN)
+    else:
+        write_message(end="done")
 
 
 def leave_with_the_service() -> None:

@@ -18,7 +18,6 @@ from cellcal.calibration.arm.joint_terms import term_values
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.identification.estimator import ArmFit, FitProblem, estimate_arm, whitened_residuals
 from cellcal.calibration.identification.leverage import effective_unknowns, standardised_residuals
-from cellcal.calibration.identification.observations import with_sigma
 from cellcal.calibration.identification.parameters import ArmState
 from cellcal.calibration.identification.robust import RobustFit
 from cellcal.calibration.message import make_message
@@ -150,7 +149,7 @@ def fit_of(series: ArmSeries, chosen: Chosen) -> RobustFit:
     observations = observations_of(task, series.captures)
     scale = float(np.median(signed.problem.observations.sigma_m)) / task.sigma_m
     as_signed, fit, weights = (
-        FitProblem.from_observations(signed.fit.state, with_sigma(observations, scale)),
+        FitProblem.from_observations(signed.fit.state, observations.scale_sigma(scale)),
         signed.fit,
         chosen.astype(float),
     )
@@ -158,7 +157,7 @@ def fit_of(series: ArmSeries, chosen: Chosen) -> RobustFit:
     for _ in range(_ROUNDS if not (chosen == series.signed_choice()).all() else 0):
         fit = estimate_arm(fit.layout, fit.state, problem, weights)
         problem = FitProblem.from_observations(
-            fit.state, with_sigma(as_signed.observations, _error_ratio(fit, as_signed, chosen))
+            fit.state, as_signed.observations.scale_sigma(_error_ratio(fit, as_signed, chosen))
         )
     robust = replace(signed, fit=fit, problem=problem, rejected=np.flatnonzero(~chosen))
     covariance = outlook_from(task, robust).parameter_covariance()
@@ -219,7 +218,7 @@ def _normalised_deviations(series: ArmSeries, used_rows: Chosen, robust: RobustF
     """Return each residual in deviations of what it may be, which the median tells as in the robust fit."""
     observations, weights = observations_of(series.task, series.captures), used_rows.astype(float)
     scale = float(np.median(robust.problem.observations.sigma_m)) / series.task.sigma_m
-    problem = FitProblem.from_observations(robust.fit.state, with_sigma(observations, scale))
+    problem = FitProblem.from_observations(robust.fit.state, observations.scale_sigma(scale))
     fit = estimate_arm(
         robust.fit.layout, robust.fit.state, problem, weights
     )  # its covariance belongs to these sigmas

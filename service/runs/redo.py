@@ -11,7 +11,7 @@ from cellcal.procedures.run_history import EventKind, StepEffect
 from cellcal.service.record.journal import Journal, StoreError
 from cellcal.service.record.run_outcome import RunVerdict
 from cellcal.service.record.run_store import RunStore
-from cellcal.service.runs.run_procedure import forget_from
+from cellcal.service.runs.journal_ledger import forget_from
 
 DISCARD = "discard_findings"
 _MOST_NAMED = 6

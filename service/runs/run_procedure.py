@@ -33,6 +33,7 @@ from cellcal.service.record.run_outcome import RunOutcome, RunVerdict, failed_ou
 from cellcal.service.record.run_store import RunStore, stored_body
 from cellcal.service.record.unconfirmed_mastering import refuse_unconfirmed, unconfirmed_in_force
 from cellcal.service.runs.instruments import instruments_behind, share_instruments
+from cellcal.service.runs.journal_ledger import JournalLedger
 from cellcal.service.runs.mastering_rollback import roll_back_unconfirmed
 from cellcal.service.runs.resume_check import refuse_difference, spec_of
 from cellcal.service.runs.software_identity import software_versions
@@ -40,7 +41,6 @@ from cellcal.service.runs.software_identity import software_versions
 _log = logging.getLogger(__name__)
 FREE_BYTES = 200_000_000
 NO_MODE = "In which mode the controller was: this robot does not tell it."
-_OUTCOMES = (EventKind.FINDING, EventKind.CONDITION, EventKind.FAILED)
 OnEvent = Callable[[StepProgress], None]
 OnBegin = Callable[[str, tuple[Phase, ...]], None]
 
@@ -60,27 +60,6 @@ class RunConditions:
     free_bytes: int = FREE_BYTES
     accept_missing_end: bool = False  # a person's word: go on although the journal's end is missing
     missing_end: str = ""  # in words, what that person accepted
-
-
-class JournalLedger:
-    """A run's end of the journal. A finding names the instruments that were read for it."""
-
-    def __init__(self, journal: Journal, run_id: str, actor: str) -> None:
-        self._journal, self._run_id, self._actor = journal, run_id, actor
-        self._read: set[str] = set()
-
-    def note_reading(self, role: str, reading: Any) -> None:
-        """Note an instrument that gave a reading."""
-        if reading is not None:
-            self._read.add(role)
-
-    def record(self, kind: EventKind, body: Mapping[str, Any], *, key: str = "") -> None:
-        """Store one fact durably."""
-        if kind is EventKind.FINDING and self._read:
-            body = {**body, "instruments": sorted(self._read)}
-        if kind in _OUTCOMES:
-            self._read.clear()
-        self._journal.append(self._run_id, kind, with_messages(dict(body)), key=key, actor=self._actor)
 
 
 async def run_procedure(
@@ -181,24 +160,6 @@ def _note_missing_end(journal: Journal, run_id: str, how: RunConditions) -> None
     if how.missing_end:
         body = {"who": how.actor, "missing": how.missing_end}
         journal.append(run_id, EventKind.MISSING_END, body, actor=how.actor)
-
-
-def forget_from(journal: Journal, run_id: str, step: str, *, actor: str = "service") -> None:
-    """Redo: findings from ``step`` on no longer count when the run is resumed. Nothing is deleted.
-
-    Raises
-    ------
-    StoreError
-        The run has no finding of that name.
-    """
-    names = [finding.step for finding in RunStore(journal).find_run(run_id).past.findings]
-    if step not in names:
-        raise StoreError(
-            make_message("run {run_id} has no finding {step!r}", run_id=run_id, step=step),
-            code="store.no_such_step",
-            remedy=make_message("It has: {names}.", names=", ".join(names) or "none"),
-        )
-    journal.append(run_id, EventKind.FORGOTTEN, {"keep": names.index(step), "step": step}, actor=actor)
 
 
 def with_permit(cell: Cell, run_lease: Lease, mark: Fingerprint) -> Cell:

@@ -5,19 +5,17 @@ was found is saved as parameters of the robot on the terms of master data, and n
 """
 
 import asyncio
-from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager
 from pathlib import Path as FilePath
 from typing import Annotated
 
-from fastapi import APIRouter, FastAPI, Path, Request
+from fastapi import APIRouter, Request
 from pydantic import BaseModel, ConfigDict, Field, StringConstraints
 from starlette.requests import HTTPConnection
 
 from cellcal.calibration.identification.parameters import LEVEL_NAMES
 from cellcal.calibration.message import make_message
 from cellcal.calibration.orientation import CONVENTIONS
-from cellcal.service.cell_process.messages import AnswerPrompt, Name
+from cellcal.service.cell_process.messages import Name
 from cellcal.service.configuration.cell_file import CellConfig
 from cellcal.service.engineering.identification.jobs.jobs import (
     IdentificationJob,
@@ -36,26 +34,15 @@ from cellcal.service.engineering.measured.units import ANGLE_UNITS, LENGTH_UNITS
 from cellcal.service.engineering.parameters.parameter_sets import FOLDER, ParameterSets
 from cellcal.service.engineering.programs.jobs.shapes import MOST_FILE_BYTES
 from cellcal.service.people.roles import Right
-from cellcal.service.session_documents import OtherQuestion
 from cellcal.service.web.dependencies import Who, app_context, require_right
 from cellcal.service.web.error_responses import RefusalResponse
+from cellcal.service.web.page_jobs import JobId, jobs_lifespan, jobs_of_service
 from cellcal.service.web.parameters import SetHead
 from cellcal.service.web.rollback import NewerVersionError
-from cellcal.service.web.session_control import authorize_order
+from cellcal.service.web.session_control import authorize_version
 
-JobId = Annotated[str, Path(max_length=32, pattern=r"^[0-9a-z]+$")]
-_KEY = "write_parameter_version"  # for the permits: it writes
-
-
-@asynccontextmanager
-async def _ended_with_the_service(app: FastAPI) -> AsyncIterator[None]:
-    yield
-    jobs: IdentificationJobs | None = getattr(app.state, "identifications", None)
-    if jobs is not None:
-        await jobs.close_all()
-
-
-router = APIRouter(prefix="/measurements", lifespan=_ended_with_the_service)
+_JOBS = "identifications"  # in the state of the application
+router = APIRouter(prefix="/measurements", lifespan=jobs_lifespan(_JOBS))
 
 
 class SaveRequest(BaseModel):
@@ -70,11 +57,7 @@ class SaveRequest(BaseModel):
 
 def identifications_of(connection: HTTPConnection) -> IdentificationJobs:
     """Return the identifications of this service."""
-    state = connection.app.state
-    if not hasattr(state, "identifications"):
-        state.identifications = IdentificationJobs(app_context(connection).config)
-    found: IdentificationJobs = state.identifications
-    return found
+    return jobs_of_service(connection, _JOBS, IdentificationJobs)
 
 
 @router.get("")
@@ -149,12 +132,7 @@ async def save_identification(job_id: JobId, requested: SaveRequest, request: Re
         job=job.id,
         newest=requested.newest,
     )
-    order = AnswerPrompt(op="answer", prompt_id=question)
-    shown: OtherQuestion = {
-        "rev": requested.newest,
-        "prompt": {"id": question, "key": _KEY, "text": question},
-    }
-    name = await authorize_order(context, who, f"{requested.id} {question}", requested.newest, order, shown)
+    name = await authorize_version(context, who, requested.id, question, requested.newest)
     async with job.saving:
         return await asyncio.to_thread(_save_once, job, context.config, name, requested)
 

@@ -21,7 +21,7 @@ from cellcal.service.web.dependencies import Who, app_context
 if TYPE_CHECKING:
     from cellcal.calibration.arm.kinematics import RobotModel
     from cellcal.calibration.geometry import Array
-    from cellcal.calibration.motion.collision import LinkCapsule
+    from cellcal.calibration.motion.cell_shapes import LinkCapsule
     from cellcal.procedures.surroundings import Surroundings
 
 router = APIRouter()

@@ -5,12 +5,10 @@ is written over: what came along is read from a copy, and what is made goes to t
 """
 
 import asyncio
-from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager
 from pathlib import Path as FilePath
 from typing import Annotated, Any
 
-from fastapi import APIRouter, FastAPI, Path, Query, Request, Response
+from fastapi import APIRouter, Query, Request, Response
 from starlette.requests import HTTPConnection
 
 from cellcal.service.configuration.cell_file import CellConfig
@@ -30,32 +28,21 @@ from cellcal.service.people.roles import Right
 from cellcal.service.web.dependencies import Who, app_context, require_right
 from cellcal.service.web.error_responses import RefusalResponse
 from cellcal.service.web.overlays import frames_of
+from cellcal.service.web.page_jobs import JobId, jobs_lifespan, jobs_of_service
 
-JobId = Annotated[str, Path(max_length=32, pattern=r"^[0-9a-z]+$")]
 _ARCHIVE: dict[int | str, dict[str, Any]] = {
     200: {"content": {"application/zip": {}}, "description": "the new programs and their reports"},
     403: {"model": RefusalResponse, "description": "the role does not include it"},
 }
 
 
-@asynccontextmanager
-async def _ended_with_the_service(app: FastAPI) -> AsyncIterator[None]:
-    yield
-    jobs: Jobs | None = getattr(app.state, "programs", None)
-    if jobs is not None:
-        await jobs.close_all()
-
-
-router = APIRouter(prefix="/programs", lifespan=_ended_with_the_service)
+_JOBS = "programs"  # in the state of the application
+router = APIRouter(prefix="/programs", lifespan=jobs_lifespan(_JOBS))
 
 
 def jobs_of(connection: HTTPConnection) -> Jobs:
     """Return the jobs of this service."""
-    state = connection.app.state
-    if not hasattr(state, "programs"):
-        state.programs = Jobs(app_context(connection).config)
-    found: Jobs = state.programs
-    return found
+    return jobs_of_service(connection, _JOBS, Jobs)
 
 
 @router.get("")

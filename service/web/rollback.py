@@ -15,21 +15,19 @@ from pydantic import BaseModel, ConfigDict, Field, StringConstraints
 
 from cellcal.calibration.errors import CellError
 from cellcal.calibration.message import make_message
-from cellcal.service.cell_process.messages import AnswerPrompt, Name
+from cellcal.service.cell_process.messages import Name
 from cellcal.service.engineering.parameters.parameter_sets import FOLDER, ParameterSets
 from cellcal.service.people.errors import PeopleError
 from cellcal.service.review.review_models import Displacement
-from cellcal.service.session_documents import OtherQuestion
 from cellcal.service.web.dependencies import Who, app_context
 from cellcal.service.web.error_responses import RefusalResponse
 from cellcal.service.web.parameters import SetHead, Version
 from cellcal.service.web.residuals import compute_client_of
 from cellcal.service.web.response_models import response_options
-from cellcal.service.web.session_control import authorize_order
+from cellcal.service.web.session_control import authorize_version
 from cellcal.service.web.waiting_clients import answer_while_awaited
 
 router = APIRouter()
-_KEY = "write_parameter_version"  # for the permits: it writes
 
 
 class NewerVersionError(PeopleError):
@@ -94,12 +92,7 @@ async def roll_back(robot_serial: str, requested: RollbackRequest, request: Requ
         to=requested.to,
         newest=requested.newest,
     )
-    order = AnswerPrompt(op="answer", prompt_id=question)
-    shown: OtherQuestion = {
-        "rev": requested.newest,
-        "prompt": {"id": question, "key": _KEY, "text": question},
-    }
-    name = await authorize_order(context, who, f"{requested.id} {question}", requested.newest, order, shown)
+    name = await authorize_version(context, who, requested.id, question, requested.newest)
     if done is not None:
         return done
     return await asyncio.to_thread(_save_rollback, sets, robot_serial, requested, name)

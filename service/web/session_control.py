@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING, Literal
 from fastapi import APIRouter, Request
 from pydantic import BaseModel, ConfigDict
 
-from cellcal.service.cell_process.messages import HoldOrder, Order
+from cellcal.service.cell_process.messages import AnswerPrompt, HoldOrder, Order
 from cellcal.service.people.authentication import Person
 from cellcal.service.people.roles import Right, need_of
 from cellcal.service.people.session_control import SessionControl, SessionHolder
-from cellcal.service.session_documents import QuestionContext
+from cellcal.service.session_documents import OtherQuestion, QuestionContext
 from cellcal.service.web.cell_client import CellProcessGoneError
 from cellcal.service.web.dependencies import Who, app_context, require_right
 from cellcal.service.web.response_models import ControlSeen, response_options
@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from cellcal.service.web.context import AppContext
 
 router = APIRouter()
+_VERSION_KEY = "write_parameter_version"  # for the permits: it writes
 
 
 class ControlRequest(BaseModel):
@@ -74,6 +75,21 @@ async def authorize_order(
         ):
             control.take_control(SessionHolder(who.session_id, who.name))
         return context.authorizer.authorize(who, press, rev, order, answered)
+
+
+async def authorize_version(
+    context: "AppContext", who: Person, press: str, question: str, newest: int
+) -> str:
+    """Return the name in which a version of parameters may follow the ``newest``; errors as `authorize_order`.
+
+    ``question`` says in words which version: an approval counts for exactly this text.
+    """
+    order = AnswerPrompt(op="answer", prompt_id=question)
+    shown: OtherQuestion = {
+        "rev": newest,
+        "prompt": {"id": question, "key": _VERSION_KEY, "text": question},
+    }
+    return await authorize_order(context, who, f"{press} {question}", newest, order, shown)
 
 
 @contextlib.asynccontextmanager

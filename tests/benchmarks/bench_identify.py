@@ -40,14 +40,9 @@ from cellcal.calibration.identification.estimator import (
     place_columns,
 )
 from cellcal.calibration.identification.first_guess import first_guess
+from cellcal.calibration.identification.layouts import make_layout
 from cellcal.calibration.identification.observations import PointObservations
-from cellcal.calibration.identification.parameters import (
-    GEOMETRY,
-    ArmState,
-    ParameterLayout,
-    Priors,
-    make_layout,
-)
+from cellcal.calibration.identification.parameters import GEOMETRY, ArmState, ParameterLayout, Priors
 from tests.unit.helpers.simulated_arm import random_joints, tracker_points
 
 _LOOSE = Priors(offset_rad=0.1, length_m=0.1, angle_rad=0.1)  # the bound knows no prior

@@ -33,8 +33,9 @@ from cellcal.service.record.journal_files import journal_path, open_journal
 from cellcal.service.record.run_outcome import RunOutcome, RunVerdict
 from cellcal.service.record.run_store import RunStore
 from cellcal.service.record.signing import CheckFinding, check_document
+from cellcal.service.runs.journal_ledger import forget_from
 from cellcal.service.runs.open_cell import offline_cell
-from cellcal.service.runs.run_procedure import forget_from, resume_procedure
+from cellcal.service.runs.run_procedure import resume_procedure
 from cellcal.service.site.cell_state import DueDates
 from tests.procedures.certified_runs import HOW, cell_config, run_in
 from tests.procedures.procedure_scenes import (

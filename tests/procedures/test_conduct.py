@@ -16,7 +16,8 @@ from cellcal.service.record.journal import Journal, StoreError
 from cellcal.service.record.robot_lock import LeaseHeldError, acquire_lease
 from cellcal.service.record.run_outcome import RunVerdict
 from cellcal.service.record.run_store import RunStore
-from cellcal.service.runs.run_procedure import RunConditions, forget_from, resume_procedure, run_procedure
+from cellcal.service.runs.journal_ledger import forget_from
+from cellcal.service.runs.run_procedure import RunConditions, resume_procedure, run_procedure
 from tests.procedures.procedure_scenes import (
     ProcedureScene,
     recording_scene,

@@ -15,7 +15,8 @@ from cellcal.procedures.motion.active_frames import is_same_pose
 from cellcal.procedures.run import RefusalError, Run
 from cellcal.service.record.journal_files import open_journal
 from cellcal.service.record.run_outcome import RunVerdict
-from cellcal.service.runs.run_procedure import forget_from, resume_procedure
+from cellcal.service.runs.journal_ledger import forget_from
+from cellcal.service.runs.run_procedure import resume_procedure
 from tests.procedures.certified_runs import HOW, cell_config, run_in
 from tests.procedures.memory_ledgers import MemoryLedger
 from tests.procedures.procedure_scenes import (

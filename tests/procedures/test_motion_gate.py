@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from cellcal.calibration.errors import CellError
-from cellcal.calibration.motion.collision import PlaneObstacle, SphereObstacle
+from cellcal.calibration.motion.cell_shapes import PlaneObstacle, SphereObstacle
 from cellcal.calibration.motion.position_uncertainty import PositionUncertainty
 from cellcal.drivers.errors import MotionStoppedError, RefusedError, UnreachableError
 from cellcal.drivers.interfaces import Condition, JointReading, Readiness
@@ -20,18 +20,12 @@ from cellcal.procedures.cell import MotionLevel
 from cellcal.procedures.mastering_record import MasteringRecordSpec, mastering_record
 from cellcal.procedures.motion.approach import OVERSHOOT_RAD
 from cellcal.procedures.motion.manual_moves import NotThereError
-from cellcal.procedures.motion.motion_gate import (
-    JogMove,
-    MotionCare,
-    MotionRefusedError,
-    jog_axis,
-    move_along,
-    refuse_off_target,
-)
+from cellcal.procedures.motion.motion_gate import JogMove, MotionCare, jog_axis, move_along, refuse_off_target
 from cellcal.procedures.motion.plans import MotionBounds
+from cellcal.procedures.motion.robot_readiness import MotionRefusedError
 from cellcal.procedures.motors import PositionLostAgainError
 from cellcal.procedures.run import DeclinedError, Run
-from cellcal.procedures.steps.motion import IndexTurn, come_from_below, pass_index
+from cellcal.procedures.steps.motion import IndexTurn, follow_way, pass_index
 from cellcal.procedures.surroundings import Surroundings
 from cellcal.service.record.robot_lock import LeaseLostError, acquire_lease
 from cellcal.service.runs.pendant_programs import PendantPrograms
@@ -309,7 +303,7 @@ def hand_jog_scene(level: MotionLevel = MotionLevel.OBSERVE, beside_rad: float =
 
 async def test_at_l0_a_person_moves_and_the_software_looks() -> None:
     made = hand_jog_scene(beside_rad=0.004)
-    found = await come_from_below(made.cell, THERE, 0.1)
+    found = await follow_way(made.cell, (THERE,), 0.1)
     assert made.technician.instructions == ["move_by_hand"]
     assert made.arm.moves == []
     assert np.allclose(found, np.array(THERE) + 0.004, atol=1e-4)  # where it really stands
@@ -318,7 +312,7 @@ async def test_at_l0_a_person_moves_and_the_software_looks() -> None:
 async def test_at_l0_a_wrong_place_is_asked_for_again_and_then_refused() -> None:
     made = hand_jog_scene(beside_rad=0.03)
     with pytest.raises(NotThereError, match=r"is \+1.72 deg off"):
-        await come_from_below(made.cell, THERE, 0.1)
+        await follow_way(made.cell, (THERE,), 0.1)
     assert made.technician.instructions == ["move_by_hand"] * 6
     assert made.arm.moves == []
 
@@ -326,7 +320,7 @@ async def test_at_l0_a_wrong_place_is_asked_for_again_and_then_refused() -> None
 async def test_at_l0_no_technician_is_sent_where_the_way_is_not_free() -> None:
     made = hand_jog_scene()
     with pytest.raises(MotionRefusedError):
-        await come_from_below(made.cell, (*THERE[:3], 9.0, *THERE[4:]), 0.1)
+        await follow_way(made.cell, ((*THERE[:3], 9.0, *THERE[4:]),), 0.1)
     assert made.technician.instructions == []
 
 

@@ -22,7 +22,7 @@ from cellcal.procedures.cell import MotionLevel
 from cellcal.procedures.probed_frame import DEFINITION, ProbedSetup, probed_frame
 from cellcal.procedures.procedure_definition import all_missing
 from cellcal.procedures.run import DeclinedError, RefusalError, Run
-from cellcal.procedures.steps.touch import (
+from cellcal.procedures.steps.contact_errors import (
     AlreadyInContactError,
     ContactError,
     NoContactError,

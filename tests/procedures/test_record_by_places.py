@@ -11,11 +11,12 @@ from cellcal.procedures.catalogue import CATALOGUE
 from cellcal.procedures.cell import Cell, ProbeSetup
 from cellcal.procedures.forecast import Knowledge
 from cellcal.procedures.instruments import instruments_of
-from cellcal.procedures.mastering_record import MasteringRecordSpec, mastering_record, verdict_on_record
+from cellcal.procedures.mastering_record import MasteringRecordSpec, mastering_record
 from cellcal.procedures.mastering_recovery import MasteringRecoverySpec, mastering_recovery
 from cellcal.procedures.procedure_definition import all_missing
 from cellcal.procedures.recovery.kit_offers import offers_at
 from cellcal.procedures.recovery.record_seal import seal_of
+from cellcal.procedures.recovery.record_verdict import verdict_on_record
 from cellcal.procedures.recovery.recovery_kit import KitSpec
 from cellcal.procedures.run import DeclinedError, NeedsUnmetError, RefusalError, Run
 from cellcal.procedures.steps.kit_bench import NoSuchKitError, read_kit_bench

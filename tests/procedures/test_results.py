@@ -9,12 +9,13 @@ from cellcal.calibration.errors import CalibrationError
 from cellcal.calibration.geometry import Pose
 from cellcal.drivers.interfaces import MasteringData
 from cellcal.procedures.cell import Cell
-from cellcal.procedures.mastering_record import RecordResult, mastering_record
+from cellcal.procedures.mastering_record import mastering_record
 from cellcal.procedures.mastering_recovery import DEFINITION, MasteringRecoverySpec, mastering_recovery
 from cellcal.procedures.motion.active_frames import is_same_pose
 from cellcal.procedures.motors import PositionLostAgainError
 from cellcal.procedures.procedure_definition import missing_needs
 from cellcal.procedures.recovery.record_seal import seal_of
+from cellcal.procedures.recovery.record_verdict import RecordResult
 from cellcal.procedures.recovery.recovery_result import RecoveryResult
 from cellcal.procedures.run import DeclinedError, OutOfToleranceError, RefusalError, Run
 from cellcal.procedures.six_point_tcp import SixPointTcp, six_point_tcp

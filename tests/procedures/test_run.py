@@ -13,7 +13,7 @@ from cellcal.procedures.questions import ask_confirmation
 from cellcal.procedures.run import DeclinedError, ReplayMismatchError, Run
 from cellcal.procedures.run_history import EventKind, RunHistory
 from cellcal.service.record.journal import Journal, StoreError
-from cellcal.service.runs.run_procedure import JournalLedger
+from cellcal.service.runs.journal_ledger import JournalLedger
 from tests.procedures.ideal_devices import IdealArm, ScriptedTechnician
 from tests.procedures.memory_ledgers import CrashError, MemoryLedger, MortalLedger
 
@@ -64,8 +64,7 @@ async def toy_procedure(run: Run, values: tuple[float, ...]) -> SumResult:
     read_values = [await run.step(f"read {k}", read_value, value) for k, value in enumerate(values, 1)]
     await run.move("turn", turn_axis, 2)
     total = await run.solve("add", add_values, tuple(read_values))
-    inner = run.with_prefix("inside")
-    await inner.step("read 1", read_value, 9.0)
+    await run.step("inside: read 1", read_value, 9.0)
     await run.write("write", write_value, total.total)
     return total
 
@@ -287,7 +286,7 @@ async def test_two_steps_may_not_share_a_name(world: CountingWorld) -> None:
     await run.step("read", read_value, 1.0)
     with pytest.raises(ReplayMismatchError):
         await run.step("read", read_value, 2.0)
-    await run.with_prefix("second time").step("read", read_value, 2.0)
+    await run.step("read again", read_value, 2.0)
 
 
 async def test_a_paused_run_waits_at_the_next_border(world: CountingWorld) -> None:

@@ -11,7 +11,7 @@ from cellcal.calibration.geometry import Pose, homogeneous_matrix
 from cellcal.calibration.points.frames import base_to_base as chained_frames
 from cellcal.drivers.interfaces import MasteringData
 from cellcal.procedures.accuracy_limits import FrameLimits
-from cellcal.procedures.base_to_base import BasesResult, BaseToBaseSpec, base_to_base
+from cellcal.procedures.base_to_base import BaseToBaseSpec, base_to_base
 from cellcal.procedures.catalogue import CATALOGUE
 from cellcal.procedures.end_effector_points import MeasuredTool, end_effector_points
 from cellcal.procedures.fixture_alignment import fixture_alignment, plan_alignment
@@ -23,6 +23,7 @@ from cellcal.procedures.refit import LEFT_OUT, MEASURED_AGAIN
 from cellcal.procedures.run import DeclinedError, RefusalError, Run
 from cellcal.procedures.steps.length import LengthCapture
 from cellcal.procedures.survey.alignment_result import AlignmentResult
+from cellcal.procedures.survey.base_result import BasesResult
 from cellcal.procedures.survey.survey import EACH_CAPTURE, Survey, SurveyRules
 from cellcal.procedures.survey.survey_choice import SurveyProgress, choose_pose
 from cellcal.procedures.survey.wire_survey import read_survey_state

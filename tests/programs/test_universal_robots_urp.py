@@ -20,7 +20,7 @@ from cellcal.drivers.programs.positions import CARTESIAN, JOINTS, UNREAD, Positi
 from cellcal.drivers.universal_robots.program_files.programs import BRAND
 from cellcal.drivers.universal_robots.program_files.script_program import read_script
 from cellcal.drivers.universal_robots.program_files.urp_archive import MOST_XML_BYTES
-from cellcal.drivers.universal_robots.program_files.urp_misfit import misfit_to_script, pose_misfit_m
+from cellcal.drivers.universal_robots.program_files.urp_kinematics import pose_distances
 from cellcal.drivers.universal_robots.program_files.urp_program import UrpProgram, read_urp
 from tests.programs.fuzz import check_mutants
 from tests.programs.generate_universal_robots_urp import ARMS, consistent, generate, packed, unpacked
@@ -131,9 +131,10 @@ def test_the_joints_of_a_waypoint_give_the_pose_that_polyscope_printed():
     script = read_script(
         "lid.script", f"global Waypoint_1_p=p[{_PRINTED}]\nglobal Waypoint_1_q=[{_JOINTS}]\n".encode()
     )
-    misfit = misfit_to_script(file, script)
-    assert misfit.position_m[0] < 2e-12  # twelve decimals are printed
-    assert misfit.angle_rad[0] < 2e-12
+    base_tip = file.columns.base_feature[:1] @ file.positions.frame_tip[:1]
+    far_m, turned_rad = pose_distances(base_tip, script.positions.frame_tip[:1])
+    assert far_m[0] < 2e-12  # twelve decimals are printed
+    assert turned_rad[0] < 2e-12
 
 
 @pytest.mark.parametrize("seed", range(12))
@@ -210,24 +211,30 @@ def test_another_arms_kinematics_keep_the_poses_or_the_joints():
     )
 
 
-def test_a_pose_that_is_stored_changes_with_the_joints_and_its_misfit_is_reported():
+def pose_misfit_m(file: UrpProgram) -> float:
+    """Return how far the stored pose of the first waypoint is from its own joints [m]."""
+    computed = file.poses_at(np.array([0]), file.positions.joints[:1])
+    return float(np.linalg.norm((file.positions.frame_tip[:1] - computed)[0, :3, 3]))
+
+
+def test_a_pose_that_is_stored_changes_with_the_joints():
     pose = "0.433025361705, -0.467959205379, 0.522310714714, 1.500318891221, 0.521427297251, 0.530987104689"
     old = (
         f'<Waypoint type="Fixed" name="W"><position joints="{_JOINTS}" pose="{pose}"/>'
         f'<poseInFeatureCoordinates pose="{pose}"/><outputFlangePose pose="{pose}"/></Waypoint>'
     )
     file = read_urp("old.urp", _urp_bytes(old))
-    assert pose_misfit_m(file)[0] < 2e-12
+    assert pose_misfit_m(file) < 2e-12
     joints = file.positions.joints + 0.02
     moved = file.with_changes(PositionChange(np.array([0]), joints=joints))
-    assert pose_misfit_m(moved)[0] < 1e-11
+    assert pose_misfit_m(moved) < 1e-11
     stored = re.findall(r' pose="([^"]*)"', unpacked(moved.to_bytes()).decode())
     poses = np.array([[float(number) for number in each.split(",")] for each in stored])
     assert poses.shape == (3, 6)
     assert np.ptp(poses, axis=0).max() < 1e-14
-    assert pose_misfit_m(read_urp("old.urp", _urp_bytes(old.replace("0.4330", "0.4340"))))[
-        0
-    ] == pytest.approx(1e-3, rel=1e-6)
+    assert pose_misfit_m(read_urp("old.urp", _urp_bytes(old.replace("0.4330", "0.4340")))) == pytest.approx(
+        1e-3, rel=1e-6
+    )
 
 
 def test_a_file_keeps_its_header_and_the_same_change_gives_the_same_bytes():

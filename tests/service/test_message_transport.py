@@ -10,7 +10,7 @@ from cellcal.procedures.run_history import EventKind
 from cellcal.service.cell_process.lines import LineWriter
 from cellcal.service.path_redaction import without_paths
 from cellcal.service.record.journal import Journal
-from cellcal.service.runs.run_procedure import JournalLedger
+from cellcal.service.runs.journal_ledger import JournalLedger
 from cellcal.service.web.error_responses import respond_to_error
 from cellcal.service.web.websocket_hub import encode_message
 

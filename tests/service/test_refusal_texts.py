@@ -12,7 +12,8 @@ import pytest
 
 from cellcal.calibration.arm.kinematics import load_model
 from cellcal.calibration.message import join_messages, make_message
-from cellcal.calibration.motion.collision import CollisionCheck, PlaneObstacle, SphereObstacle, assumed_shape
+from cellcal.calibration.motion.cell_shapes import PlaneObstacle, SphereObstacle, assumed_shape
+from cellcal.calibration.motion.collision import CollisionCheck
 from cellcal.calibration.motion.motion_check import MotionLimits, WirePath, check_moves
 from cellcal.calibration.motion.position_uncertainty import PositionUncertainty
 from cellcal.calibration.points.touch_design import TURNS, ToolTurn
@@ -53,6 +54,7 @@ WHOLE = (
     "drivers/yaskawa",
     "calibration/identification/identifiability.py",
     "calibration/identification/misfit.py",
+    "calibration/identification/misfit_error.py",
     "calibration/identification/misfit_hypotheses.py",
     "calibration/identification/position_scale.py",
     "calibration/line_accuracy.py",

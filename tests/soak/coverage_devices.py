@@ -4,6 +4,7 @@ import numpy as np
 
 from cellcal.calibration.geometry import Array, exp_rotation
 from cellcal.calibration.identification.estimator import FitProblem, estimate_arm
+from cellcal.calibration.identification.layouts import make_layout
 from cellcal.calibration.identification.observations import (
     DevicePlacement,
     LengthObservations,
@@ -11,7 +12,7 @@ from cellcal.calibration.identification.observations import (
     PointObservations,
     PoseObservations,
 )
-from cellcal.calibration.identification.parameters import GEOMETRY, ArmState, ParameterLayout, make_layout
+from cellcal.calibration.identification.parameters import GEOMETRY, ArmState, ParameterLayout
 from cellcal.calibration.identification.robust import fit_robustly
 from cellcal.calibration.identification.series_breaks import fit_frames
 from cellcal.calibration.identification.tip_uncertainty import predict_tips

@@ -12,8 +12,9 @@ from cellcal.calibration.geometry import Array
 from cellcal.calibration.identification.effect_lint import misfit_notes
 from cellcal.calibration.identification.free_parameters import parameter_values
 from cellcal.calibration.identification.identify import Identification, identify_arm
+from cellcal.calibration.identification.layouts import make_layout
 from cellcal.calibration.identification.observations import DevicePlacement, PointObservations
-from cellcal.calibration.identification.parameters import GEOMETRY, ArmState, make_layout
+from cellcal.calibration.identification.parameters import GEOMETRY, ArmState
 from cellcal.calibration.identification.selection import IdentificationOptions
 from tests.soak.campaign_figures import CampaignFigures
 from tests.soak.coverage_arms import SIGMA_M, TOOL, TRACKER, DrawnArm

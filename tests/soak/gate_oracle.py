@@ -8,7 +8,7 @@ import pinocchio as pin
 
 from cellcal.calibration.arm.kinematics import RobotModel
 from cellcal.calibration.geometry import Array
-from cellcal.calibration.motion.collision import LinkCapsule, SphereObstacle
+from cellcal.calibration.motion.cell_shapes import LinkCapsule, SphereObstacle
 from cellcal.drivers.interfaces import Joints
 from cellcal.procedures.cell import GaugeSetup
 from cellcal.procedures.surroundings import Surroundings

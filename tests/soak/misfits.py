@@ -7,7 +7,9 @@ import numpy as np
 
 from cellcal.calibration.arm.kinematics import RobotModel, load_model, model_names
 from cellcal.calibration.geometry import Array, exp_twist, homogeneous_matrix
-from cellcal.calibration.identification.misfit import FileNames, MisfitError, refuse_misfit
+from cellcal.calibration.identification.misfit import refuse_misfit
+from cellcal.calibration.identification.misfit_error import MisfitError
+from cellcal.calibration.identification.misfit_hypotheses import FileNames
 from cellcal.calibration.identification.observations import DevicePlacement, PointObservations
 from cellcal.calibration.identification.parameters import ArmState, nominal_state
 from tests.soak.campaign_figures import CampaignFigures

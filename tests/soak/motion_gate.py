@@ -10,7 +10,7 @@ import numpy as np
 from cellcal.calibration.arm.kinematics import load_model
 from cellcal.calibration.errors import CellError
 from cellcal.calibration.geometry import Array, Pose
-from cellcal.calibration.motion.collision import PlaneObstacle, SphereObstacle, arm_shape
+from cellcal.calibration.motion.cell_shapes import PlaneObstacle, SphereObstacle, arm_shape
 from cellcal.drivers.interfaces import Joints
 from cellcal.procedures.cell import Cell, GaugeSetup, MotionCaps, MotionLevel
 from cellcal.procedures.motion.motion_gate import MotionCare, move_along

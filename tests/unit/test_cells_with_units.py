@@ -9,7 +9,8 @@ import pytest
 from openpyxl import Workbook
 
 from cellcal.calibration.arm.kinematics import load_model
-from cellcal.calibration.identification.misfit import MisfitError, refuse_misfit
+from cellcal.calibration.identification.misfit import refuse_misfit
+from cellcal.calibration.identification.misfit_error import MisfitError
 from cellcal.service.engineering.identification.at_points import AtOptions, read_points
 from cellcal.service.engineering.identification.identify_check import file_names
 from cellcal.service.engineering.measured.cell_numbers import parse_cell

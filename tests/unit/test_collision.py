@@ -8,16 +8,16 @@ from cellcal.calibration.arm.kinematics import load_model
 from cellcal.calibration.errors import CalibrationError
 from cellcal.calibration.geometry import exp_rotation, homogeneous_matrix
 from cellcal.calibration.motion.capsule_distance import box_distance, plane_distance, segment_distance
-from cellcal.calibration.motion.collision import (
+from cellcal.calibration.motion.cell_shapes import (
     BoxObstacle,
     CellShape,
-    CollisionCheck,
     LinkCapsule,
     PlaneObstacle,
     SphereObstacle,
     arm_shape,
     assumed_shape,
 )
+from cellcal.calibration.motion.collision import CollisionCheck
 from cellcal.calibration.motion.motion_check import WirePath
 
 MODEL = load_model("fanuc_m6ib")

@@ -7,14 +7,14 @@ from cellcal.calibration.arm.kinematics import load_model
 from cellcal.calibration.arm.urdf import bare_urdf, read_urdf
 from cellcal.calibration.errors import CalibrationError
 from cellcal.calibration.geometry import homogeneous_matrix
-from cellcal.calibration.motion.collision import (
+from cellcal.calibration.motion.cell_shapes import (
     BoxObstacle,
     CellShape,
-    CollisionCheck,
     LinkCapsule,
     PlaneObstacle,
     SphereObstacle,
 )
+from cellcal.calibration.motion.collision import CollisionCheck
 from cellcal.calibration.motion.description_collision import DescriptionCheck
 
 MODEL = load_model("ur10e")

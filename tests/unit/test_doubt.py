@@ -8,14 +8,14 @@ import pytest
 from cellcal.calibration.arm.kinematics import RobotModel, load_model
 from cellcal.calibration.geometry import homogeneous_matrix
 from cellcal.calibration.mastering.counts import DriveTrain
-from cellcal.calibration.motion.collision import (
+from cellcal.calibration.motion.cell_shapes import (
     BoxObstacle,
     CellShape,
-    CollisionCheck,
     PlaneObstacle,
     SphereObstacle,
     arm_shape,
 )
+from cellcal.calibration.motion.collision import CollisionCheck
 from cellcal.calibration.motion.motion_check import MotionLimits, WirePath, check_moves
 from cellcal.calibration.motion.motion_quantities import body_points, workspace_excess
 from cellcal.calibration.motion.position_uncertainty import AxisUncertainty, PositionUncertainty

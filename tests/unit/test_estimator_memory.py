@@ -7,7 +7,8 @@ import pytest
 
 from cellcal.calibration.identification.estimator import FitProblem, errors_m, estimate_arm, place_columns
 from cellcal.calibration.identification.first_guess import first_guess
-from cellcal.calibration.identification.parameters import GEOMETRY, make_layout
+from cellcal.calibration.identification.layouts import make_layout
+from cellcal.calibration.identification.parameters import GEOMETRY
 from tests.unit.helpers.simulated_arm import tracker_points, tracker_poses
 
 

@@ -19,20 +19,13 @@ from cellcal.calibration.identification.estimator import (
 )
 from cellcal.calibration.identification.first_guess import first_guess
 from cellcal.calibration.identification.identify import identify_arm
+from cellcal.calibration.identification.layouts import make_layout
 from cellcal.calibration.identification.observations import (
     LengthObservations,
     PointObservations,
     PoseObservations,
 )
-from cellcal.calibration.identification.parameters import (
-    FRAMES,
-    GEOMETRY,
-    GRAVITY,
-    OFFSETS,
-    RIPPLE,
-    Priors,
-    make_layout,
-)
+from cellcal.calibration.identification.parameters import FRAMES, GEOMETRY, GRAVITY, OFFSETS, RIPPLE, Priors
 from cellcal.calibration.identification.selection import IdentificationOptions, fit_level, terms_of_level
 from tests.unit.helpers.simulated_arm import (
     ANCHOR,

@@ -7,8 +7,9 @@ import pytest
 
 from cellcal.calibration.geometry import exp_twist
 from cellcal.calibration.identification.estimator import FitProblem, place_columns, whitened_residuals
+from cellcal.calibration.identification.layouts import make_layout
 from cellcal.calibration.identification.observations import DevicePlacement, with_mounting
-from cellcal.calibration.identification.parameters import GEOMETRY, make_layout
+from cellcal.calibration.identification.parameters import GEOMETRY
 from tests.unit.helpers.simulated_arm import ANCHOR, TRACKER, tracker_points, tracker_poses, wire_lengths
 
 _STARTS = (0, 20, 45, 70)

@@ -10,7 +10,8 @@ from cellcal.calibration.errors import CalibrationError, DegenerateDataError
 from cellcal.calibration.identification.estimator import FitProblem, estimate_arm
 from cellcal.calibration.identification.observations import LengthObservations, PointObservations
 from cellcal.calibration.identification.parameters import GRAVITY, OFFSETS, Priors
-from cellcal.calibration.motion.collision import CollisionCheck, SphereObstacle, assumed_shape
+from cellcal.calibration.motion.cell_shapes import SphereObstacle, assumed_shape
+from cellcal.calibration.motion.collision import CollisionCheck
 from cellcal.calibration.motion.motion_check import MotionLimits, WirePath
 from cellcal.calibration.poses.enough_poses import AcceptanceLimits, acceptance_gaps, enough_poses
 from cellcal.calibration.poses.measurement_poses import (
@@ -206,7 +207,7 @@ def test_parameters_that_others_imitate_are_dropped_when_asked():
     found = enough_poses(
         dropped, CANDIDATES, AcceptanceLimits(offset_rad=np.deg2rad(0.03), offsets_of=("J3 offset",)), TESTS
     )
-    assert found.is_reachable
+    assert found.plan is not None
 
 
 def test_sag_is_planned_for_when_asked():
@@ -226,7 +227,7 @@ def test_enough_poses_are_the_fewest_that_keep_the_acceptance():
     outlook = outlook_on(MODEL, POINT, tool_in_flange_m=TOOL)
     acceptance = AcceptanceLimits(tip_rms_m=1.5e-4)
     found = enough_poses(outlook, CANDIDATES, acceptance, TESTS)
-    assert found.is_reachable
+    assert found.plan is not None
     count = len(found.plan.indices)
     assert not acceptance_gaps(found.prediction, acceptance)
     assert found.prediction.tip_rms_m <= 1.5e-4 / 1.2
@@ -258,7 +259,7 @@ def test_nothing_is_measured_when_enough_is_known():
 def test_an_acceptance_that_cannot_be_reached_is_explained(acceptance, level, words):
     outlook = outlook_on(MODEL, POINT, tool_in_flange_m=TOOL, level=level)
     found = enough_poses(outlook, CANDIDATES, acceptance, TESTS, most=40)
-    assert not found.is_reachable
+    assert found.plan is None
     assert re.search(words, found.reason), found.reason
 
 

@@ -14,20 +14,14 @@ from cellcal.calibration.arm.joint_terms import (
 from cellcal.calibration.arm.kinematics import load_model
 from cellcal.calibration.arm.model_references import is_known_model
 from cellcal.calibration.arm.mounting import gravity_of, mounted_name
-from cellcal.calibration.arm.robot_models import parse_model
+from cellcal.calibration.arm.robot_models.model_text import read_model_text
 from cellcal.calibration.errors import CalibrationError
 from cellcal.calibration.geometry import exp_rotation
 from cellcal.calibration.identification.free_parameters import all_joint_terms
 from cellcal.calibration.identification.identify import identify_arm
+from cellcal.calibration.identification.layouts import term_parameters
 from cellcal.calibration.identification.observations import DevicePlacement, PointObservations
-from cellcal.calibration.identification.parameters import (
-    GRAVITY,
-    RIPPLE,
-    ArmState,
-    Priors,
-    nominal_state,
-    term_parameters,
-)
+from cellcal.calibration.identification.parameters import GRAVITY, RIPPLE, ArmState, Priors, nominal_state
 from cellcal.calibration.identification.selection import (
     IdentificationOptions,
     possible_levels,
@@ -83,9 +77,13 @@ def test_a_model_file_says_how_its_robot_is_mounted():
     from importlib.resources import files
 
     text = files("cellcal.calibration.arm.robot_models").joinpath("ur10.toml").read_text(encoding="utf-8")
-    assert parse_model("mine", 'mounting = "ceiling"\n' + text)["gravity_in_base"] == (0.0, 0.0, 1.0)
+    assert read_model_text("mine", 'mounting = "ceiling"\n' + text).fields["gravity_in_base"] == (
+        0.0,
+        0.0,
+        1.0,
+    )
     with pytest.raises(CalibrationError, match="no mounting"):
-        parse_model("mine", 'mounting = "shelf"\n' + text)
+        read_model_text("mine", 'mounting = "shelf"\n' + text)
 
 
 def test_sets_of_robots_that_are_mounted_otherwise_do_not_fit():

@@ -16,7 +16,7 @@ from cellcal.calibration.compensation.posture_of_pose import postures_of_poses
 from cellcal.calibration.errors import CalibrationError
 from cellcal.calibration.geometry import exp_rotation, homogeneous_matrix
 from cellcal.calibration.identification.lints import rounding_floor
-from cellcal.calibration.identification.misfit import MisfitError
+from cellcal.calibration.identification.misfit_error import MisfitError
 from cellcal.calibration.identification.sweep_lint import sweep_lint
 from cellcal.calibration.motion.motion_check import MotionLimits, check_moves
 from cellcal.calibration.orientation import values_from

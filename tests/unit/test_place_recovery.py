@@ -10,8 +10,8 @@ from cellcal.calibration.mastering.counts import PlaceCapture
 from cellcal.calibration.mastering.place_evidence import PlaceProblem
 from cellcal.calibration.mastering.place_recovery import (
     choose_places,
+    place_covariance,
     places_to_fit,
-    predict_places,
     verify_at_places,
 )
 from tests.unit.helpers.place_cases import lose_places
@@ -69,15 +69,19 @@ def test_a_bent_arm_is_no_recovery():
         assert not found.accepted
 
 
+def sigma_turns(loss, places):
+    return np.sqrt(np.diag(place_covariance(MODEL, loss.kit, robot_of(loss), places)))
+
+
 def test_more_places_tell_more_and_the_best_are_chosen_first():
     loss = lose_places(2, 9)
-    sigmas = [predict_places(MODEL, loss.kit, robot_of(loss), range(k))[1] for k in (3, 6, 9)]
+    sigmas = [sigma_turns(loss, range(k)) for k in (3, 6, 9)]
     assert (sigmas[0] >= sigmas[1]).all()
     assert (sigmas[1] >= sigmas[2]).all()
     best = choose_places(MODEL, loss.kit, robot_of(loss), 6)
     assert len(set(best)) == 6
     spread = np.abs(np.diag(DRIVE.radians_per_turn()))
-    chosen = predict_places(MODEL, loss.kit, robot_of(loss), best)[1] * spread
+    chosen = sigma_turns(loss, best) * spread
     assert np.sum(chosen**2) <= np.sum((sigmas[1] * spread) ** 2) * 1.01
     assert chosen.max() < np.deg2rad(0.5)
 

@@ -10,7 +10,8 @@ from cyclopts import App
 from cellcal.calibration.arm.kinematics import load_model
 from cellcal.calibration.arm.urdf import bare_urdf
 from cellcal.calibration.errors import CellError
-from cellcal.calibration.motion.collision import BoxObstacle, CollisionCheck, PlaneObstacle, SphereObstacle
+from cellcal.calibration.motion.cell_shapes import BoxObstacle, PlaneObstacle, SphereObstacle
+from cellcal.calibration.motion.collision import CollisionCheck
 from cellcal.service.cli.poses import poses
 from cellcal.service.configuration.cell_shapes import CellShapeError, read_cell_shape
 from cellcal.service.engineering.identification.pose_planning import read_joints, visiting_order

@@ -9,7 +9,8 @@ import pytest
 from cellcal.calibration.arm.kinematics import load_model
 from cellcal.calibration.geometry import homogeneous_matrix
 from cellcal.calibration.identification.last_joint import last_joint_note
-from cellcal.calibration.identification.misfit import MisfitError, refuse_misfit
+from cellcal.calibration.identification.misfit import refuse_misfit
+from cellcal.calibration.identification.misfit_error import MisfitError
 from cellcal.calibration.identification.observations import PointObservations
 from cellcal.calibration.identification.position_scale import (
     is_wrong,

@@ -5,7 +5,7 @@ import pinocchio as pin
 import pytest
 
 from cellcal.calibration.arm.kinematics import load_model, model_names
-from cellcal.calibration.arm.robot_models import parse_model
+from cellcal.calibration.arm.robot_models.model_text import read_model_text
 from cellcal.calibration.errors import CalibrationError
 from cellcal.calibration.geometry import log_rotation
 from cellcal.calibration.orientation import values_from
@@ -210,7 +210,7 @@ speed_deg_s = [100, 200]
 
 
 def test_a_file_is_read_in_si():
-    fields = parse_model("bars", GOOD)
+    fields = read_model_text("bars", GOOD).fields
     assert np.allclose(fields["rows"], [[0, 0.1, 0, np.pi / 2], [np.pi / 2, 0, 0.2, 0]])
     assert np.allclose(fields["joint_coupling"], [[1, 0], [0.5, 1]])
     assert np.allclose(fields["max_speed_rad_s"], np.deg2rad([100, 200]))
@@ -232,4 +232,4 @@ def test_a_file_is_read_in_si():
 def test_a_damaged_file_is_refused(old, new):
     assert old in GOOD
     with pytest.raises(CalibrationError, match="bars"):
-        parse_model("bars", GOOD.replace(old, new, 1))
+        read_model_text("bars", GOOD.replace(old, new, 1))

@@ -7,13 +7,8 @@ import pytest
 
 from cellcal.calibration.errors import CalibrationError, DegenerateDataError
 from cellcal.calibration.geometry import Array, Pose, homogeneous_matrix
-from cellcal.calibration.identification.parameters import (
-    GEOMETRY,
-    ArmState,
-    Priors,
-    make_layout,
-    with_further,
-)
+from cellcal.calibration.identification.layouts import make_layout, with_further
+from cellcal.calibration.identification.parameters import GEOMETRY, ArmState, Priors
 from cellcal.calibration.mastering.pose_design import candidate_joints
 from cellcal.calibration.motion.motion_check import MotionLimits
 from cellcal.calibration.points.end_effector import points_in_flange, refuse_tool_points, tool_through, tool_u

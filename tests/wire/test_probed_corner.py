@@ -14,7 +14,7 @@ from cellcal.procedures.accuracy_limits import FrameLimits
 from cellcal.procedures.cell import Cell
 from cellcal.procedures.probed_frame import DEFINITION, ProbedFrame, probed_frame
 from cellcal.procedures.run import Run
-from cellcal.procedures.steps.touch import NoContactError
+from cellcal.procedures.steps.contact_errors import NoContactError
 from cellcal.procedures.teaching.corner_places import CornerRules
 from cellcal.service.configuration.cell_file import read_cell_file
 from cellcal.service.demo.fake_cell_client import FakeCellClient

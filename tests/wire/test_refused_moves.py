@@ -17,7 +17,8 @@ from cellcal.drivers.errors import DeviceError, UnreachableError
 from cellcal.drivers.interfaces import Joints, Readiness
 from cellcal.drivers.operator.scripted import ScriptedOperator
 from cellcal.procedures.cell import Cell
-from cellcal.procedures.motion.motion_gate import JogMove, MotionRefusedError, jog_axis, move_along
+from cellcal.procedures.motion.motion_gate import JogMove, jog_axis, move_along
+from cellcal.procedures.motion.robot_readiness import MotionRefusedError
 from cellcal.procedures.motors import PositionLostAgainError
 from cellcal.procedures.surroundings import NOTHING_KNOWN
 from cellcal.service.configuration.cell_file import CellConfig, read_cell_file

@@ -16,17 +16,16 @@ from cellcal.drivers.errors import DeviceError
 from cellcal.drivers.operator.scripted import ScriptedOperator
 from cellcal.procedures.cell import Cell
 from cellcal.procedures.motion.probe_line import probe_line
-from cellcal.procedures.steps.touch import (
+from cellcal.procedures.steps.contact_errors import (
     AlreadyInContactError,
     BouncingContactError,
     ContactError,
     ContactLostError,
     NoContactError,
     OvertravelError,
-    ProbeApproach,
     StuckContactError,
-    touch_surface,
 )
+from cellcal.procedures.steps.touch import ProbeApproach, touch_surface
 from cellcal.service.configuration.cell_file import read_cell_file
 from cellcal.service.demo.fake_cell_client import FakeCellClient
 from cellcal.service.runs.cell_check import check_cell

@@ -70,8 +70,3 @@ def model_text(name: str) -> ModelText:
 def model_fields(name: str) -> dict[str, Any]:
     """Return the numbers of one model in SI: DH ``rows`` (n, 4) and the fields of `RobotModel`."""
     return model_text(name).fields
-
-
-def parse_model(name: str, text: str) -> dict[str, Any]:
-    """Read the text of a model file; see `read_model_text`."""
-    return read_model_text(name, text).fields

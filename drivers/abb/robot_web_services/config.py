@@ -5,17 +5,18 @@ from contextlib import asynccontextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
 
 from cellcal.drivers.interfaces import RobotCapabilities
+from cellcal.drivers.wire.device_connection import connection_to
 from cellcal.drivers.wire.joint_stream_settings import JointStreamSettings
 from cellcal.drivers.wire.motor_turns import MotorTurns
+from cellcal.drivers.wire.stepwise_config import StepwiseRobotConfig
 
 if TYPE_CHECKING:
     from cellcal.drivers.abb.robot_web_services.robot import AbbRobot
 
 _EGM_PORT = 6510  # by convention
-_TELEGRAM_SHARE = 0.5  # of the deadline: a failed telegram leaves time for a stop and for saying so
 
 
 class GuidedMotionSettings(JointStreamSettings):
@@ -24,26 +25,16 @@ class GuidedMotionSettings(JointStreamSettings):
     port: int = Field(default=_EGM_PORT, ge=1, le=65535)
 
 
-class AbbWebServicesConfig(BaseModel):
+class AbbWebServicesConfig(StepwiseRobotConfig):
     """How to reach an ABB controller with RobotWare 6 or 7, and how its arm may move."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
-
     driver: Literal["abb_web_services"]
-    name: str = Field(min_length=1, max_length=64)
-    address: str = Field(min_length=1)
     port: int | None = Field(default=None, ge=1, le=65535)  # None: 80 and 443, as the generation asks for
     certificate: Path | None = None  # of a controller that speaks TLS, in PEM form; None: not compared
     user: str = Field(default="Default User", min_length=1, max_length=64)
     password: str = Field(default="robotics", max_length=64)  # both are the maker's defaults
-    model: str = Field(min_length=1)  # name of the nominal robot model
     serial: str = Field(min_length=1)  # of the controller (ctrl-id); compared at every connect
     deadline_s: float = Field(default=3.0, gt=0, le=60)
-    speed_limit_rad_s: float = Field(gt=0, le=3.0)
-    step_s: float = Field(default=0.5, gt=0, le=5.0)  # so long the arm may go on when the link is lost
-    settle_s: float = Field(default=0.5, ge=0, le=60)
-    stuck_s: float = Field(default=2.0, gt=0, le=60)
-    tolerance_rad: float = Field(default=5e-4, gt=0, le=0.01)
     motor_turns_per_joint_turn: MotorTurns = None  # gear ratios of the data sheet; a position cure needs them
 
     egm: GuidedMotionSettings | None = None
@@ -61,11 +52,6 @@ class AbbWebServicesConfig(BaseModel):
 
         return CAPABILITIES
 
-    @property
-    def pendant_language(self) -> str:
-        """The key of the pendant's language among the program writers of the registry."""
-        return self.driver
-
     @asynccontextmanager
     async def open(self) -> AsyncIterator["AbbRobot"]:
         """Open a session, compare the serial number, and give the session back at the end."""
@@ -75,21 +61,17 @@ class AbbWebServicesConfig(BaseModel):
         from cellcal.drivers.abb.robot_web_services.robot import AbbOptions, AbbRobot  # noqa: PLC0415  as above
         from cellcal.drivers.abb.robot_web_services.web_link import WebLink  # noqa: PLC0415  as above
         from cellcal.drivers.wire.joint_stream import JointStream  # noqa: PLC0415  as above
-        from cellcal.drivers.wire.stepwise_motion import StepwiseOptions  # noqa: PLC0415  as above
 
         link = WebLink(
             ServiceAddress(self.name, self.address, self.port, self.certificate),
             (self.user, self.password),
-            deadline_s=_TELEGRAM_SHARE * self.deadline_s,
+            deadline_s=self.telegram_deadline_s,
         )
-        motion = StepwiseOptions.from_settings(AXES, self)
+        motion = self.stepwise_options(AXES)
         stream = None
         if self.egm is not None:
             sender = self.egm.sender_of(self.address)
             stream = JointStream(self.name, "EGM", self.egm, sender, read_robot_packet)
         robot = AbbRobot(link, AbbOptions(self.serial, motion), stream)
-        try:
-            await robot.connect()
+        async with connection_to(robot):
             yield robot
-        finally:
-            await robot.close()

@@ -22,7 +22,7 @@ from cellcal.drivers.abb.robot_web_services.state import (
     read_unit_names,
 )
 from cellcal.drivers.abb.robot_web_services.web_link import WebLink
-from cellcal.drivers.errors import DeviceError, RefusedError
+from cellcal.drivers.errors import RefusedError
 from cellcal.drivers.interfaces import (
     ActiveFrames,
     Condition,
@@ -30,7 +30,6 @@ from cellcal.drivers.interfaces import (
     JointReading,
     Joints,
     PositionCure,
-    Readiness,
     RobotCapabilities,
 )
 from cellcal.drivers.wire.cancellation import run_to_end
@@ -65,7 +64,7 @@ class AbbRobot(StepwiseMotion):
     """Robot with active tool, mode and override. Revolution counters are updated by a person at the pendant."""
 
     def __init__(self, link: WebLink, options: AbbOptions, stream: JointStream | None = None) -> None:
-        super().__init__(options.motion)
+        super().__init__(link.device, options.motion)
         self._compared: ComparedJoints | None = None
         if stream is not None:
             self._compared = ComparedJoints(
@@ -75,10 +74,6 @@ class AbbRobot(StepwiseMotion):
         self._server = MotionServer(link)
         self._mastership = EditMastership(link)
         self._has_ordered = False  # a step of the present move
-
-    @property
-    def name(self) -> str:
-        return self._link.device
 
     @property
     def capabilities(self) -> RobotCapabilities:
@@ -114,12 +109,8 @@ class AbbRobot(StepwiseMotion):
             f"RobotWare {system.get('rwversion', '')}".strip(),
         )
 
-    async def read_condition(self) -> Condition:
-        try:
-            async with self._answer_deadline("asking its condition"):
-                return condition_of(await read_state(self._link))
-        except DeviceError as error:
-            return Condition(Readiness.UNREACHABLE, error.message, error.remedy)
+    async def _request_condition(self) -> Condition:
+        return condition_of(await read_state(self._link))
 
     async def joint_sources(self) -> str:
         if self._compared is None:

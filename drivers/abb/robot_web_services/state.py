@@ -13,6 +13,7 @@ from cellcal.drivers.abb.robot_web_services.rapid_values import AXES, NO_AXIS, p
 from cellcal.drivers.abb.robot_web_services.web_link import WebLink
 from cellcal.drivers.errors import WireProtocolError
 from cellcal.drivers.interfaces import Alarm, AlarmKind, Condition, Readiness
+from cellcal.drivers.wire.link_errors import unreadable_answer_error
 
 T = TypeVar("T")
 _UNIT = "/rw/motionsystem/mechunits/ROB_1"
@@ -154,11 +155,8 @@ def number_of(link: WebLink, state: Mapping[str, Any], key: str) -> float:
 
 def unreadable(link: WebLink, what: str) -> WireProtocolError:
     """Return the error of an answer that is none."""
-    return WireProtocolError(
-        link.device,
-        make_message("an answer cannot be read: {what}.", what=what),
-        remedy="Report this with the log of the wire.",
-        frame=link.trace.last_received(),
+    return unreadable_answer_error(
+        link.device, what, "Report this with the log of the wire.", link.trace.last_received()
     )
 
 

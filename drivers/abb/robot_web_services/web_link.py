@@ -12,7 +12,6 @@ import httpx
 
 from cellcal.calibration.documents.errors import DocumentError
 from cellcal.calibration.documents.json_text import parse_json
-from cellcal.calibration.message import make_message
 from cellcal.drivers.abb.robot_web_services.dialects import Dialect
 from cellcal.drivers.abb.robot_web_services.generation import (
     CABLE,
@@ -28,6 +27,7 @@ from cellcal.drivers.errors import (
     WireProtocolError,
 )
 from cellcal.drivers.wire.deadline import answer_deadline, timeout_error
+from cellcal.drivers.wire.link_errors import unreadable_answer_error
 from cellcal.drivers.wire.trace import FrameTrace
 
 _MOST_OCTETS = 4_000_000
@@ -230,9 +230,9 @@ class WebLink:
         )
 
     def _unreadable(self, what: str) -> WireProtocolError:
-        return WireProtocolError(
+        return unreadable_answer_error(
             self.device,
-            make_message("an answer cannot be read: {what}.", what=what),
-            remedy="Check that the address is that of an ABB controller with RobotWare 6 or 7.",
-            frame=self.trace.last_received(),
+            what,
+            "Check that the address is that of an ABB controller with RobotWare 6 or 7.",
+            self.trace.last_received(),
         )

@@ -19,6 +19,11 @@ from cellcal.drivers.errors import DeviceError, RefusedError, UnreachableError, 
 from cellcal.drivers.supervision import start_link_task
 from cellcal.drivers.wire.cancellation import cancel_until_done
 from cellcal.drivers.wire.deadline import answer_deadline
+from cellcal.drivers.wire.link_errors import (
+    lost_connection_error,
+    no_connection_error,
+    unreadable_answer_error,
+)
 from cellcal.drivers.wire.tables import code_table
 from cellcal.drivers.wire.trace import FrameTrace
 
@@ -158,15 +163,7 @@ class RmiLink:
         try:
             return await asyncio.open_connection(self._address, port, limit=_MOST_OCTETS)
         except OSError as error:
-            raise UnreachableError(
-                self.device,
-                make_message(
-                    "no connection to {address}: {strerror}.",
-                    address=self._address,
-                    strerror=error.strerror or error,
-                ),
-                remedy=remedy,
-            ) from error
+            raise no_connection_error(self.device, self._address, error, remedy) from error
 
     async def _drop_connection(self) -> None:
         if self._reading is not None:
@@ -254,18 +251,10 @@ class RmiLink:
         return packet
 
     def _lost(self, error: Exception) -> UnreachableError:
-        reason = getattr(error, "strerror", None) or "the controller hung up"
-        return UnreachableError(
-            self.device, make_message("the connection was lost: {reason}.", reason=reason), remedy=_CABLE
-        )
+        return lost_connection_error(self.device, error, _CABLE)
 
     def _unreadable(self, what: str, frame: bytes = b"") -> WireProtocolError:
-        return WireProtocolError(
-            self.device,
-            make_message("an answer cannot be read: {what}.", what=what),
-            remedy=_REPORT,
-            frame=frame[:200].hex(),
-        )
+        return unreadable_answer_error(self.device, what, _REPORT, frame[:200].hex())
 
 
 def _encode(packet: Packet) -> bytes:

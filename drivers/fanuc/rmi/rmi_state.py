@@ -14,6 +14,7 @@ from cellcal.calibration.orientation import rotation_from, values_from
 from cellcal.drivers.errors import WireProtocolError
 from cellcal.drivers.fanuc.rmi.rmi_link import Packet, RmiLink
 from cellcal.drivers.interfaces import Alarm, AlarmKind, Condition, Readiness
+from cellcal.drivers.wire.link_errors import unreadable_answer_error
 from cellcal.drivers.wire.tables import code_table
 
 AXES = 6
@@ -171,9 +172,6 @@ def _number(link: RmiLink, values: Mapping[str, Any], key: str, otherwise: float
 
 
 def _unreadable(link: RmiLink, what: str) -> WireProtocolError:
-    return WireProtocolError(
-        link.device,
-        make_message("an answer cannot be read: {what}.", what=what),
-        remedy="Report this with the log of the wire.",
-        frame=link.trace.last_received(),
+    return unreadable_answer_error(
+        link.device, what, "Report this with the log of the wire.", link.trace.last_received()
     )

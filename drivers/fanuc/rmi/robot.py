@@ -7,11 +7,7 @@ import time
 from dataclasses import dataclass
 from functools import partial
 
-import numpy as np
-
 from cellcal.calibration.geometry import Array, Pose
-from cellcal.calibration.message import make_message
-from cellcal.drivers.errors import DeviceError, RefusedError
 from cellcal.drivers.fanuc.rmi.rmi_link import Packet, RmiLink
 from cellcal.drivers.fanuc.rmi.rmi_state import (
     AXES,
@@ -31,16 +27,14 @@ from cellcal.drivers.interfaces import (
     Identity,
     JointReading,
     Joints,
-    Readiness,
     RobotCapabilities,
 )
+from cellcal.drivers.wire.frame_readback import require_frame_as_sent
 from cellcal.drivers.wire.stepwise_motion import IsFinished, StepwiseMotion, StepwiseOptions
 
 _LOG = logging.getLogger(__name__)
 VERIFIED_ON: tuple[str, ...] = ()  # controller software this driver has run on; none yet, see README.md
 _POLL_S = 0.05
-_SAME_M, _SAME_RAD = 2e-6, 2e-5  # the interface reads to 0.001 mm and 0.001 deg
-_LOOK = "Look at the robot first: it should have stopped. Use the emergency stop if it has not."
 
 CAPABILITIES = RobotCapabilities(
     axes=AXES,
@@ -66,12 +60,8 @@ class FanucRmiRobot(StepwiseMotion):
     """Robot with frames, mode and override. Mastering is not reached over this link."""
 
     def __init__(self, link: RmiLink, options: RmiOptions) -> None:
-        super().__init__(options.motion)
+        super().__init__(link.device, options.motion)
         self._link, self._options = link, options
-
-    @property
-    def name(self) -> str:
-        return self._link.device
 
     @property
     def capabilities(self) -> RobotCapabilities:
@@ -95,14 +85,10 @@ class FanucRmiRobot(StepwiseMotion):
         firmware = f"RMI {version.major}.{version.minor}"
         return Identity("FANUC", self._options.model, self._options.serial, firmware)
 
-    async def read_condition(self) -> Condition:
-        try:
-            async with self._answer_deadline("asking its condition"):
-                status = await read_status(self._link)
-                texts = () if status.has_servo_power else await read_alarm_texts(self._link)
-                return condition_of(status, texts)
-        except DeviceError as error:
-            return Condition(Readiness.UNREACHABLE, error.message, error.remedy)
+    async def _request_condition(self) -> Condition:
+        status = await read_status(self._link)
+        texts = () if status.has_servo_power else await read_alarm_texts(self._link)
+        return condition_of(status, texts)
 
     async def read_joints(self) -> JointReading:
         async with self._answer_deadline("reading the joints"):
@@ -195,12 +181,5 @@ class FanucRmiRobot(StepwiseMotion):
             async with self._answer_deadline("writing a frame"):
                 await write_frame(self._link, kind, number, pose)
                 found = await read_frame(self._link, kind, number)
-        near = np.allclose(found.position_m, pose.position_m, rtol=0, atol=_SAME_M)
-        alike = np.allclose(found.rotation_matrix(), pose.rotation_matrix(), rtol=0, atol=_SAME_RAD)
-        if not (near and alike):
-            raise RefusedError(
-                self.name,
-                make_message("frame {number} was not written as sent.", number=number),
-                remedy="Check that the frame is not locked on the controller, then write again.",
-            )
+        require_frame_as_sent(self.name, number, found, pose)
         return found

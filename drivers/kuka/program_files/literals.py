@@ -9,7 +9,6 @@ POSE_FIELDS = ("X", "Y", "Z", "A", "B", "C")
 AXIS_FIELDS = ("A1", "A2", "A3", "A4", "A5", "A6")
 STATE_FIELDS = ("S", "T")
 EXTERNAL_FIELDS = ("E1", "E2", "E3", "E4", "E5", "E6")
-POSE_TYPES = ("POS", "E6POS", "FRAME")
 AXIS_TYPES = ("AXIS", "E6AXIS")
 
 _FIELDS_OF_TYPE = {

@@ -5,15 +5,8 @@ import time
 from dataclasses import dataclass, replace
 from functools import partial
 
-import numpy as np
-
 from cellcal.calibration.geometry import Array, Pose
 from cellcal.calibration.mastering.position_record import ShownValue
-from cellcal.calibration.message import make_message
-from cellcal.drivers.errors import (
-    DeviceError,
-    RefusedError,
-)
 from cellcal.drivers.interfaces import (
     ActiveFrames,
     Condition,
@@ -21,7 +14,6 @@ from cellcal.drivers.interfaces import (
     JointReading,
     Joints,
     PositionCure,
-    Readiness,
     RobotCapabilities,
 )
 from cellcal.drivers.kuka.variables.motion_server import MotionServer, speed_percent
@@ -42,15 +34,13 @@ from cellcal.drivers.kuka.variables.values import (
 )
 from cellcal.drivers.kuka.variables.variable_link import VariableLink
 from cellcal.drivers.wire.compared_joints import ComparedJoints, describe_sources
+from cellcal.drivers.wire.frame_readback import require_frame_as_sent
 from cellcal.drivers.wire.joint_stream import JointStream
 from cellcal.drivers.wire.serial_number import check_serial_number
 from cellcal.drivers.wire.stepwise_motion import IsFinished, StepwiseMotion, StepwiseOptions
 
 _LOG = logging.getLogger(__name__)
 VERIFIED_ON: tuple[str, ...] = ()  # controller software this driver has run on; none yet, see README.md
-_POLL_S = 0.01
-_SAME_M, _SAME_RAD = 2e-6, 2e-5
-_LOOK = "Look at the robot first: it should have stopped. Use the emergency stop if it has not."
 
 CAPABILITIES = RobotCapabilities(
     axes=AXES,
@@ -78,16 +68,12 @@ class KukaRobot(StepwiseMotion):
     """Robot with frames, mode and override. Mastering is pendant work on this controller."""
 
     def __init__(self, link: VariableLink, options: KukaOptions, stream: JointStream | None = None) -> None:
-        super().__init__(options.motion)
+        super().__init__(link.device, options.motion)
         self._compared: ComparedJoints | None = None
         if stream is not None:
             self._compared = ComparedJoints(stream, "$AXIS_ACT", self._read_angles, takes_stream=False)
         self._link, self._options = link, options
         self._server = MotionServer(link)
-
-    @property
-    def name(self) -> str:
-        return self._link.device
 
     @property
     def capabilities(self) -> RobotCapabilities:
@@ -115,12 +101,8 @@ class KukaRobot(StepwiseMotion):
             serial = (await self._link.read_variable("$KR_SERIALNO")).strip().strip('"')
         return Identity("KUKA", model, serial, f"{server.name} {server.version}".strip())
 
-    async def read_condition(self) -> Condition:
-        try:
-            async with self._answer_deadline("asking its condition"):
-                return condition_of(await read_state(self._link))
-        except DeviceError as error:
-            return Condition(Readiness.UNREACHABLE, error.message, error.remedy)
+    async def _request_condition(self) -> Condition:
+        return condition_of(await read_state(self._link))
 
     async def joint_sources(self) -> str:
         if self._compared is None:
@@ -209,12 +191,5 @@ class KukaRobot(StepwiseMotion):
             async with self._answer_deadline("writing a frame"):
                 await self._link.write_variable(f"{table}[{int(number)}]", write_pose(pose))
                 found = await read_value(self._link, f"{table}[{int(number)}]", read_pose)
-        near = np.allclose(found.position_m, pose.position_m, rtol=0, atol=_SAME_M)
-        alike = np.allclose(found.rotation_matrix(), pose.rotation_matrix(), rtol=0, atol=_SAME_RAD)
-        if not (near and alike):
-            raise RefusedError(
-                self.name,
-                make_message("frame {number} was not written as sent.", number=number),
-                remedy="Check that the frame is not locked on the controller, then write again.",
-            )
+        require_frame_as_sent(self.name, number, found, pose)
         return found

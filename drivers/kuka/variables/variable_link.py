@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from cellcal.calibration.message import make_message
 from cellcal.drivers.errors import DeviceError, RefusedError, UnreachableError, WireProtocolError
 from cellcal.drivers.wire.deadline import answer_deadline
+from cellcal.drivers.wire.link_errors import lost_connection_error, no_connection_error
 from cellcal.drivers.wire.trace import FrameTrace
 
 _HEADER, _LENGTH = struct.Struct(">HH"), struct.Struct(">H")
@@ -119,22 +120,11 @@ class VariableLink:
             try:
                 self._streams = await asyncio.open_connection(self._address, self._port)
             except OSError as error:
-                raise UnreachableError(
-                    self.device,
-                    make_message(
-                        "no connection to {address}: {strerror}.",
-                        address=self._address,
-                        strerror=error.strerror or error,
-                    ),
-                    remedy=_CABLE,
-                ) from error
+                raise no_connection_error(self.device, self._address, error, _CABLE) from error
         return self._streams
 
     def _lost(self, error: Exception) -> UnreachableError:
-        reason = getattr(error, "strerror", None) or "the controller hung up"
-        return UnreachableError(
-            self.device, make_message("the connection was lost: {reason}.", reason=reason), remedy=_CABLE
-        )
+        return lost_connection_error(self.device, error, _CABLE)
 
     def _refused(self, variable: str) -> RefusedError:
         return RefusedError(

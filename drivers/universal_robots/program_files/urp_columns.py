@@ -25,7 +25,6 @@ class WaypointColumns:
     flange_tcp: Array  # (N, 4, 4)
     base_frame: dict[str, Pose]
     flange_tip: dict[str, Pose]
-    misfit_m: Array  # (N,) stored pose against its own joints, NaN where either is missing
 
 
 class _NamedFrames:
@@ -101,10 +100,7 @@ def columns_of(xml: XmlText, waypoints: Sequence[Waypoint]) -> WaypointColumns:
         resolution_m=np.full(count, DOUBLE_STEP),
         resolution_rad=np.full(count, DOUBLE_STEP),
     )
-    misfit_m = np.linalg.norm((stored - computed)[:, :3, 3], axis=1)
-    return WaypointColumns(
-        positions, base_feature, flange_tcp, features.to_poses(), tools.to_poses(), misfit_m
-    )
+    return WaypointColumns(positions, base_feature, flange_tcp, features.to_poses(), tools.to_poses())
 
 
 def _stated_sixes(waypoints: Sequence[Waypoint], which: Literal["feature", "tool"]) -> Array:

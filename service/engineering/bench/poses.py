@@ -9,8 +9,9 @@ from cellcal.calibration.geometry import Array
 from cellcal.calibration.identification.base_parameters import base_subset
 from cellcal.calibration.identification.estimator import FitProblem, place_columns
 from cellcal.calibration.identification.first_guess import first_guess
+from cellcal.calibration.identification.layouts import make_layout
 from cellcal.calibration.identification.observations import PointObservations, Rows
-from cellcal.calibration.identification.parameters import GEOMETRY, Priors, make_layout
+from cellcal.calibration.identification.parameters import GEOMETRY, Priors
 from cellcal.service.engineering.bench.contestants import (
     OURS,
     PEERS,

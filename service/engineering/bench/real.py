@@ -11,8 +11,9 @@ from cellcal.calibration.arm.kinematics import RobotModel, load_model
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.identification.estimator import FitProblem, estimate_arm
 from cellcal.calibration.identification.first_guess import first_guess
+from cellcal.calibration.identification.layouts import make_layout
 from cellcal.calibration.identification.observations import PointObservations, Rows
-from cellcal.calibration.identification.parameters import FRAMES, make_layout
+from cellcal.calibration.identification.parameters import FRAMES
 from cellcal.service.engineering.bench.contestants import (
     OURS,
     PEERS,

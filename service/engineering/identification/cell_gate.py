@@ -4,12 +4,9 @@ import re
 
 from cellcal.calibration.cells.cell import CalibrationCell, CellSeries
 from cellcal.calibration.cells.identify import CellIdentification
-from cellcal.calibration.identification.misfit import (
-    FileNames,
-    MisfitError,
-    refuse_gross_misfit,
-    refuse_misfit,
-)
+from cellcal.calibration.identification.misfit import refuse_gross_misfit, refuse_misfit
+from cellcal.calibration.identification.misfit_error import MisfitError
+from cellcal.calibration.identification.misfit_hypotheses import FileNames
 from cellcal.calibration.identification.observations import LengthObservations, PointObservations
 from cellcal.calibration.identification.position_scale import position_scale, refuse_wrong_scale
 from cellcal.service.engineering.measured.cells import CellLayoutFile

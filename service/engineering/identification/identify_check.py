@@ -27,10 +27,12 @@ from cellcal.calibration.identification.estimator import (
     whitened_residuals,
 )
 from cellcal.calibration.identification.identify import Identification
+from cellcal.calibration.identification.layouts import make_layout
 from cellcal.calibration.identification.lints import Lint
-from cellcal.calibration.identification.misfit import FileNames, refuse_misfit
+from cellcal.calibration.identification.misfit import refuse_misfit
+from cellcal.calibration.identification.misfit_hypotheses import FileNames
 from cellcal.calibration.identification.observations import Observations, Rows, with_joints, with_mounting
-from cellcal.calibration.identification.parameters import FRAMES, ArmState, make_layout
+from cellcal.calibration.identification.parameters import FRAMES, ArmState
 from cellcal.calibration.identification.residual_model import errors_with
 from cellcal.calibration.identification.series_breaks import assign_mountings
 from cellcal.calibration.identification.sweep_lint import sweep_lint

@@ -18,7 +18,8 @@ from cellcal.calibration.identification.identifiability import NotIdentified
 from cellcal.calibration.identification.observations import Observations, with_mounting
 from cellcal.calibration.identification.parameters import GEOMETRY
 from cellcal.calibration.message import make_message
-from cellcal.calibration.motion.collision import CollisionCheck, assumed_shape
+from cellcal.calibration.motion.cell_shapes import assumed_shape
+from cellcal.calibration.motion.collision import CollisionCheck
 from cellcal.calibration.motion.description_collision import DescriptionCheck
 from cellcal.calibration.motion.motion_check import MotionLimits, WirePath
 from cellcal.calibration.poses.enough_poses import AcceptanceLimits, enough_poses

@@ -14,7 +14,8 @@ from cellcal.calibration.errors import CalibrationError
 from cellcal.calibration.geometry import Array, homogeneous_matrix, inverse_transform
 from cellcal.calibration.identification.estimator import ArmFit
 from cellcal.calibration.identification.identifiability import is_learnt, parameter_correlations
-from cellcal.calibration.identification.parameters import GEOMETRY, make_layout
+from cellcal.calibration.identification.layouts import make_layout
+from cellcal.calibration.identification.parameters import GEOMETRY
 from cellcal.calibration.orientation import elementary_rotation
 from cellcal.service.engineering.parameters.parameter_sets import (
     ParameterSet,

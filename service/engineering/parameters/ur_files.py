@@ -193,11 +193,6 @@ def model_of_ros(kinematics: RosKinematics, nominal: RobotModel) -> RobotModel:
     return factory_model(nominal, standard_dh(chain, nominal).table, name=chain.name)
 
 
-def belongs_to(file_hash: str, kinematics: UrKinematics) -> bool:
-    """Tell whether a file with this hash was made from this controller's own table."""
-    return file_hash == kinematics.factory_hash
-
-
 def _dh_table(model: RobotModel) -> DhTable:
     if model.dh is None or model.axis_count != 6:
         raise CalibrationError(f"{model.name}: a UR arm has a table of six rows")

@@ -14,10 +14,11 @@ from cellcal.calibration.programs.transfer import TransferFrames
 from cellcal.drivers.programs.brands import ConfigurationRule
 from cellcal.drivers.programs.positions import ProgramFile
 from cellcal.service.engineering.programs.expected_accuracy import Expectation
-from cellcal.service.engineering.programs.program_transfer import FramePair, ProgramTransfer
+from cellcal.service.engineering.programs.program_transfer import ProgramTransfer
 from cellcal.service.engineering.programs.project import Project
 from cellcal.service.engineering.programs.project_poses import ProjectError
 from cellcal.service.engineering.programs.result import ProgramResult
+from cellcal.service.engineering.programs.transfer_route import FramePair
 
 
 @dataclass(frozen=True, eq=False)

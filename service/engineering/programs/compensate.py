@@ -10,27 +10,17 @@ from cellcal.calibration.geometry import Array
 from cellcal.calibration.programs.transfer import TransferFrames
 from cellcal.drivers.programs.brands import ConfigurationRule
 from cellcal.service.engineering.programs.expected_accuracy import Expectation
-from cellcal.service.engineering.programs.program_transfer import FramePair, ProgramTransfer
+from cellcal.service.engineering.programs.program_transfer import ProgramTransfer
 from cellcal.service.engineering.programs.project import Project
 from cellcal.service.engineering.programs.project_poses import ProjectError
+from cellcal.service.engineering.programs.transfer_route import FramePair, OneCellRoute
 
 
 @dataclass(frozen=True, eq=False)
-class CompensationRoute:
+class CompensationRoute(OneCellRoute):
     """From where the controller believes its tip to be to where the real one is, or back."""
 
-    project: Project
     direction: ProgramDirection
-
-    @property
-    def source(self) -> Project:
-        """Return the cell."""
-        return self.project
-
-    @property
-    def target(self) -> Project:
-        """Return the cell."""
-        return self.project
 
     @property
     def change(self) -> Array:

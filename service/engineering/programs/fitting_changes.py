@@ -5,7 +5,7 @@ from collections.abc import Callable
 from cellcal.drivers.program_registry import change_programs
 from cellcal.drivers.programs.errors import ProgramFileError
 from cellcal.drivers.programs.positions import PositionChange, ProgramFile
-from cellcal.service.engineering.programs.cell_of_program import Rows
+from cellcal.service.engineering.programs.program_points import Rows
 
 _MOST = 64  # points found one by one; where more do not fit, the file itself is what does not
 _PLACE = ": "

@@ -14,33 +14,23 @@ from cellcal.calibration.programs.transfer import TransferFrames
 from cellcal.drivers.programs.brands import ConfigurationRule
 from cellcal.service.engineering.programs.expected_accuracy import Expectation
 from cellcal.service.engineering.programs.joint_points import UNDECIDED, JointPoints
-from cellcal.service.engineering.programs.program_transfer import FramePair, ProgramTransfer
+from cellcal.service.engineering.programs.program_transfer import ProgramTransfer
 from cellcal.service.engineering.programs.project import Project
 from cellcal.service.engineering.programs.robot_makes import RobotMake, make_of
+from cellcal.service.engineering.programs.transfer_route import FramePair, OneCellRoute
 
 _POSE = 6  # joints that follow every change
 
 
 @dataclass(frozen=True, eq=False)
-class MoveRoute:
+class MoveRoute(OneCellRoute):
     """One cell in which the work has moved; ``base_change`` carries every place of the work to its new one."""
 
-    project: Project
     base_change: Array  # (4, 4) in the base: new place = change @ old place
     frame: str | None = None  # only points of this user frame; None: all
     joints: JointPoints | None = (
         None  # points in joint angles; None: those whose program names no frame are left
     )
-
-    @property
-    def source(self) -> Project:
-        """Return the cell."""
-        return self.project
-
-    @property
-    def target(self) -> Project:
-        """Return the cell."""
-        return self.project
 
     @property
     def change(self) -> Array:

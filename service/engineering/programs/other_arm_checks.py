@@ -9,7 +9,7 @@ from cellcal.calibration.geometry import Array
 from cellcal.calibration.message import make_message
 from cellcal.calibration.programs.scara import elbow_side
 from cellcal.calibration.programs.transfer_other_arms import OtherArm
-from cellcal.service.engineering.programs.cell_of_program import ProgramPoints, Rows
+from cellcal.service.engineering.programs.program_points import ProgramPoints, Rows
 from cellcal.service.engineering.programs.project import Project
 from cellcal.service.engineering.programs.project_poses import ProjectError
 

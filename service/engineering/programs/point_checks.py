@@ -13,9 +13,9 @@ from cellcal.calibration.message import make_message
 from cellcal.calibration.motion.collision import CollisionCheck, ShapeContact
 from cellcal.calibration.programs.transfer import TransferResult, smallest_sigma
 from cellcal.drivers.programs.brands import ConfigurationRule, SharedConfigurations
-from cellcal.service.engineering.programs.cell_of_program import ProgramPoints, Rows
 from cellcal.service.engineering.programs.external.moving_axes import NO_AXES, CellAxes
 from cellcal.service.engineering.programs.other_arm_checks import check_postures
+from cellcal.service.engineering.programs.program_points import ProgramPoints, Rows
 from cellcal.service.engineering.programs.project import Project
 
 _ROUNDED_RAD = 1e-6

@@ -13,13 +13,13 @@ from cellcal.calibration.programs.transfer import same_place
 from cellcal.drivers.program_registry import change_programs
 from cellcal.drivers.programs.errors import ProgramFileError
 from cellcal.drivers.programs.positions import PositionChange, ProgramFile
-from cellcal.service.engineering.programs.cell_of_program import ProgramPoints, Rows
 from cellcal.service.engineering.programs.controller_joints import as_chain, as_written
 from cellcal.service.engineering.programs.external.carried_points import CarriedChanges
 from cellcal.service.engineering.programs.external.moving_axes import NO_AXES, CellAxes
 from cellcal.service.engineering.programs.external.point_values import point_axes_of, written_values
 from cellcal.service.engineering.programs.fitting_changes import change_what_fits
 from cellcal.service.engineering.programs.point_columns import joints_of, side_by_side
+from cellcal.service.engineering.programs.program_points import ProgramPoints, Rows
 from cellcal.service.engineering.programs.project import Project
 from cellcal.service.engineering.programs.result import CHANGED, LEFT, UNCHANGED, PointFinding, ProgramResult
 

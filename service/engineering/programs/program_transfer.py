@@ -5,8 +5,7 @@ and what fails is left as it was, with a reason.
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
-from typing import Protocol
+from dataclasses import replace
 
 import numpy as np
 
@@ -24,17 +23,12 @@ from cellcal.calibration.programs.transfer_other_arms import transfer_other_arm
 from cellcal.drivers.programs.brands import ConfigurationRule
 from cellcal.drivers.programs.positions import ProgramFile
 from cellcal.service.engineering.programs.cell_of_program import (
-    PointGroup,
-    ProgramPoints,
-    Rows,
     bring_their_own,
     find_contradiction,
     frame_of,
-    groups_of,
     in_no_frame,
     missing_reason,
     name_in,
-    points_of,
     refuse_foreign,
     tool_of,
 )
@@ -45,7 +39,6 @@ from cellcal.service.engineering.programs.external.carried_points import (
     rows_of_poses,
 )
 from cellcal.service.engineering.programs.external.point_groups import carry_group
-from cellcal.service.engineering.programs.external.standing_tools import standing_change
 from cellcal.service.engineering.programs.external.unconfirmed import unconfirmed_meanings
 from cellcal.service.engineering.programs.other_arm_checks import (
     check_tilts,
@@ -56,73 +49,20 @@ from cellcal.service.engineering.programs.other_arm_checks import (
 from cellcal.service.engineering.programs.point_checks import TransferChecks
 from cellcal.service.engineering.programs.point_outcomes import PointOutcomes, results_of
 from cellcal.service.engineering.programs.postures import PostureSearch, applied_rule, posture_search
-from cellcal.service.engineering.programs.project import Project
-from cellcal.service.engineering.programs.project_poses import ProjectTool
+from cellcal.service.engineering.programs.program_points import (
+    PointGroup,
+    ProgramPoints,
+    Rows,
+    groups_of,
+    points_of,
+)
 from cellcal.service.engineering.programs.project_pulses import in_joints
 from cellcal.service.engineering.programs.result import ProgramResult
+from cellcal.service.engineering.programs.transfer_route import FramePair, TransferRoute
 from cellcal.service.engineering.programs.turned_shifts import find_turned_shifts
 
 _BLOCK = 32768  # the few points that need many steps take them together
 _CONTRADICTS_M = 5e-4  # between the joints and the pose of one position
-
-
-@dataclass(frozen=True, eq=False)
-class FramePair:
-    """One sort of points: tools and frames at both ends. A frame is None where only joints are programmed."""
-
-    source_tool: ProjectTool
-    target_tool: ProjectTool
-    source_frame: Array | None
-    target_frame: Array | None
-    standing: tuple[ProjectTool, ProjectTool] | None = (
-        None  # tools in the cell, where the gripper holds the work
-    )
-
-    def work_change(self, route: "TransferRoute") -> Array:
-        """Return the change of the work (4, 4), as seen from the cells."""
-        if self.standing is None:
-            return route.change
-        source, target = zip(self.standing, route.real_ends, strict=True)
-        return standing_change(route.change, source, target, one_cell=route.source is route.target)
-
-
-class TransferRoute(Protocol):
-    """What differs between moving, cloning and compensating."""
-
-    @property
-    def source(self) -> Project: ...
-    @property
-    def target(self) -> Project: ...
-
-    @property
-    def change(self) -> Array:
-        """Return what carries places of the source's base into the target's (4, 4)."""
-        ...
-
-    @property
-    def real_ends(self) -> tuple[bool, bool]:
-        """Tell of source and target whether their arms, and what carries these, are the real ones."""
-        ...
-
-    @property
-    def keeps_joint_points(self) -> bool:
-        """Tell whether points in joint angles are requested to stay, whatever a program does with them."""
-        ...
-
-    def covers_frame(self, frame: str | None, *, bare_joints: bool, in_joints: bool = False) -> bool | str:
-        """Tell whether points of a user frame go this way, or why that is not known.
-
-        ``in_joints`` are joint angles, ``bare_joints`` those whose program names no frame but the base.
-        """
-        ...
-
-    def transfer_way(self, frame_pair: FramePair) -> TransferFrames:
-        """Return the arms and the change of base for one sort of points."""
-        ...
-
-    def make_expectation(self, frame_pair: FramePair) -> Expectation:
-        """Return what the expected errors come from."""
-        ...
 
 
 def _row_blocks(rows: Rows) -> Iterator[Rows]:

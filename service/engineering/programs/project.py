@@ -21,7 +21,7 @@ from cellcal.calibration.errors import CalibrationError, CellError
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.identification.parameters import ArmState
 from cellcal.calibration.message import make_message
-from cellcal.calibration.motion.collision import CellShape
+from cellcal.calibration.motion.cell_shapes import CellShape
 from cellcal.calibration.points.alignment import Alignment, read_alignments
 from cellcal.calibration.programs.transfer_other_arms import OtherArm
 from cellcal.service.configuration.cell_shapes import read_cell_shape

@@ -14,7 +14,8 @@ from cellcal.calibration.documents.plain_files import read_plain_text
 from cellcal.calibration.errors import CalibrationError, CellError
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.identification.free_parameters import StartingPoint, starting_state
-from cellcal.calibration.identification.parameters import GEOMETRY, ArmState, ParameterLayout, make_layout
+from cellcal.calibration.identification.layouts import make_layout
+from cellcal.calibration.identification.parameters import GEOMETRY, ArmState, ParameterLayout
 from cellcal.calibration.message import make_message
 from cellcal.service.engineering.parameters.calibrated_models import calibrated_model, covariance_of
 from cellcal.service.engineering.parameters.parameter_sets import ParameterSet, ParameterSets, parse_set

@@ -14,14 +14,10 @@ from cellcal.calibration.programs.transfer import smallest_sigma, tip_poses
 from cellcal.drivers.program_registry import brand_named
 from cellcal.drivers.programs.positions import ProgramFile
 from cellcal.service.engineering.programs.cell_of_program import (
-    PointGroup,
-    ProgramPoints,
     bring_their_own,
     find_contradiction,
     frame_of,
-    groups_of,
     missing_reason,
-    points_of,
     refuse_foreign,
     tool_of,
 )
@@ -29,6 +25,12 @@ from cellcal.service.engineering.programs.expected_accuracy import Expectation, 
 from cellcal.service.engineering.programs.external.carried_points import AxisEnd, carry_points
 from cellcal.service.engineering.programs.other_postures import OtherPostureSearch
 from cellcal.service.engineering.programs.postures import PostureSearch, applied_rule, posture_search
+from cellcal.service.engineering.programs.program_points import (
+    PointGroup,
+    ProgramPoints,
+    groups_of,
+    points_of,
+)
 from cellcal.service.engineering.programs.project import Project
 from cellcal.service.engineering.programs.project_poses import ProjectTool
 from cellcal.service.engineering.programs.project_pulses import in_joints

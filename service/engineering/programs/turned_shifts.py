@@ -5,7 +5,7 @@ goes to D F p. The findings tell how far these two are apart.
 """
 
 import math
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 
@@ -13,10 +13,11 @@ from cellcal.calibration.geometry import Array, inverse_transform, log_rotation
 from cellcal.calibration.message import make_message
 from cellcal.drivers.programs.positions import ProgramFile
 from cellcal.drivers.programs.shifts import ProgramShift, ShiftAxes
-from cellcal.service.engineering.programs.cell_of_program import ProgramPoints, frame_of, name_in
+from cellcal.service.engineering.programs.cell_of_program import frame_of, name_in
 from cellcal.service.engineering.programs.external.carried_points import CarriedChanges
-from cellcal.service.engineering.programs.project import Project
+from cellcal.service.engineering.programs.program_points import ProgramPoints
 from cellcal.service.engineering.programs.result import PointFinding
+from cellcal.service.engineering.programs.transfer_route import TransferRoute
 
 _LEAST_M, _LEAST_RAD = 1e-5, math.radians(0.005)  # what a pendant shows of a place and an orientation
 _TOO_FAR_M = (
@@ -58,20 +59,6 @@ _OF_OTHER_CONTROLLER = (
 _NOT_CORRECTED = "the motion goes to {point}, whose place no file here holds: it is not corrected. {cure}"
 
 
-class ChangeRoute(Protocol):
-    """What is asked of a route."""
-
-    @property
-    def source(self) -> Project: ...
-    @property
-    def target(self) -> Project: ...
-    @property
-    def change(self) -> Array: ...
-    @property
-    def real_ends(self) -> tuple[bool, bool]: ...
-    def covers_frame(self, frame: str | None, *, bare_joints: bool) -> bool | str: ...
-
-
 class _TurnedChange(NamedTuple):
     """The change as one frame sees it, and that frame before it; ``exact`` where the frame is known."""
 
@@ -81,7 +68,7 @@ class _TurnedChange(NamedTuple):
 
 
 def find_turned_shifts(
-    points: ProgramPoints, route: ChangeRoute, carried: CarriedChanges | None = None
+    points: ProgramPoints, route: TransferRoute, carried: CarriedChanges | None = None
 ) -> list[tuple[PointFinding, ...]]:
     """Return for each program its shifted points that the change does not bring to where they belong."""
     starts = np.searchsorted(points.of, np.arange(len(points.programs)))
@@ -92,7 +79,7 @@ def find_turned_shifts(
 
 
 def _findings_of(
-    points: ProgramPoints, number: int, start: int, by: tuple[ChangeRoute, CarriedChanges | None]
+    points: ProgramPoints, number: int, start: int, by: tuple[TransferRoute, CarriedChanges | None]
 ) -> list[PointFinding]:
     (route, carried), program = by, points.programs[number]
     by_frame: dict[str | None, _TurnedChange] = {}
@@ -126,7 +113,7 @@ def _turned_change(
     program: ProgramFile,
     frame: str | None,
     shift: ProgramShift,
-    route: ChangeRoute,
+    route: TransferRoute,
 ) -> _TurnedChange:
     if frame not in by_frame:
         before = frame_of(route.source, program, frame)
@@ -181,7 +168,7 @@ def _shift_finding(
     return PointFinding(shift.line, point, shift.what, angle, distance, turn, text, row)
 
 
-def _absent_finding(shift: ProgramShift, turned: _TurnedChange, route: ChangeRoute) -> PointFinding:
+def _absent_finding(shift: ProgramShift, turned: _TurnedChange, route: TransferRoute) -> PointFinding:
     """Return what becomes of a motion to a place that no file holds; without a text where nothing is asked of it."""
     change = turned.change
     angle, distance_m = (

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from cellcal.calibration.geometry import Pose, homogeneous_matrix, inverse_transform
-from cellcal.calibration.motion.collision import CellShape, PlaneObstacle, arm_shape
+from cellcal.calibration.motion.cell_shapes import CellShape, PlaneObstacle, arm_shape
 from cellcal.drivers.fanuc.program_files.ls_program import LsProgram, read_ls
 from cellcal.drivers.fanuc.program_files.programs import BRAND
 from cellcal.drivers.programs.errors import ProgramFileError

@@ -13,7 +13,8 @@ from cellcal.calibration.arm.kinematics import load_model
 from cellcal.calibration.arm.urdf import bare_urdf
 from cellcal.calibration.compensation.compensate import ProgramDirection
 from cellcal.calibration.identification.free_parameters import StartingPoint, starting_state
-from cellcal.calibration.identification.parameters import GEOMETRY, make_layout
+from cellcal.calibration.identification.layouts import make_layout
+from cellcal.calibration.identification.parameters import GEOMETRY
 from cellcal.calibration.orientation import rotation_from, values_from
 from cellcal.calibration.programs.scara import elbow_side, scara_axes, scara_postures
 from cellcal.drivers.fanuc.program_files.ls_program import read_ls

@@ -1,133 +1,19 @@
 // Reviews, comparisons, parameter versions and trends as the service tells them, and how their figures are written.
 
+import type { Review as AnyReview } from "./api_types";
 import { language } from "./i18n.svelte";
 import { learn } from "./messages";
 
-export interface ReviewPoint {
-  step: string;
-  used: boolean;
-  outlier: boolean;
-  residual_m: number;
-  deviations: number;
-  reason: string;
-}
+export type {
+  CertificateCheck as Verified, Displacement, FigureTrend as TrendSeen, ReviewPoint, RunHead, RunsCompared,
+  SetDifference as SetsCompared, SetHead, Validation, WorkPlace as Place,
+} from "./api_types";
 
-export interface Spread {
-  mean_m: number;
-  rms_m: number;
-  max_m: number;
-  u_m: number;
-}
-
-export interface Validation {
-  before: Spread;
-  after: Spread;
-  points: { step: string; before_m: number; after_m: number }[];
-}
-
-export interface Place {
-  in_base_m: [number, number, number];
-  error_m: number;
-  u_m: number;
-}
-
-export interface Review {
-  run_id: string;
+/** A review as it is drawn: the service leaves nothing out. */
+export type Review = Required<Omit<AnyReview, "along" | "u_of" | "messages">> & {
   along: "wire" | "space" | "touch" | "place";
-  signed: boolean;
-  least: number;
-  points: ReviewPoint[];
-  rms_m: number | null;
-  max_m: number | null;
-  u_m: number | null;
   u_of: "target" | "tip" | "origin" | "hook";
-  signed_rms_m: number | null;
-  signed_u_m: number | null;
-  values: { name: string; unit: string; value: number; signed: number }[];
-  validation: Validation | null;
-  places: Place[];
-}
-
-export interface Verified {
-  run_id: string;
-  word: string;
-  finding: "intact" | "tampered" | "unknown_key" | "unreadable";
-  sentence: string;
-  sha256: string;
-  public_key: string;
-  by_this_cell: boolean;
-}
-
-export interface RunHead {
-  run_id: string;
-  procedure: string;
-  started_utc: string;
-  state: string;
-  word: string;
-  robot_serial: string;
-}
-
-export interface RunsCompared {
-  before: RunHead;
-  after: RunHead;
-  settings: { name: string; before: unknown; after: unknown }[];
-  figures: {
-    name: string;
-    unit: string;
-    before: number | null;
-    after: number | null;
-    difference: number | null;
-    expanded_uncertainty: number | null;
-    changed: boolean | null;
-  }[];
-}
-
-export interface SetHead {
-  robot_serial: string;
-  version: number;
-  model: string;
-  made_at: string;
-  made_by: string;
-  source: string;
-  note: string;
-  rolls_back_to: number;
-  sha256: string;
-}
-
-export interface SetsCompared {
-  before: SetHead;
-  after: SetHead;
-  changes: {
-    name: string;
-    unit: string;
-    before: number | null;
-    after: number | null;
-    difference: number;
-    deviations: number | null;
-    undetermined: ("before" | "after")[];
-  }[];
-}
-
-export interface Displacement {
-  most_m: number;
-  mean_m: number;
-  postures: number;
-  tip_in_flange_m: [number, number, number];
-  left_out: string[];
-}
-
-export interface TrendSeen {
-  name: string;
-  unit: string;
-  points: {
-    run_id: string;
-    started_utc: string;
-    value: number;
-    expanded_uncertainty: number;
-    limit: number | null;
-    decision: string | null;
-  }[];
-}
+};
 
 /** One dot of a trend. */
 export interface TrendPoint {

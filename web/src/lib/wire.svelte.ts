@@ -4,6 +4,7 @@
 // A lost socket is dropped and its late events are ignored. An order that could not be sent waits, once, under its
 // own id: sent again after the link is back it is obeyed once.
 
+import type { ControlSeen as Control, RefusalResponse as Refusal } from "./api_types";
 import { post } from "./device";
 import { learn } from "./messages";
 import { people } from "./people.svelte";
@@ -21,26 +22,10 @@ const TAP_MS = 400; // the second of two quick taps must not answer the question
 const CAME_IN = "came-in"; // in this browser's memory: it was let in before
 const QUEUED_MS = 30_000; // what could not be sent for longer is pressed again, by somebody who looks
 
-export interface Refusal {
-  code: string;
-  message: string;
-  remedy: string;
-}
-
 export interface Pressed {
   id: string;
   rev: number;
   order: Order;
-}
-
-export interface Control {
-  mine: boolean;
-  holder: string | null;
-  asking: string | null;
-  asking_mine: boolean;
-  remaining_s: number | null;
-  approved: string; // the question that a first person has approved and that waits for a second
-  approved_by: string;
 }
 
 const FREE: Control = {

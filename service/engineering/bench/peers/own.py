@@ -13,14 +13,9 @@ from cellcal.calibration.identification.base_parameters import base_subset
 from cellcal.calibration.identification.estimator import FitProblem, estimate_arm
 from cellcal.calibration.identification.first_guess import first_guess
 from cellcal.calibration.identification.identify import identify_arm as choose_and_identify
+from cellcal.calibration.identification.layouts import make_layout
 from cellcal.calibration.identification.observations import PointObservations
-from cellcal.calibration.identification.parameters import (
-    FRAMES,
-    GEOMETRY,
-    ParameterLayout,
-    Priors,
-    make_layout,
-)
+from cellcal.calibration.identification.parameters import FRAMES, GEOMETRY, ParameterLayout, Priors
 from cellcal.calibration.identification.selection import IdentificationOptions
 from cellcal.calibration.poses.optimal_design import DesignTask, choose_blocks
 

@@ -42,7 +42,7 @@ from cellcal.service.engineering.identification.jobs.shapes import (
     SOURCES,
     JobRequest,
 )
-from cellcal.service.engineering.job_processes import leave_with_the_service, write_message
+from cellcal.service.engineering.job_processes import finish_job, leave_with_the_service, write_message
 from cellcal.service.engineering.measured.cells import describes_a_cell
 from cellcal.service.engineering.measured.layouts import layout_document, overlay_options, read_layout
 from cellcal.service.engineering.measured.measurements import OUTLIER, ReadOptions
@@ -53,7 +53,6 @@ from cellcal.service.unexpected_errors import log_in_lines, run_guarded
 _MOST_POINTS = 1500  # of the plot
 _MOST_HEADINGS, _LONGEST_HEADING = 200, 200
 _NICENESS = 10  # the cell's own processes come first
-_BROKEN = {"message": "The computation failed; the service's log has the cause.", "remedy": ""}
 _log = logging.getLogger(__name__)
 
 
@@ -177,17 +176,7 @@ def main() -> None:
     limits.impose()
     if hasattr(os, "nice"):
         os.nice(_NICENESS)
-    try:
-        identify_upload(Path(sys.argv[1]))
-    except CellError as error:
-        write_message(end="failed", message=error.message, remedy=error.remedy)
-    except MemoryError:
-        write_message(end="failed", message=limits.too_large, remedy=limits.remedy)
-    except Exception:  # noqa: BLE001  whatever it was, the page is told
-        _log.exception("an identification broke")
-        write_message(end="failed", **_BROKEN)
-    else:
-        write_message(end="done")
+    finish_job(lambda: identify_upload(Path(sys.argv[1])), limits, _log, "an identification")
 
 
 if __name__ == "__main__":

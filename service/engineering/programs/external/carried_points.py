@@ -166,8 +166,3 @@ def unlike_axis(source: CellAxes, target: CellAxes) -> str:
                     "{axis} is another sort of external axis in the other cell", axis=axis.axis
                 )
     return ""
-
-
-def same_values(one: Array, other: Array) -> bool:
-    """Tell whether nothing needs to be written of the axes."""
-    return one.shape == other.shape and bool(np.allclose(one, other, rtol=0.0, atol=_SAME, equal_nan=True))

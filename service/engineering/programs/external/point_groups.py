@@ -1,11 +1,8 @@
 """External axes of points that share tool and frame: what leaves them, and what carries the others."""
 
-from typing import Protocol
-
 import numpy as np
 
-from cellcal.calibration.geometry import Array, log_rotation
-from cellcal.service.engineering.programs.cell_of_program import PointGroup, ProgramPoints, Rows
+from cellcal.calibration.geometry import log_rotation
 from cellcal.service.engineering.programs.external.carried_points import (
     AxisEnd,
     CarriedPoints,
@@ -13,7 +10,9 @@ from cellcal.service.engineering.programs.external.carried_points import (
     unlike_axis,
 )
 from cellcal.service.engineering.programs.external.point_values import beyond_range
+from cellcal.service.engineering.programs.program_points import PointGroup, ProgramPoints, Rows
 from cellcal.service.engineering.programs.project import Project
+from cellcal.service.engineering.programs.transfer_route import FramePair, TransferRoute
 
 _LEAST_RAD = 1e-9
 _ALONG_TOOL = (
@@ -23,30 +22,8 @@ _ALONG_TOOL = (
 _SHIFTING = frozenset(("offset", "relative"))  # codes of remarks
 
 
-class GroupFrames(Protocol):
-    """The user frames of a group at both ends."""
-
-    @property
-    def source_frame(self) -> Array | None: ...
-    @property
-    def target_frame(self) -> Array | None: ...
-
-
-class EndsRoute(Protocol):
-    """Where points come from and where they go."""
-
-    @property
-    def source(self) -> Project: ...
-    @property
-    def target(self) -> Project: ...
-    @property
-    def change(self) -> Array: ...
-    @property
-    def real_ends(self) -> tuple[bool, bool]: ...
-
-
 def carry_group(
-    points: ProgramPoints, rows: Rows, group: PointGroup, frames: GroupFrames, route: EndsRoute
+    points: ProgramPoints, rows: Rows, group: PointGroup, frames: FramePair, route: TransferRoute
 ) -> tuple[Rows, CarriedPoints]:
     """Return the rows of a group that can go, and their frames; the others are left with a reason."""
     brand = points.programs[points.of[group.rows[0]]].brand
@@ -78,7 +55,7 @@ def _frame_name(project: Project, group: PointGroup) -> str | None:
     return group.frame if group.frame is not None or group.held else project.unsaid_frame
 
 
-def _refuse_shifted_work(points: ProgramPoints, rows: Rows, route: EndsRoute) -> None:
+def _refuse_shifted_work(points: ProgramPoints, rows: Rows, route: TransferRoute) -> None:
     """Leave work in the gripper whose program moves along axes of the standing tool, which the change turns."""
     angle = float(np.linalg.norm(log_rotation(route.change[:3, :3])))
     shifting = any(remark.code in _SHIFTING for program in points.programs for remark in program.remarks)

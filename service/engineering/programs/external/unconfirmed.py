@@ -1,7 +1,7 @@
 """Meanings of makers' words that no text of the maker confirms here: said beside every program that rests on one."""
 
 from cellcal.drivers.programs.conditions import ProjectNeed
-from cellcal.service.engineering.programs.cell_of_program import ProgramPoints
+from cellcal.service.engineering.programs.program_points import ProgramPoints
 
 _LED = (
     "end points of motions that another group leads (COORD) are taken as poses in their user frame; no text of the "

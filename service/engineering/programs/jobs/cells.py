@@ -8,7 +8,7 @@ import numpy as np
 
 from cellcal.calibration.arm.kinematics import RobotModel, load_model
 from cellcal.calibration.geometry import Array, Pose
-from cellcal.calibration.motion.collision import CellShape
+from cellcal.calibration.motion.cell_shapes import CellShape
 from cellcal.procedures.surroundings import NOTHING_KNOWN, cell_shape
 from cellcal.service.configuration.cell_file import CellConfig
 from cellcal.service.engineering.parameters.parameter_sets import ParameterSets

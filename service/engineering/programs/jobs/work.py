@@ -15,13 +15,12 @@ from typing import Any
 from cellcal.calibration.compensation.compensate import ProgramDirection
 from cellcal.calibration.documents.json_text import parse_json
 from cellcal.calibration.documents.plain_files import read_plain_bytes, read_plain_text
-from cellcal.calibration.errors import CellError
 from cellcal.calibration.message import make_message
 from cellcal.drivers.program_registry import brand_named
 from cellcal.drivers.programs.brands import ConfigurationRule
 from cellcal.drivers.programs.positions import ProgramFile
 from cellcal.service.configuration.cell_file import CellConfig, read_cell_file
-from cellcal.service.engineering.job_processes import leave_with_the_service, write_message
+from cellcal.service.engineering.job_processes import finish_job, leave_with_the_service, write_message
 from cellcal.service.engineering.programs.clone import clone_transfer
 from cellcal.service.engineering.programs.compensate import compensation_transfer
 from cellcal.service.engineering.programs.files import FilesError, FoundPrograms, ProgramSource, find_programs
@@ -40,7 +39,6 @@ from cellcal.service.unexpected_errors import log_in_lines, run_guarded
 
 _log = logging.getLogger(__name__)
 _AT_ONCE = 1500  # points between two words about progress
-_BROKEN = {"message": "The computation failed; the service's log has the cause.", "remedy": ""}
 
 
 @dataclass(frozen=True, eq=False)
@@ -215,17 +213,12 @@ def main() -> None:
     threading.Thread(target=leave_with_the_service, daemon=True).start()
     config = read_cell_file(Path(sys.argv[1]).resolve())
     os.chdir(sys.argv[2])
-    try:
-        make_programs(config, parse_json(read_plain_text(Path(REQUEST_FILE))))
-    except CellError as error:
-        write_message(end="failed", message=error.message, remedy=error.remedy)
-    except MemoryError:
-        write_message(end="failed", message=limits.too_large, remedy=limits.remedy)
-    except Exception:  # noqa: BLE001  whatever it was, the page is told
-        _log.exception("a job of programs broke")
-        write_message(end="failed", **_BROKEN)
-    else:
-        write_message(end="done")
+    finish_job(
+        lambda: make_programs(config, parse_json(read_plain_text(Path(REQUEST_FILE)))),
+        limits,
+        _log,
+        "a job of programs",
+    )
 
 
 if __name__ == "__main__":

@@ -1,0 +1,76 @@
+"""The refusal of measurements that do not fit their robot, and the causes that it names."""
+
+from dataclasses import dataclass
+
+from cellcal.calibration.arm.kinematics import RobotModel
+from cellcal.calibration.errors import CalibrationError
+from cellcal.calibration.identification.misfit_ranking import MisfitCandidate
+from cellcal.calibration.message import join_messages, make_message
+
+
+class MisfitError(CalibrationError):
+    """Measurements that do not fit the robot, with the cause that explains them if one is known."""
+
+    code = "calibration.misfit"
+
+    def __init__(self, message: str, *, remedy: str, causes: tuple["MisfitCause", ...] = ()) -> None:
+        super().__init__(message, remedy=remedy)
+        self.causes = causes
+
+
+@dataclass(frozen=True, slots=True)
+class MisfitCause:
+    """One explanation of a misfit."""
+
+    kinds: tuple[str, ...]  # unit | angle unit | mirror | coupling | sign | home | order | rows | model
+    says: str
+    cure: str
+    remaining_m: float  # RMS of the rows, with this cause
+
+
+@dataclass(frozen=True, slots=True)
+class MisfitScore:
+    """How well rows fit, and how far the zeros of the inner joints then are from where they should be."""
+
+    score_m: float
+    offsets_rad: tuple[float, ...] = ()
+    sigma_rad: tuple[float, ...] = ()
+
+
+def describe_cause(candidate: MisfitCandidate, fitted: MisfitScore) -> MisfitCause:
+    """Return a candidate as the cause that it stands for, with what remains of the misfit."""
+    says, cures = (
+        [*candidate.cause_texts, candidate.reading.says],
+        [*candidate.cure_texts, candidate.reading.cure],
+    )
+    return MisfitCause(
+        candidate.kinds,
+        ", and ".join(word for word in says if word),
+        join_messages(" ", filter(None, cures)),
+        fitted.score_m,
+    )
+
+
+def misfit_error(
+    model: RobotModel, left_m: float, motion_m: float, causes: tuple[MisfitCause, ...]
+) -> MisfitError:
+    """Return the refusal of rows that only the causes explain, the likeliest first; lengths [m]."""
+    first, *rest = causes
+    also = (
+        make_message(" It fits as well that {rest}.", rest="; or that ".join(cause.says for cause in rest))
+        if rest
+        else ""
+    )
+    return MisfitError(
+        make_message(
+            "the measurements do not fit {model_name}: {left_mm:.1f} mm remain of a motion of "
+            "{motion_mm:.0f} mm; only {remaining_mm:.2f} mm remain if {says}.",
+            model_name=model.name,
+            left_mm=left_m * 1000.0,
+            motion_mm=motion_m * 1000.0,
+            remaining_mm=first.remaining_m * 1000.0,
+            says=first.says,
+        ),
+        remedy=make_message("{cure}{also} Nothing was stored.", cure=first.cure, also=also),
+        causes=causes,
+    )
