@@ -230,8 +230,14 @@ def _list_departures(poses: int, cycles: int, conditions: AccuracyConditions) ->
             poses == FULL_POSES,
             make_message("{poses} poses instead of {full_poses}", poses=poses, full_poses=FULL_POSES),
         ),
-        (conditions.load_share == 1.0, f"{conditions.load_share * 100:.0f} % of the rated load"),
-        (conditions.speed_share == 1.0, f"{conditions.speed_share * 100:.0f} % of the rated speed"),
+        (
+            conditions.load_share == 1.0,
+            make_message("{percent:.0f} % of the rated load", percent=100 * conditions.load_share),
+        ),
+        (
+            conditions.speed_share == 1.0,
+            make_message("{percent:.0f} % of the rated speed", percent=100 * conditions.speed_share),
+        ),
         (conditions.warmed_up, "not warmed up"),
         (conditions.one_direction, "approached from different sides"),
     ]

@@ -11,12 +11,22 @@ from cellcal.calibration.mastering.counts import DriveTrain
 from cellcal.calibration.mastering.turn_gate import chi_limit, integer_checks
 from cellcal.calibration.mastering.turn_hypotheses import Hypothesis, HypothesisTest, TurnEvidence
 from cellcal.calibration.mastering.turn_results import GateCheck, TurnRecovery
+from cellcal.calibration.message import make_message
 
 HIDDEN_OUTLIER_M = 0.006  # a wrong length of this size must show in every capture …
 HIDDEN_POWER = 6.0  # … at so many deviations
 REAL_LIMIT_RAD = 0.0087266  # 0.5 deg: coarser offsets are not worth writing back
 BLIND_SIGMAS = 3.0
 CREDIBLE_CHANGE = 3.0  # deviations by which equipment may differ from its record and still be believed
+_FIT = (
+    "the lengths fit: {chi_square:.1f} of at most {limit:.1f} "
+    "(all motors free: {free:.1f} of at most {free_limit:.1f})"
+)
+_NO_FIT = (
+    "the lengths do not fit: {chi_square:.1f} of at most {limit:.1f} "
+    "(all motors free: {free:.1f} of at most {free_limit:.1f})"
+)
+_WOULD_SHOW = "a length wrong by {hidden_mm:.1f} mm would show in any capture"
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -41,18 +51,24 @@ class HypothesisReport:
         changed = hypothesis.kind == "equipment"  # then what the motors alone explain says nothing
         fits = hypothesis.chi_square <= limit and (changed or real.chi_square <= real_limit)
         checks = [] if hypothesis.kind == "all" else integer_checks(hypothesis)
-        words = f"the lengths fit: {hypothesis.chi_square:.1f} of at most {limit:.1f}"
-        words += f" (all motors free: {real.chi_square:.1f} of at most {real_limit:.1f})"
-        words = words if fits else words.replace("fit:", "do not fit:")
+        words = make_message(
+            _FIT if fits else _NO_FIT,
+            chi_square=hypothesis.chi_square,
+            limit=limit,
+            free=real.chi_square,
+            free_limit=real_limit,
+        )
         checks.append(GateCheck("chi square", fits, hypothesis.chi_square, limit, words))
         if changed:
             checks += self._equipment_checks(hypothesis)
         if hypothesis.real_axes:
             largest = max(self._u_rad(hypothesis))
-            words = f"the real offset is known to {np.rad2deg(largest):.4f} deg (k = 2)"
+            words = make_message(
+                "the real offset is known to {largest_deg:.4f} deg (k = 2)", largest_deg=np.rad2deg(largest)
+            )
             checks.append(GateCheck("uncertainty", largest <= REAL_LIMIT_RAD, largest, REAL_LIMIT_RAD, words))
             hidden = self.hypothesis_test.detectable_m(hypothesis.real_axes, HIDDEN_POWER)
-            words = f"a length wrong by {1e3 * hidden:.1f} mm would show in any capture"
+            words = make_message(_WOULD_SHOW, hidden_mm=1e3 * hidden)
             checks.append(
                 GateCheck("redundancy", hidden <= HIDDEN_OUTLIER_M, hidden, HIDDEN_OUTLIER_M, words)
             )
@@ -60,9 +76,13 @@ class HypothesisReport:
 
     def _equipment_checks(self, hypothesis: Hypothesis) -> list[GateCheck]:
         moved = self.change_of(hypothesis)[0]
-        words = f"{hypothesis.subject} is off its record by at most {moved:.1f} of the deviations that are believed"
+        words = make_message(
+            "{subject} is off its record by at most {moved:.1f} of the deviations that are believed",
+            subject=hypothesis.subject,
+            moved=moved,
+        )
         hidden = self.hypothesis_test.detectable_m((), HIDDEN_POWER, any_equipment=True)
-        detectable = f"a length wrong by {1e3 * hidden:.1f} mm would show in any capture"
+        detectable = make_message(_WOULD_SHOW, hidden_mm=1e3 * hidden)
         return [
             GateCheck("equipment", moved <= CREDIBLE_CHANGE, moved, CREDIBLE_CHANGE, words),
             GateCheck("redundancy", hidden <= HIDDEN_OUTLIER_M, hidden, HIDDEN_OUTLIER_M, detectable),

@@ -46,6 +46,7 @@ class RoutineEffects:
     calls: frozenset[str] = frozenset()
     shown: bool = True  # other files may call it
     resets: bool = False  # it sets tool and frame to what the controller begins with
+    computes: frozenset[str] = frozenset()  # global places that it computes, as the brand names them
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,6 +96,10 @@ class ExternalUses:
     tools: Poses  # what files declare for all; the nearest one's for each name
     bases: Poses
     absent: Mapping[str, frozenset[MoveFrames]] = field(default_factory=dict)  # gone to, and declared by none
+    computed: Mapping[str, str] = field(
+        default_factory=dict
+    )  # global places, and the file that computes them
+    given: frozenset[str] = frozenset()  # names of the routines beside it, its own among them
 
     def doubt_reason(self, tool: str | None, frame: str | None) -> str:
         """Return why nothing is carried in a tool or frame, or ""."""
@@ -148,6 +153,7 @@ class BatchDeclarations:
         visible = frozenset(name for name, is_visible in one.declares.items() if is_visible or one.public)
         tools, bases = (every.poses_visible_from(self._folders[file]) for every in (self._tools, self._bases))
         absent = self._absent.get(file, {})
+        computed, given = self._computed_beside(file) if one.flat else ({}, frozenset[str]())
         return ExternalUses(
             uses,
             self._doubtful,
@@ -158,6 +164,8 @@ class BatchDeclarations:
             tools,
             bases,
             absent,
+            computed,
+            given,
         )
 
     def find_declarations(self, file: str, name: str, /) -> tuple[Sequence[str], str]:
@@ -172,6 +180,29 @@ class BatchDeclarations:
                 owners = self._nearest_files(file, others)
             self._found_declarations[file, name] = (owners, there)
         return self._found_declarations[file, name]
+
+    def _computed_beside(self, file: str) -> tuple[dict[str, str], frozenset[str]]:
+        """Return the global places that other files of a folder compute, and the names of its routines."""
+        computing, given = self._flat_folders
+        folder = self._folders[file]
+        computed = {
+            place: next(other for other in others if other != file)
+            for place, others in computing.get(folder, {}).items()
+            if others != [file]
+        }
+        return computed, frozenset(given.get(folder, ()))
+
+    @cached_property
+    def _flat_folders(self) -> tuple[dict[str, dict[str, list[str]]], dict[str, set[str]]]:
+        """Return by folder the files that compute each global place, and the names of the routines."""
+        computing: dict[str, dict[str, list[str]]] = defaultdict(lambda: defaultdict(list))
+        given: dict[str, set[str]] = defaultdict(set)
+        for file, one in self._by_file.items():
+            for name, routine in one.routines.items() if one.flat else ():
+                given[self._folders[file]].add(name)
+                for place in routine.computes:
+                    computing[self._folders[file]][place].append(file)
+        return computing, given
 
     @cached_property
     def _called_in(self) -> Set[tuple[str, str]]:

@@ -85,6 +85,7 @@ class UrController:
         self._world_s: float | None = None
         self._braking: SetPointMotion | None = None
         self._watchdog: tuple[str, float] | None = None
+        self.watchdog_stops = 0  # programs that it ended
         self._locked_until_s = 0.0
 
     # one step
@@ -184,6 +185,7 @@ class UrController:
             return
         register, patience_s = self._watchdog
         if self.timestamp_s - self.registers.written_at_s.get(register, self.timestamp_s) > patience_s:
+            self.watchdog_stops += 1
             self.end_program()
 
     # safety and power

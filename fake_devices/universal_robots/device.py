@@ -84,6 +84,7 @@ class FakeUniversalRobot:
             "safety_mode": c.safety_mode.name,
             "runtime": c.runtime.name,
             "program": c.program.name if c.program is not None else None,
+            "watchdog_stops": c.watchdog_stops,
             "remote": c.remote,
             "speed_fraction": c.speed_fraction,
             "digital_outputs": c.digital_outputs,

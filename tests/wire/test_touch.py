@@ -177,9 +177,10 @@ async def _never_touches(made: RobotAboveBall, approach: ProbeApproach) -> None:
 
 async def _loses_contact(made: RobotAboveBall, approach: ProbeApproach) -> None:
     await made.fake_client.inject_fault("contact_lost", device="probe", after_s=0.05)
-    # seen before the contact counts as closed, it is a bounce that is too long
-    both = (ContactLostError, BouncingContactError)
-    await _expect_failure(made, approach, both, "is open although|did not settle")
+    # Seen before the contact counts as closed, it is a bounce that is too long; a busy computer that reads no
+    # sample of so short a contact has felt none.
+    some = (ContactLostError, BouncingContactError, NoContactError)
+    await _expect_failure(made, approach, some, "is open although|did not settle|no contact within")
 
 
 async def _check_stuck_probe(made: RobotAboveBall, approach: ProbeApproach) -> None:

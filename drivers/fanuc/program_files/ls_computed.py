@@ -5,10 +5,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from math import isnan, nan
 
-from cellcal.drivers.fanuc.program_files.ls_statements import MotionStatement, Statement
+from cellcal.drivers.fanuc.program_files.ls_statements import MotionStatement, Statement, read_statements
 from cellcal.drivers.programs.shifts import NO_TURN, UNREADABLE, Quaternion, Triple
 
-_ASSIGNED = re.compile(rb"PR\[ *+(?:GP *+1 *+: *+)?+(\d{1,5}+) *+(?:, *+(\d) *+)?+\] *+= *+(.*)", re.DOTALL)
+_ASSIGNED = re.compile(  # an element is a number, or a register has it: PR[1,R[2]]=
+    rb"PR\[ *+(?:GP *+1 *+: *+)?+(\d{1,5}+) *+(?:, *+(\d|[A-Za-z]{1,3}+\[[^\]]*+\]) *+)?+\] *+= *+(.*)",
+    re.DOTALL,
+)
 _POSITION = re.compile(rb"P(?<![A-Za-z]P)\[ *+(\d{1,5}+)")
 _REGISTER = re.compile(rb"PR(?<![A-Z]PR)\[ *+(?:GP\d *+: *+)?+(\d{1,5}+) *+\]")
 _CHOSEN_REGISTER = re.compile(rb"PR(?<![A-Z]PR)\[ *+(?:GP *+1 *+: *+)?+[A-Za-z]{1,3}+\[[^=]*=")
@@ -24,6 +27,7 @@ _BRANCHES = re.compile(
     rb"\b(?:IF|WENN|LBL|MARKE|JMP|SPRUNG|SELECT|FOR|WHILE|CALL|AUFRUF|RUN|MONITOR)\b"
     rb"|\A[A-Za-z]\w*+(?:[ \t]++\w++)*+\Z"  # words alone: a macro
 )
+ANY_PLACE, ADDED = "PR[...]", "+"
 _MM = 1e-3
 _LENGTHS = 3  # elements X, Y and Z; W, P and R come after
 
@@ -89,6 +93,16 @@ def registers_of(assigned: Sequence[tuple[Statement, int | None]]) -> ComputedRe
     return found
 
 
+def computed_places(data: bytes) -> frozenset[str]:
+    """Return the registers that a program computes: PR[n], PR[n]+ where it only adds lengths, PR[...] for any."""
+    if b"PR[" not in data.upper():
+        return frozenset()
+    found = registers_of([(each, None) for each in read_statements(data) if is_computing(each)])
+    more_than_added = found.altered_whole | found.set_to.keys() | found.turned
+    names = {f"PR[{number}]{'' if number in more_than_added else ADDED}" for number in found.altered}
+    return frozenset(names | ({ANY_PLACE} if found.any_altered else set()))
+
+
 def is_computing(statement: Statement) -> bool:
     """Tell whether a statement that is no motion gives a value to a position register, or uses a position."""
     return any(
@@ -108,9 +122,14 @@ def _take_chosen(found: ComputedRegisters, statement: Statement, *, certain: boo
 
 
 def _assign_element(found: ComputedRegisters, match: re.Match[bytes], line: int) -> None:
-    number, element, value = int(match[1]), int(match[2]), match[3].strip()
+    number, value = int(match[1]), match[3].strip()
     found.altered.setdefault(number, line)
     found.computed |= {int(each) for each in _POSITION.findall(value)}
+    if not match[2].isdigit():  # a register chooses the element: any of them, with any value
+        found.altered_whole.add(number)
+        found.turned.add(number)
+        return
+    element = int(match[2])
     itself = _ITSELF.match(value)
     adds = itself is not None and (int(itself[1]), int(itself[2])) == (number, element)
     (found.added if adds else found.set_to).setdefault(number, set()).add(element)
@@ -168,7 +187,10 @@ class RegisterContents:
                 self.elements[number, each] = 0.0 if nothing else nan
             return
         constant = _NUMBER.fullmatch(value)
-        self.elements[number, int(element)] = float(constant[1]) if constant else nan
+        if not element.isdigit():
+            self.certain = False
+        else:
+            self.elements[number, int(element)] = float(constant[1]) if constant else nan
 
     def shift_of_motion(self, motion: MotionStatement, turned: set[int]) -> tuple[Triple, Quaternion | None]:
         """Return the shift of a motion; NaN and None where it is not certain."""

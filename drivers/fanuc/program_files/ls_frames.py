@@ -9,6 +9,7 @@ from dataclasses import replace
 from pathlib import PurePath
 
 from cellcal.calibration.message import make_message
+from cellcal.drivers.fanuc.program_files.ls_computed import computed_places
 from cellcal.drivers.fanuc.program_files.ls_remarks import statements_of
 from cellcal.drivers.programs.barred import COMPUTED, LATER, SEVERAL
 from cellcal.drivers.programs.cross_file_uses import ExternalUses, RoutineEffects
@@ -56,6 +57,7 @@ def routine_effects_of(data: bytes) -> RoutineEffects:
         tools=frozenset(_set_numbers("tool", statements)),
         frames=frozenset(_set_numbers("frame", statements)),
         calls=frozenset(_called_programs(statements)),
+        computes=computed_places(data),
     )
 
 

@@ -14,6 +14,7 @@ from cellcal.drivers.fanuc.program_files.ls_computed import (
 )
 from cellcal.drivers.fanuc.program_files.ls_positions import REMOTE
 from cellcal.drivers.fanuc.program_files.ls_registers import UNSURE, registers_used
+from cellcal.drivers.fanuc.program_files.ls_shared_registers import shifts_by_other_programs
 from cellcal.drivers.fanuc.program_files.ls_statements import (
     MotionStatement,
     Statement,
@@ -22,6 +23,7 @@ from cellcal.drivers.fanuc.program_files.ls_statements import (
     read_statements,
 )
 from cellcal.drivers.programs.conditions import ConditionalBar, ProjectNeed
+from cellcal.drivers.programs.cross_file_uses import ExternalUses
 from cellcal.drivers.programs.positions import CARTESIAN, JOINTS, Positions
 from cellcal.drivers.programs.shifts import NO_TURN, UNREADABLE, ProgramShift, ShiftAxes
 
@@ -68,8 +70,11 @@ class _MotionFindings:
     assigned: list[tuple[Statement, int | None]] = field(default_factory=list)
 
 
-def with_motions(positions: Positions, data: bytes) -> Positions:
-    """Return positions with those barred that are no places, and with the shifts of their motions."""
+def with_motions(positions: Positions, data: bytes, external_uses: ExternalUses | None = None) -> Positions:
+    """Return positions with those barred that are no places, and with the shifts of their motions.
+
+    ``external_uses`` is what the controller's other programs do with its registers; None: they are not known.
+    """
     upper = data.upper()
     if not any(word in upper for word in _WORDS):  # as in nearly all
         return positions
@@ -80,7 +85,12 @@ def with_motions(positions: Positions, data: bytes) -> Positions:
         if registers.camera & set(motion.shifting or found.conditions):
             why = make_message(_CAMERA, "Offset", motion.line)
             found.increments = {**dict.fromkeys(motion.targets, why), **found.increments}
-    shifts = [*found.shifts, *_shifts_by_registers(found, registers), *_shifts_by_places(found, registers)]
+    shifts = [
+        *found.shifts,
+        *_shifts_by_registers(found, registers),
+        *_shifts_by_places(found, registers),
+        *shifts_by_other_programs(data, registers, external_uses),
+    ]
     barred, conditions = dict(positions.barred), dict(positions.conditions)
     rows: dict[int, list[int]] = {}
     for row, name in enumerate(positions.names):

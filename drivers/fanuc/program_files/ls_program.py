@@ -80,7 +80,7 @@ class LsProgram:
         found = self._read_positions[0]
         if self._conveyor_match:
             return replace(found, barred=dict.fromkeys(range(len(found)), _TRACKED))
-        found = with_motions(bar_standing_tools(found), self._place.data)
+        found = with_motions(bar_standing_tools(found), self._place.data, self.external_uses)
         found = with_selections(found, self._place.data)
         if rows_without_frames(found):
             found = self._with_chosen(found)
@@ -117,7 +117,9 @@ class LsProgram:
     def with_external_uses(self, external_uses: ExternalUses | None) -> "LsProgram":
         """Return the listing with what the controller's other programs choose."""
         tells = external_uses is not None and (
-            external_uses.doubtful or rows_without_frames(self._read_positions[0])
+            external_uses.doubtful
+            or b"PR[" in self._place.data
+            or rows_without_frames(self._read_positions[0])
         )
         if external_uses is self.external_uses or not tells:
             return self
