@@ -66,6 +66,16 @@ async def _run_whole(case: str) -> tuple[object, MemoryLedger, ProcedureScene]:
     return await _procedure_of(case)(Run(made.cell, ledger), made.spec), ledger, made
 
 
+_UNDISTURBED: dict[str, tuple[object, MemoryLedger, ProcedureScene]] = {}
+
+
+async def _find_undisturbed(case: str) -> tuple[object, MemoryLedger, ProcedureScene]:
+    """Return how a case ends undisturbed, run once for all tests, which compare with it and change nothing."""
+    if case not in _UNDISTURBED:
+        _UNDISTURBED[case] = await _run_whole(case)
+    return _UNDISTURBED[case]
+
+
 def _spread_places(case: str, count: int, *, between: bool = False) -> list[int]:
     """Return places evenly spread over so many; ``between``: those half-way between these, and the last."""
     most = FEW if case in FURTHER else LONG.get(case, CRASHES)
@@ -79,7 +89,7 @@ def _even_places(count: int, most: int) -> list[int]:
 
 @pytest.mark.parametrize("name", NAMES)
 async def test_the_outline_is_what_really_runs(name: str) -> None:
-    _, ledger, made = await _run_whole(name)
+    _, ledger, made = await _find_undisturbed(name)
     entry = CATALOGUE[name]
     ran: dict[str, int] = {}
     for finding in ledger.past().findings:
@@ -104,14 +114,14 @@ async def test_a_replay_gives_the_identical_result_and_moves_nothing(name: str) 
 
 
 async def test_a_length_is_left_out_in_the_scene_that_says_so() -> None:
-    result, _, _ = await _run_whole("fixture_alignment by all lengths but one")
+    result, _, _ = await _find_undisturbed("fixture_alignment by all lengths but one")
     assert [aside.reason for aside in result.set_aside] == [LEFT_OUT]  # type: ignore[attr-defined]
 
 
 @pytest.mark.parametrize("stored", [False, True])
 @pytest.mark.parametrize("case", CASES)
 async def test_a_crash_at_any_write_loses_and_doubles_nothing(case: str, stored: bool) -> None:
-    result, whole, _ = await _run_whole(case)
+    result, whole, _ = await _find_undisturbed(case)
     steps = [finding.step for finding in whole.past().findings]
     for dies_at in _spread_places(case, len(whole.facts), between=stored and not ASKED):
         made = await _scene_of(case)
@@ -133,7 +143,7 @@ async def test_a_crash_at_any_write_loses_and_doubles_nothing(case: str, stored:
 
 @pytest.mark.parametrize("case", CASES)
 async def test_a_cancel_in_any_step_stops_the_robot_and_is_resumed_to_the_same_result(case: str) -> None:
-    result, whole, _ = await _run_whole(case)
+    result, whole, _ = await _find_undisturbed(case)
     started = [body["step"] for kind, body in whole.facts if kind in (EventKind.ENTERED, EventKind.INTENT)]
     for index in _spread_places(case, len(started)):
         made, ledger = await _scene_of(case), MemoryLedger()
@@ -163,7 +173,7 @@ async def _cancelled_in(step: str, case: str, made: ProcedureScene, ledger: Memo
 async def test_a_cancel_in_the_middle_of_a_move_leaves_the_robot_standing_there_and_says_so(
     case: str,
 ) -> None:
-    result, _, undisturbed = await _run_whole(case)
+    result, _, undisturbed = await _find_undisturbed(case)
     began = len((await _scene_of(case)).arm.moves)
     for number in _even_places(len(undisturbed.arm.moves) - began, FEW):
         made, ledger = await _scene_of(case), MemoryLedger()
