@@ -20,7 +20,7 @@ def verify_secret(
 ) -> Account:
     """Return the account of a person whose PIN this is; the guess is noted for a device before it is tried.
 
-    ``hashing`` is entered around the making of the hasher and the hash for an unknown name.
+    ``hashing`` is entered around the hash, which takes much memory.
 
     Raises
     ------
@@ -34,7 +34,8 @@ def verify_secret(
         account = accounts.find_person(name)
         if account is None:
             hasher.hash_secret(secret)  # a name that is unknown takes as long as a wrong PIN
-    if account is None or not hasher.is_right(account.pin_hash, secret):
+        is_right = account is not None and hasher.is_right(account.pin_hash, secret)
+    if account is None or not is_right:
         raise WrongSecretError("the name or the PIN", _MIND)
     accounts.guessed_right(guess, name)
     return account
