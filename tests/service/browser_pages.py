@@ -17,6 +17,7 @@ import uvicorn
 from fastapi import FastAPI
 from playwright.async_api import Browser, Page, async_playwright, expect
 
+from cellcal.service.web.middleware import RequestBudget, RequestFilter
 from cellcal.service.web.pages import DIST
 from cellcal.service.web.server import WebServer
 from tests.machine_speed import stretched_s
@@ -101,7 +102,11 @@ GO = """(place) => new Promise((done) => {
 
 @asynccontextmanager
 async def serve_app(app: FastAPI, **how: Any) -> AsyncIterator[str]:
-    """Serve an app on a free port of loopback while the block lasts; lends its address, as http://127.0.0.1:port."""
+    """Serve an app on a free port of loopback while the block lasts; lends its address, as http://127.0.0.1:port.
+
+    All browsers of a test have the same address: they may ask as often as they like.
+    """
+    allow_many_requests(app)
     with socket.socket() as listening:
         listening.bind(("127.0.0.1", 0))
         server = WebServer(uvicorn.Config(app, **SERVED | how))
@@ -113,6 +118,14 @@ async def serve_app(app: FastAPI, **how: Any) -> AsyncIterator[str]:
         finally:
             server.should_exit = True
             await serving
+
+
+def allow_many_requests(app: FastAPI, **budgets: RequestBudget) -> None:
+    """Let one address ask as often as it likes, but for the kinds that are named; what was set before stays."""
+    many = RequestBudget(burst=100_000.0, rate_hz=10_000.0)
+    for each in app.user_middleware:
+        if each.cls is RequestFilter and "budgets" not in each.kwargs:
+            each.kwargs["budgets"] = {"sign-in": many, "orders": many, "else": many} | budgets
 
 
 @asynccontextmanager

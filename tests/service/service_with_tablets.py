@@ -14,12 +14,13 @@ from playwright.async_api import Browser, BrowserContext, Page
 from cellcal.service.people.authentication import Authenticator
 from cellcal.service.web.app import create_app
 from cellcal.service.web.context import ServiceSettings
-from cellcal.service.web.middleware import RequestBudget, RequestFilter
+from cellcal.service.web.middleware import RequestBudget
 from tests.service.browser_pages import (
     COUNT_ASKED,
     NO_WEBGL,
     PATIENCE_MS,
     PATIENCE_S,
+    allow_many_requests,
     open_chromium,
     serve_app,
 )
@@ -117,30 +118,20 @@ async def give_pin(page: Page, secret: str) -> None:
     await page.wait_for_function(ANSWERED)
 
 
-MANY_SIGN_INS = RequestBudget(burst=10_000.0, rate_hz=1_000.0)  # more than any test asks for
-
-
-def set_sign_in_budget(app: FastAPI, budget: RequestBudget) -> None:
-    """Set how many sign-ins one address may ask for; all tablets of a test have the same address."""
-    wall = next(each for each in app.user_middleware if each.cls is RequestFilter)
-    many = RequestBudget(burst=10_000.0, rate_hz=1_000.0)
-    wall.kwargs["budgets"] = {"sign-in": budget, "orders": many, "else": many}
-
-
 @asynccontextmanager
 async def open_service_with_tablets(
     cell_file: Path,
     *,
     process_double: Callable[[FastAPI], Any] | None = None,
     clock: Callable[[], float] = time.monotonic,
-    sign_ins: RequestBudget = MANY_SIGN_INS,
+    sign_ins: RequestBudget | None = None,
 ) -> AsyncIterator[ServiceWithTablets]:
     """Serve a cell to people; ``process_double`` puts a double in the place of the desk's process; ``clock`` is of sessions.
 
-    ``sign_ins`` says how many sign-ins all tablets together may ask for.
+    ``sign_ins`` says how many sign-ins all tablets together may ask for; as many as they like where it is None.
     """
     app = create_app(ServiceSettings(cell_file))
-    set_sign_in_budget(app, sign_ins)
+    allow_many_requests(app, **({} if sign_ins is None else {"sign-in": sign_ins}))
     authenticator = with_people(
         Authenticator(app.state.context.config.cell.data_dir, clock=clock, make_hasher=cheap_hasher)
     )
