@@ -24,6 +24,7 @@ from cellcal.calibration.orientation import CONVENTIONS, rotation_from
 from cellcal.service.engineering.measured.columns import TableLayout, detect_layout
 from cellcal.service.engineering.measured.joint_coupling import controller_joints
 from cellcal.service.engineering.measured.joint_units import joint_units, refuse_typed_zeros
+from cellcal.service.engineering.measured.nest_readings import find_nest_readings
 from cellcal.service.engineering.measured.no_readings import no_readings, usable_without
 from cellcal.service.engineering.measured.row_words import (
     refuse_no_angles,
@@ -184,7 +185,9 @@ def _with_readings(
     layout, numbers, model = inputs
     names = (layout.length,) if layout.length else layout.position
     values = np.column_stack([numbers[name][good] for name in names])
-    found = no_readings(values, model.tip_positions(joints_rad, np.zeros(3)))
+    base_flange = model.base_flange(joints_rad)
+    found = no_readings(values, base_flange[:, :3, 3])
+    found = {**find_nest_readings(values, base_flange), **found}
     if not found:
         return good, joints_rad, []
     rows = np.flatnonzero(good)
