@@ -35,7 +35,7 @@ def shifts_by_other_programs(
             reason, turn = _find_reason(register, computed, calls)
             if reason and (register, reason) not in seen:
                 seen.add((register, reason))
-                what = f"PR[{register}] ({reason})"
+                what = " ".join((f"PR[{register}]", f"({reason})"))
                 shift = ProgramShift(statement.line, what, ShiftAxes.USER_FRAME, quaternion=turn)
                 yield from ((number, shift) for number in sorted(registers.origins.get(register, ())))
 
