@@ -46,7 +46,10 @@ async def unfold_intentions(page: Page) -> None:
 async def expect_five_answers_in_viewport(page: Page) -> None:
     for intention in INTENTIONS:
         summary = page.get_by_test_id(f"intention-{intention}").locator("summary").first
-        await expect(summary).to_be_in_viewport(ratio=0.5)
+        try:
+            await expect(summary).to_be_in_viewport(ratio=0.5)
+        except AssertionError as error:  # what stands above it is told, too
+            raise AssertionError(f"{await page.locator('body').inner_text()}\n{error}") from error
 
 
 async def test_home_shows_the_robot_in_one_glance_and_five_answers_on_one_screen(
