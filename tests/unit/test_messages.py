@@ -106,7 +106,7 @@ def test_another_process_makes_the_same_message() -> None:
 
 def test_the_newest_messages_are_known() -> None:
     made = make_message("the newest of {name}", name="all")
-    for number in range(9000):
+    for number in range(8000):  # fewer than one generation, wherever it began
         make_message("{number} fills the memory", number=number)
     assert find_message("the newest of all") is made
     for number in range(20_000):
