@@ -68,7 +68,10 @@ async def test_a_motion_of_others_is_seen_until_the_arm_stands() -> None:
 async def test_stop_waits_for_standstill_and_says_so_where_there_is_none() -> None:
     async with fake_server() as fake, config_of(fake, deadline_s=stretched_s(1.0)).open() as robot:
         await robot.stop()
-        await fake.inject_fault("jog_by_hand", {"axis": "J2", "rad": 0.4, "speed_rad_s": 1e-3})
+        await fake.inject_fault("jog_by_hand", {"axis": "J1", "rad": 2.0, "speed_rad_s": 0.02})
+        async with asyncio.timeout(stretched_s(20.0)):
+            while not (await robot.read_joints()).moving:
+                pass
         failure = await failure_of(robot.stop())
         assert isinstance(failure, MotionStoppedError)
         assert "emergency stop" in failure.remedy
