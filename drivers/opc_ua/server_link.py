@@ -111,7 +111,7 @@ class ServerLink:
         await self.connect()
         client = self._client
         assert client is not None
-        return await self._guard(lambda: request(client.uaclient.session), asking)
+        return await self._ask_server(lambda: request(client.uaclient.session), asking)
 
     async def close(self) -> None:
         """End the session in good order, if the server still listens."""
@@ -138,18 +138,18 @@ class ServerLink:
             await client.create_session()
             await client.activate_session(self._access.user or None, self._access.password or None)
 
-        await self._guard(make_session, "a session")
+        await self._ask_server(make_session, "a session")
         self._note_channel(client)
 
     async def _renew(self, client: Client) -> None:
         if time.monotonic() >= self._renew_at_s:
-            await self._guard(lambda: client.open_secure_channel(renew=True), "a longer session")
+            await self._ask_server(lambda: client.open_secure_channel(renew=True), "a longer session")
             self._note_channel(client)
 
     def _note_channel(self, client: Client) -> None:
         self._renew_at_s = time.monotonic() + _RENEW_SHARE * client.secure_channel_timeout / 1000.0
 
-    async def _guard(self, request: Callable[[], Awaitable[T]], asking: str) -> T:
+    async def _ask_server(self, request: Callable[[], Awaitable[T]], asking: str) -> T:
         """Await a request; turn what the library raises into a DeviceError."""
         try:
             return await request()

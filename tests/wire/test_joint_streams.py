@@ -159,9 +159,9 @@ async def test_each_kind_of_dropped_datagram_is_logged_at_most_once_a_second(
         await fakes.inject_fault("stream_stranger", device=robot.name)
         await until_dropped(robot, "foreign sender", 40)
         took_s = loop.time() - began_s
-    said = [record for record in caplog.records if "foreign sender" in record.getMessage()]
-    assert 1 <= len(said) <= 1 + took_s
-    assert "127.0.0.3" in said[0].getMessage()
+    reports = [record for record in caplog.records if "foreign sender" in record.getMessage()]
+    assert 1 <= len(reports) <= 1 + took_s
+    assert "127.0.0.3" in reports[0].getMessage()
 
 
 async def test_joints_of_another_arm_are_an_error_and_the_check_says_so(
@@ -290,18 +290,18 @@ def take(
 def test_one_axis_that_creeps_is_no_standing_arm_and_a_gap_is_no_window(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    def said(joints: list[float], step_s: float) -> bool:
+    def is_standing(joints: list[float], step_s: float) -> bool:
         times = [step_s * k for k in range(len(joints))]
         packets = [StreamPacket(k, times[k], (0.0, angle)) for k, angle in enumerate(joints)]
         stream = take(monkeypatch, stream_with(packets, silent_s=5.0), times)
         return stream.stood_since(times[-1]).is_still
 
     limit = settings().still_rad
-    assert said([0.0] * 60, 0.004)
-    assert said([limit * 0.9 * (k % 2) for k in range(60)], 0.004)
-    assert not said([limit / 45.0 * k for k in range(60)], 0.004)
-    assert not said([0.0] * 40, 0.004)  # the window is not full yet
-    assert not said([0.0] * 6, 0.15)  # one packet in a while says nothing of the time between
+    assert is_standing([0.0] * 60, 0.004)
+    assert is_standing([limit * 0.9 * (k % 2) for k in range(60)], 0.004)
+    assert not is_standing([limit / 45.0 * k for k in range(60)], 0.004)
+    assert not is_standing([0.0] * 40, 0.004)  # the window is not full yet
+    assert not is_standing([0.0] * 6, 0.15)  # one packet in a while says nothing of the time between
 
 
 def test_what_was_long_under_way_never_counts_and_clocks_may_drift(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -26,28 +26,33 @@ export function hearAnswers(by: typeof passOnAnswer): void {
   passOnAnswer = by;
 }
 
-/** Send JSON to the service and tell what it answered; a link that is silent is an answer, too.
+/** Ask, and ask again for so long where the service has had too many requests of this address.
  *
  * Tablets behind one address share its requests: at the change of shifts the page waits its turn by itself.
  */
-export async function post(path: string, content: unknown, waitMs = WAIT_MS): Promise<Answer> {
+export async function fetchInTurn(ask: () => Promise<Response>, waitMs: number): Promise<Response> {
   const endsMs = Date.now() + waitMs;
   for (;;) {
-    const answer = await postOnce(path, content, waitMs);
-    const pauseMs = 1000 * Math.max(answer.waitS, 1);
-    if (answer.code !== "guard.often" || Date.now() + pauseMs > endsMs) return answer;
+    const answer = await ask();
+    const pauseMs = 1000 * Math.max(Number(answer.headers.get("retry-after") ?? 0), 1);
+    if (answer.status !== 429 || Date.now() + pauseMs > endsMs) return answer;
+    const { code } = await answer.clone().json().catch(() => ({}));
+    if (code !== "guard.often") return answer; // a PIN that may not be guessed just now
     await new Promise((done) => setTimeout(done, pauseMs));
   }
 }
 
-async function postOnce(path: string, content: unknown, waitMs: number): Promise<Answer> {
-  try {
-    const answer = await fetch(`./api/${path}`, {
+/** Send JSON to the service and tell what it answered; a link that is silent is an answer, too. */
+export async function post(path: string, content: unknown, waitMs = WAIT_MS): Promise<Answer> {
+  const ask = () =>
+    fetch(`./api/${path}`, {
       method: "POST",
       headers: { "Content-Type": "application/json" },
       body: JSON.stringify(content),
       signal: AbortSignal.timeout(waitMs),
     });
+  try {
+    const answer = await fetchInTurn(ask, waitMs);
     const reply = (await answer.json()) as Record<string, string>;
     passOnAnswer(reply);
     const { code = "", message = answer.statusText, remedy = "" } = reply;

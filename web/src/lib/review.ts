@@ -1,6 +1,7 @@
 // Reviews, comparisons, parameter versions and trends as the service tells them, and how their figures are written.
 
 import type { Review as AnyReview } from "./api_types";
+import { fetchInTurn } from "./device";
 import { language } from "./i18n.svelte";
 import { learn } from "./messages";
 
@@ -34,29 +35,18 @@ export class ServiceError extends Error {
   }
 }
 
+const TURN_MS = 4000;
+
 /** Ask the service; what it says is wrong is thrown with its remedy. */
 export async function fetchJson<T>(address: string, body?: unknown): Promise<T> {
   const how: RequestInit | undefined =
     body === undefined
       ? undefined
       : { method: "POST", headers: { "Content-Type": "application/json" }, body: JSON.stringify(body) };
-  const answer = await fetchInTurn(address, how);
+  const answer = await fetchInTurn(() => fetch(address, how), TURN_MS);
   if (answer.ok) return learn(await answer.json());
   const content = learn(await answer.json().catch(() => ({})));
   throw new ServiceError(content.code ?? "error", content.message ?? answer.statusText, content.remedy ?? "");
-}
-
-const MOST_TRIES = 5;
-const SOON_S = 2;
-
-/** Fetch, and try again where the service has had too many requests of this address: tablets may share one. */
-async function fetchInTurn(address: string, how?: RequestInit): Promise<Response> {
-  for (let tries = 1; ; tries++) {
-    const answer = await fetch(address, how);
-    const waitS = Number(answer.headers.get("retry-after") ?? 0);
-    if (answer.status !== 429 || waitS > SOON_S || tries === MOST_TRIES) return answer;
-    await new Promise((done) => setTimeout(done, 1000 * Math.max(waitS, 1)));
-  }
 }
 
 const UNITS: Record<string, [string, number, number]> = {
