@@ -52,6 +52,7 @@ class FakeDrawWire:
             self.daemon.send_frame,
         )
         self.daemon.on_frame = self._receive_frame
+        self._emergencies: set[int] = set()  # raised as a fault
         self._wake = asyncio.Event()
         self._timer: asyncio.Task[None] | None = None
         self._fault_actions: dict[str, Callable[[dict[str, Any]], None]] = {
@@ -117,10 +118,14 @@ class FakeDrawWire:
 
     def clear_faults(self) -> None:
         self._faults.clear_all()
+        while self._emergencies:
+            self.node.clear_emergency(self._emergencies.pop())
         self._wake.set()
 
     def _raise_emergency(self, parameters: dict[str, Any]) -> None:
-        self.node.raise_emergency(int(parameters.pop("code", 0x5200)), int(parameters.pop("length", 8)))
+        code = int(parameters.pop("code", 0x5200))
+        self._emergencies.add(code)
+        self.node.raise_emergency(code, int(parameters.pop("length", 8)))
 
     def _foreign_master(self, _parameters: dict[str, Any]) -> None:
         """Another client on the bus reads our node: its request and the node's answer are seen by all."""

@@ -2,6 +2,8 @@
 
 import os
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated, TextIO
 
@@ -56,16 +58,12 @@ def demo(  # noqa: PLR0913  a command's options are its arguments
     as_json
         Print one JSON object on standard output; the story goes to standard error.
     """
-    import logging
     import tempfile
 
     from cellcal.service.cli.printing import STDERR_CONSOLE
 
-    logging.getLogger("cellcal.drivers").setLevel(
-        logging.ERROR
-    )  # that a fake's firmware is unverified is no news
     _refuse_impossible(seed, time_factor, keep)
-    with tempfile.TemporaryDirectory(prefix="cellcal-demo-") as scratch:
+    with _drivers_without_warnings(), tempfile.TemporaryDirectory(prefix="cellcal-demo-") as scratch:
         folder = keep or Path(scratch)
         if not (headless or as_json or loss is not None or robot is not None) and is_for_pages(
             port, sys.stderr
@@ -85,6 +83,20 @@ def demo(  # noqa: PLR0913  a command's options are its arguments
     if keep is not None:
         _write_demo_certificate(keep)
     return code
+
+
+@contextmanager
+def _drivers_without_warnings() -> Iterator[None]:
+    """Log errors of drivers only: that the firmware of a fake is unverified is no news."""
+    import logging
+
+    log = logging.getLogger("cellcal.drivers")
+    before = log.level
+    log.setLevel(logging.ERROR)
+    try:
+        yield
+    finally:
+        log.setLevel(before)
 
 
 def is_for_pages(port: int | None, stream: TextIO) -> bool:

@@ -47,7 +47,7 @@ def read_opc_ua_answer(data: bytes) -> object:
 
     async def read() -> float:
         link = ServerLink("opc", "opc.tcp://127.0.0.1:4840/", ServerAccess(), deadline_s=1.0)
-        values = await link._guard(decode, "values")
+        values = await link._ask_server(decode, "values")
         check_value_count("opc", values, 4)
         read_texts("opc", "NamespaceArray", values[0])
         profile = read_integer("opc", "MotionProfile", values[3])

@@ -43,9 +43,8 @@ def cell(fake_process: tuple[Path, FakeCellClient]) -> CellConfig:
 
 @pytest.fixture
 async def fake_client(fake_process: tuple[Path, FakeCellClient]) -> FakeCellClient:
-    """The control of all simulated devices, whose faults are cleared, and of a draw-wire without an emergency."""
+    """The control of all simulated devices, whose faults are cleared."""
     await fake_process[1].send_command("clear")
-    await fake_process[1].inject_fault("emcy_clear", device="wire")
     return fake_process[1]
 
 

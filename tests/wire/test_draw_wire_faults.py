@@ -163,6 +163,12 @@ class TestEmergencies:
         assert [alarm.code for alarm in condition.alarms] == ["EMCY-4210"]
         assert condition.message.endswith("wire speed too high")
 
+    async def test_end_with_the_other_faults(self, gauge: Any, fake_client: FakeCellClient) -> None:
+        await fake_client.inject_fault("emcy", device="wire", code=0x4210)
+        await until_ready(gauge, Readiness.NOT_READY)
+        await fake_client.send_command("clear")
+        await until_ready(gauge, Readiness.READY)
+
 
 class TestTheWire:
     async def test_that_has_snapped_gives_no_length(self, gauge: Any, fake_client: FakeCellClient) -> None:
