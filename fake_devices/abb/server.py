@@ -6,7 +6,7 @@ Source
     RFC 7616 and 6265; ABB 3HAC050973-001 rev M on realm, cookies and their limit.
 Modelled
     Digest with qop=auth and one nonce; cookies ``-http-session-`` and ``ABBCX``; a request without cookies takes a
-    session, and with none left the answer is 503. Faults as http_port.py says.
+    session until it logs out, and with none left the answer is 503. Faults as http_port.py says.
 Not modelled
     XML; TLS; subscriptions by websocket.
 """
@@ -44,7 +44,8 @@ class ServicePort(HttpPort):
             )
             return HttpAnswer(401, headers=(f"WWW-Authenticate: {challenge}",))
         more: tuple[str, ...] = ()
-        if self._sessions.find(request.headers.get("cookie", ""), _COOKIE) is None:
+        session = self._sessions.find(request.headers.get("cookie", ""), _COOKIE)
+        if session is None:
             session = secrets.token_hex(8)
             if not self._sessions.begin(session):
                 return HttpAnswer(503)
@@ -52,6 +53,8 @@ class ServicePort(HttpPort):
                 f"Set-Cookie: -http-session-={session}; path=/",
                 f"Set-Cookie: {_COOKIE}={session}; path=/",
             )
+        if request.path == "/logout":
+            self._sessions.end(session)
         status, content = self._table.answer(request)
         if isinstance(content, bytes):
             return HttpAnswer(status, content, "application/octet-stream", more)

@@ -28,7 +28,7 @@ async def test_an_axis_brought_back_wrongly_is_named_and_then_right(
         slips = {axis: turns * float(turn_rad[axis]) for axis, turns in wrong.items()}
         off = tuple(axis for axis, turns in wrong.items() if turns)
         first = await play_scenario(bench, CureScenario(tuple(wrong), slips, off))
-        assert (first.word, first.names_truth) == ("fail", True)
+        assert (first.word, first.names_truth) == ("fail", True), first.reason
         bench.hands.slips_rad, bench.hands.by_dial = {}, set()
         bench.hands.forgets = set()
         result, verdict = await bench.bring_back(axes_again=[axis + 1 for axis in off])
