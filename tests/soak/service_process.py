@@ -168,7 +168,7 @@ class ScriptedBrowser:
             self._handled_prompt_id = prompt["id"]
             self.taught.append(prompt["key"])
             if self._actions is not None:
-                await self._actions.do_action(prompt, robot)
+                await self._actions.jog_to_touch(prompt["key"], robot)
         record = self._record or {}
         return bool(record.get("prompt_id") == prompt["id"] and record["ready"])
 

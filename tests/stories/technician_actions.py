@@ -1,9 +1,8 @@
-"""What a technician's hands do in the fake cell when a page asks for it, by its words or by the key of a question."""
+"""What a technician's hands do in the fake cell when a page asks for it, by its words."""
 
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -80,7 +79,6 @@ AGREEMENTS = (
     "Done, go on",
 )
 _FIRST_NUMBER = re.compile(r"\d+")
-_MOUNT, _HOOK = re.compile(r"mount_wire_(\d+)"), re.compile(r"hook_wire_(\d+)")
 _MOUTH = re.compile(r"x (-?\d+)\W+?y (-?\d+)\W+?z (-?\d+) mm")
 MODEL = load_model("fanuc_m6ib")
 STARTS = (
@@ -116,7 +114,7 @@ class TechnicianActions:
         """Do what a page asks for in words; what needs no hands is agreed to as it is."""
         wire = f"wire of {robot}"
         if place := self._place_of(step):
-            await self._jog_arm(self.places[place], robot)
+            await self.jog_to_touch(place, robot)
         elif step.answer == NEW_BATTERY:
             await self.fake_client.inject_fault("new_battery", device=robot)
         elif step.answer == SWITCHED_ON:
@@ -137,8 +135,11 @@ class TechnicianActions:
             return key.format(step.number + ahead)
         return TOUCHES.get(step.title)
 
-    async def _jog_arm(self, base_flange: Array, robot: str) -> None:
-        await self.fake_client.inject_fault("hand_moves", joints=self._jog_to(base_flange), device=robot)
+    async def jog_to_touch(self, place: str, robot: str) -> None:
+        """Jog the arm to a place, but for a small error."""
+        await self.fake_client.inject_fault(
+            "hand_moves", joints=self._joints_near(self.places[place]), device=robot
+        )
 
     async def _mount_wire(self, point: int, instruction: str, wire: str) -> None:
         mouth = _MOUTH.search(instruction)
@@ -146,38 +147,12 @@ class TechnicianActions:
         mouth_at_m = [int(value) * 1e-3 for value in mouth.groups()]
         await self.fake_client.inject_fault("mount_wire", point=point, device=wire, mouth_at_m=mouth_at_m)
 
-    async def do_action(self, prompt: dict[str, Any], robot: str) -> None:
-        """Do what is asked; keys that need no hands are agreed to as they are."""
-        key, wire = str(prompt["key"]), f"wire of {robot}"
-        if key in self.places:
-            await self.fake_client.inject_fault(
-                "hand_moves", joints=self._jog_to(self.places[key]), device=robot
-            )
-        elif key in ("new_battery", "power_cycle"):
-            await self.fake_client.inject_fault(key, device=robot)
-        elif key in (
-            "hook_stays_on",
-            "wire_is_hooked",
-            "hook_wire_back",
-        ):  # an end-effector's hole may have had it
-            await self.fake_client.inject_fault("wire_home", device=wire)
-        elif mount := _MOUNT.fullmatch(key):
-            mouth = _MOUTH.search(str(prompt["text"]))
-            mouth_settings = (
-                {} if mouth is None else {"mouth_at_m": [int(value) * 1e-3 for value in mouth.groups()]}
-            )
-            await self.fake_client.inject_fault(
-                "mount_wire", point=int(mount[1]), device=wire, **mouth_settings
-            )
-        elif hook := _HOOK.fullmatch(key):
-            await self.fake_client.inject_fault("hook_wire", target=int(hook[1]), device=wire)
-
     async def read_display(self, robot: str) -> str:
         """Read the instrument that has no wire to this computer, and write down what it shows, in millimetres."""
         reading_m = (await self.fake_client.read_truth())["gauges"][f"wire of {robot}"]["reading_m"]
         return f"{1e3 * reading_m:.2f}".replace(".", ",")
 
-    def _jog_to(self, base_flange: Array) -> list[float]:
+    def _joints_near(self, base_flange: Array) -> list[float]:
         missed = base_flange.copy()
         missed[:3, 3] += self._rng.normal(scale=MISSED_M, size=3)
         return joints_for(missed)

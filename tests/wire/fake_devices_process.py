@@ -26,7 +26,61 @@ point_in_base_mm = [0, 0, -900]
 normal_in_base = [0, 0, 1]
 """
 
-CELL = """\
+KUKA_ROBOT = """\
+[[robot]]
+name = "kuka"
+driver = "kuka_variables"
+address = "{address}"
+model = "kuka_kr10r1420"
+motion = "commanded"
+serial = "864231"
+fastest_axis_deg_s = 410.0
+deadline_s = 2.0
+speed_limit_rad_s = 0.5
+step_s = 0.5
+settle_s = 0.02
+
+[robot.rsi]
+listen = "{second_address}"
+port = 49152
+window_s = 0.4  # a test machine may be too busy for 0.2
+silent_s = 1.5
+late_s = 0.5
+
+{floor}
+"""
+ABB_ROBOT = """\
+[[robot]]
+name = "abb"
+driver = "abb_web_services"
+address = "{address}"
+port = 8080
+model = "abb_irb1600_6_12"
+motion = "commanded"
+serial = "1600-500123"
+deadline_s = 3.0
+speed_limit_rad_s = 0.5
+step_s = 0.5
+settle_s = 0.02
+
+{floor}
+"""
+EGM_STREAM = """\
+[robot.egm]
+listen = "{second_address}"
+window_s = 0.4  # a test machine may be too busy for 0.2
+silent_s = 1.5
+late_s = 0.5
+"""
+FAKE_TABLE = """\
+[fake]
+seed = 1
+time_factor = {time_factor}
+control_port = 0
+"""
+
+CELL = (
+    """\
 [cell]
 name = "wire tests"
 data_dir = "{folder}"
@@ -83,41 +137,10 @@ step_s = 0.5
 settle_s = 0.02
 
 {floor}
-[[robot]]
-name = "kuka"
-driver = "kuka_variables"
-address = "{address}"
-model = "kuka_kr10r1420"
-motion = "commanded"
-serial = "864231"
-fastest_axis_deg_s = 410.0
-deadline_s = 2.0
-speed_limit_rad_s = 0.5
-step_s = 0.5
-settle_s = 0.02
-
-[robot.rsi]
-listen = "{second_address}"
-port = 49152
-window_s = 0.4  # a test machine may be too busy for 0.2
-silent_s = 1.5
-late_s = 0.5
-
-{floor}
-[[robot]]
-name = "abb"
-driver = "abb_web_services"
-address = "{address}"
-port = 8080
-model = "abb_irb1600_6_12"
-motion = "commanded"
-serial = "1600-500123"
-deadline_s = 3.0
-speed_limit_rad_s = 0.5
-step_s = 0.5
-settle_s = 0.02
-
-{floor}
+"""
+    + KUKA_ROBOT
+    + ABB_ROBOT
+    + """\
 [[robot]]
 name = "abb_7"
 driver = "abb_web_services"
@@ -131,12 +154,9 @@ speed_limit_rad_s = 0.5
 step_s = 0.5
 settle_s = 0.02
 
-[robot.egm]
-listen = "{second_address}"
-window_s = 0.4  # a test machine may be too busy for 0.2
-silent_s = 1.5
-late_s = 0.5
-
+"""
+    + EGM_STREAM
+    + """
 {floor}
 [[robot]]
 name = "motoman"
@@ -232,17 +252,16 @@ range_mm = 12.5
 sigma_mm = 0.01
 deadline_s = 2.0
 
-[fake]
-seed = 1
-time_factor = {time_factor}
-control_port = 0
-
+"""
+    + FAKE_TABLE
+    + """
 [fake.robots.abb_7]
 generation = 2
 
 [fake.robots.ur_x]
 software = "10.12.1.0"
 """
+)
 
 
 _LIMIT = re.compile(r"^(deadline_s|measure_deadline_s|silence_ms) = ([0-9.]+)", re.MULTILINE)

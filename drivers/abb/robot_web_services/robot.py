@@ -2,7 +2,7 @@
 
 import logging
 import time
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 
 from cellcal.calibration.geometry import Array, Pose
@@ -33,10 +33,10 @@ from cellcal.drivers.interfaces import (
     RobotCapabilities,
 )
 from cellcal.drivers.wire.cancellation import run_to_end
-from cellcal.drivers.wire.compared_joints import ComparedJoints, describe_sources
 from cellcal.drivers.wire.joint_stream import JointStream
 from cellcal.drivers.wire.serial_number import check_serial_number
-from cellcal.drivers.wire.stepwise_motion import IsFinished, StepwiseMotion, StepwiseOptions
+from cellcal.drivers.wire.stepwise_motion import IsFinished, StepwiseOptions
+from cellcal.drivers.wire.streamed_motion import StreamedStepwiseMotion
 
 _LOG = logging.getLogger(__name__)
 VERIFIED_ON: tuple[str, ...] = ()  # controller software this driver has run on; none yet, see README.md
@@ -60,16 +60,13 @@ class AbbOptions:
     motion: StepwiseOptions
 
 
-class AbbRobot(StepwiseMotion):
+class AbbRobot(StreamedStepwiseMotion):
     """Robot with active tool, mode and override. Revolution counters are updated by a person at the pendant."""
 
     def __init__(self, link: WebLink, options: AbbOptions, stream: JointStream | None = None) -> None:
-        super().__init__(link.device, options.motion)
-        self._compared: ComparedJoints | None = None
-        if stream is not None:
-            self._compared = ComparedJoints(
-                stream, "Robot Web Services", self._read_angles, takes_stream=True
-            )
+        super().__init__(
+            link.device, options.motion, stream, own_link="Robot Web Services", takes_stream=True
+        )
         self._link, self._options = link, options
         self._server = MotionServer(link)
         self._mastership = EditMastership(link)
@@ -86,13 +83,11 @@ class AbbRobot(StepwiseMotion):
         check_serial_number(self.name, found.serial, self._options.serial)
         if not found.firmware.startswith(VERIFIED_ON):
             _LOG.warning("%s: not verified on controller software %r", self.name, found.firmware)
-        if self._compared is not None:
-            await self._compared.open()
+        await self._open_stream()
 
     async def close(self) -> None:
         """Give mastership and session back."""
-        if self._compared is not None:
-            self._compared.stream.close()
+        self._close_stream()
         try:
             await self._mastership.release()
         finally:
@@ -112,17 +107,10 @@ class AbbRobot(StepwiseMotion):
     async def _request_condition(self) -> Condition:
         return condition_of(await read_state(self._link))
 
-    async def joint_sources(self) -> str:
-        if self._compared is None:
-            return ""
-        async with self._answer_deadline("comparing the joints"):
-            return await describe_sources(self._compared)
-
     async def read_joints(self) -> JointReading:
         async with self._answer_deadline("reading the joints"):
-            compared = None if self._compared is None else await self._compared.read()
-            if compared is not None:
-                return replace(compared, moving=bool(self._doing) or compared.moving)
+            if compared := await self._read_compared():
+                return compared
             before, _ = await read_joints(self._link)
             joints, reply = await read_joints(self._link)
         moving = bool(self._doing) or joints != before  # the service tells no motion of others

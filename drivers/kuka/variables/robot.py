@@ -2,7 +2,7 @@
 
 import logging
 import time
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 
 from cellcal.calibration.geometry import Array, Pose
@@ -33,11 +33,11 @@ from cellcal.drivers.kuka.variables.values import (
     write_pose,
 )
 from cellcal.drivers.kuka.variables.variable_link import VariableLink
-from cellcal.drivers.wire.compared_joints import ComparedJoints, describe_sources
 from cellcal.drivers.wire.frame_readback import require_frame_as_sent
 from cellcal.drivers.wire.joint_stream import JointStream
 from cellcal.drivers.wire.serial_number import check_serial_number
-from cellcal.drivers.wire.stepwise_motion import IsFinished, StepwiseMotion, StepwiseOptions
+from cellcal.drivers.wire.stepwise_motion import IsFinished, StepwiseOptions
+from cellcal.drivers.wire.streamed_motion import StreamedStepwiseMotion
 
 _LOG = logging.getLogger(__name__)
 VERIFIED_ON: tuple[str, ...] = ()  # controller software this driver has run on; none yet, see README.md
@@ -64,14 +64,11 @@ class KukaOptions:
     motion: StepwiseOptions
 
 
-class KukaRobot(StepwiseMotion):
+class KukaRobot(StreamedStepwiseMotion):
     """Robot with frames, mode and override. Mastering is pendant work on this controller."""
 
     def __init__(self, link: VariableLink, options: KukaOptions, stream: JointStream | None = None) -> None:
-        super().__init__(link.device, options.motion)
-        self._compared: ComparedJoints | None = None
-        if stream is not None:
-            self._compared = ComparedJoints(stream, "$AXIS_ACT", self._read_angles, takes_stream=False)
+        super().__init__(link.device, options.motion, stream, own_link="$AXIS_ACT", takes_stream=False)
         self._link, self._options = link, options
         self._server = MotionServer(link)
 
@@ -85,13 +82,11 @@ class KukaRobot(StepwiseMotion):
         check_serial_number(self.name, found.serial, self._options.serial)
         if not found.firmware.startswith(VERIFIED_ON):
             _LOG.warning("%s: not verified on controller software %r", self.name, found.firmware)
-        if self._compared is not None:
-            await self._compared.open()
+        await self._open_stream()
 
     async def close(self) -> None:
         """Hang up."""
-        if self._compared is not None:
-            self._compared.stream.close()
+        self._close_stream()
         await self._link.close()
 
     async def identify(self) -> Identity:
@@ -104,17 +99,10 @@ class KukaRobot(StepwiseMotion):
     async def _request_condition(self) -> Condition:
         return condition_of(await read_state(self._link))
 
-    async def joint_sources(self) -> str:
-        if self._compared is None:
-            return ""
-        async with self._answer_deadline("comparing the joints"):
-            return await describe_sources(self._compared)
-
     async def read_joints(self) -> JointReading:
         async with self._answer_deadline("reading the joints"):
-            compared = None if self._compared is None else await self._compared.read()
-            if compared is not None:
-                return replace(compared, moving=bool(self._doing) or compared.moving)
+            if compared := await self._read_compared():
+                return compared
             before = await self._read_angles()
             text = await self._link.read_variable("$AXIS_ACT")
             joints = await self._read_angles()
