@@ -1,6 +1,6 @@
 """What routines set, seen from those that call them and those that they call: one pass over all calls."""
 
-from collections.abc import Collection, Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass, field
 from typing import TypeAlias
 
@@ -97,3 +97,20 @@ class _Tarjan:
         while routine not in group[-1:]:
             group.append(self.waiting.popitem()[0])
         self.groups.append(group)
+
+
+def reached_missing(calls: Mapping[str, Set[str]], given: Set[str]) -> dict[str, str]:
+    """Return by routine the name of one that was not given and that it, or one that it calls, calls."""
+    callers: dict[str, list[str]] = {}
+    for name, called in calls.items():
+        for each in called & given:
+            callers.setdefault(each, []).append(name)
+    found = {name: min(missing) for name, called in calls.items() if (missing := called - given)}
+    waiting = list(found)
+    while waiting:
+        reached = waiting.pop()
+        for caller in callers.get(reached, ()):
+            if caller not in found:
+                found[caller] = found[reached]
+                waiting.append(caller)
+    return found

@@ -13,7 +13,7 @@ from typing import NamedTuple, Protocol, TypeAlias
 
 from cellcal.calibration.message import make_message
 from cellcal.drivers.programs.barred import MOVED_FRAMES, SEEN_FROM_FLANGE
-from cellcal.drivers.programs.call_graph import Marks, reached_settings
+from cellcal.drivers.programs.call_graph import Marks, reached_missing, reached_settings
 from cellcal.drivers.programs.declared_poses import DeclaredPoses, Poses
 
 Routine: TypeAlias = tuple[str, str]  # its file and name
@@ -47,6 +47,7 @@ class RoutineEffects:
     shown: bool = True  # other files may call it
     resets: bool = False  # it sets tool and frame to what the controller begins with
     computes: frozenset[str] = frozenset()  # global places that it computes, as the brand names them
+    beside: frozenset[str] = frozenset()  # routines of its calls that go on while it and its callers run
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,6 +101,12 @@ class ExternalUses:
         default_factory=dict
     )  # global places, and the file that computes them
     given: frozenset[str] = frozenset()  # names of the routines beside it, its own among them
+    open_calls: Mapping[str, str] = field(
+        default_factory=dict
+    )  # routines beside it that reach one that was not given, and which
+    running: Mapping[str, str] = field(
+        default_factory=dict
+    )  # routines not given that other files start to run beside all others, and the file
 
     def doubt_reason(self, tool: str | None, frame: str | None) -> str:
         """Return why nothing is carried in a tool or frame, or ""."""
@@ -154,6 +161,7 @@ class BatchDeclarations:
         tools, bases = (every.poses_visible_from(self._folders[file]) for every in (self._tools, self._bases))
         absent = self._absent.get(file, {})
         computed, given = self._computed_beside(file) if one.flat else ({}, frozenset[str]())
+        open_calls, running = self._open_beside(file) if one.flat else ({}, {})
         return ExternalUses(
             uses,
             self._doubtful,
@@ -166,6 +174,8 @@ class BatchDeclarations:
             absent,
             computed,
             given,
+            open_calls,
+            running,
         )
 
     def find_declarations(self, file: str, name: str, /) -> tuple[Sequence[str], str]:
@@ -203,6 +213,36 @@ class BatchDeclarations:
                 for place in routine.computes:
                     computing[self._folders[file]][place].append(file)
         return computing, given
+
+    def _open_beside(self, file: str) -> tuple[Mapping[str, str], dict[str, str]]:
+        """Return which routines of a folder reach one that was not given, and which of those run beside all."""
+        reaching, running = self._open_folders
+        folder = self._folders[file]
+        started = running.get(folder, {})
+        return reaching.get(folder, {}), {name: by for name, by in started.items() if by != file}
+
+    @cached_property
+    def _open_folders(self) -> tuple[dict[str, dict[str, str]], dict[str, dict[str, str]]]:
+        """Return by folder: by routine one not given that it reaches; and those not given that run beside all."""
+        given = self._flat_folders[1]
+        by_folder: dict[str, list[tuple[str, str, RoutineEffects]]] = defaultdict(list)
+        for file, one in self._by_file.items():
+            if one.flat:
+                by_folder[self._folders[file]] += [(file, *each) for each in one.routines.items()]
+        reaching = {
+            folder: reached_missing({name: one.calls for _, name, one in some}, given[folder])
+            for folder, some in by_folder.items()
+        }
+        running: dict[str, dict[str, str]] = {}
+        for folder, some in by_folder.items():
+            reached = reaching[folder]
+            running[folder] = {
+                reached.get(started, started): file
+                for file, _, one in some
+                for started in one.beside
+                if started in reached or started not in given[folder]
+            }
+        return reaching, running
 
     @cached_property
     def _called_in(self) -> Set[tuple[str, str]]:

@@ -69,8 +69,46 @@ def test_a_program_that_was_not_given_may_compute_the_register(tmp_path: Path) -
 
 
 @pytest.mark.parametrize(
+    ("lines", "called", "named"),
+    [
+        ([COPY, "Open gripper", GO], "", "Open gripper"),  # a macro
+        ([COPY, "HAND1(2)", GO], "", "HAND1"),  # with an argument
+        (["MONITOR WATCH", COPY, GO], "", "MONITOR WATCH"),  # it may come at any time
+        (["MONITOR WATCH", "MONITOR END OTHER", COPY, GO], "", "MONITOR WATCH"),
+        (["RUN BESIDE", COPY, GO], "", "RUN BESIDE"),
+        (
+            [COPY, "LBL[1]", GO, "CALL ABSENT", "JMP LBL[1]"],
+            "",
+            "CALL ABSENT",
+        ),  # called before the next round
+        (
+            ["CALL ABSENT", "IF R[1]=1,JMP LBL[1]", COPY, "LBL[1]", GO],
+            "",
+            "CALL ABSENT",
+        ),  # the copy is left out
+        ([COPY, "L P[1] 100mm/sec FINE TB .5sec,CALL ABSENT", GO], "", "CALL ABSENT"),  # of a motion
+        ([COPY, "CALL ADDS", GO], "CALL ABSENT", "ABSENT"),  # by one that is given
+        ([COPY, "CALL ADDS", GO], "Open gripper", "Open gripper"),
+        ([COPY, GO], "MONITOR WATCH", "ADDS.LS: WATCH"),  # started by another one
+    ],
+)
+def test_whatever_may_run_a_program_that_was_not_given_is_a_finding(
+    tmp_path: Path, lines: list[str], called: str, named: str
+) -> None:
+    report = move_listings(tmp_path, lines, called=called)
+    assert report["exit_code"] == ExitCode.REFUSED
+    assert named in report["findings"][0]["text"]
+
+
+@pytest.mark.parametrize(
     ("lines", "called", "offset"),
     [
+        (["Open gripper", COPY, GO], "", TURNED),  # a macro before the register is filled
+        ([COPY, GO, "Open gripper"], "", TURNED),
+        ([COPY, "WAIT R[1]=1", "PAUSE", "LOCK PREG", GO], "", TURNED),  # words that are no macro
+        (["MONITOR WATCH", "MONITOR END WATCH", COPY, GO], "", TURNED),
+        (["MONITOR ADDS", COPY, GO], "R[1]=5", TURNED),  # it is given, and computes no register of positions
+        (["LBL[1]", COPY, GO, "CALL ABSENT", "JMP LBL[1]"], "", TURNED),  # filled in every round
         ([COPY, "CALL ADDS(1)", GO], "R[1]=5", TURNED),  # it computes no register of positions
         ([COPY, "CALL ADDS(1)", GO], "PR[2,1]=PR[2,1]+50", TURNED),  # it computes another one
         (["CALL ADDS(1)", COPY, GO], "", TURNED),  # called before the register is filled

@@ -287,3 +287,49 @@ def test_a_point_in_a_frame_of_the_installation_is_left_and_named(
 ):
     positions = _read_script("pick = p[0.4,0.1,0.2,0,3.1,0]", *lines).positions
     assert {positions.names[row]: why for row, why in positions.barred.items()} == barred
+
+
+_OVER_LINES = "[.1, -.2, # above\n  .3,\n\t0, \\\n3.14, 0]"
+
+
+@pytest.mark.parametrize(
+    ("text", "kind"),
+    [
+        (f"movel(p{_OVER_LINES}, a=1.2)", CARTESIAN),
+        (f"movel(\n  p{_OVER_LINES}\n  , a=1.2)", CARTESIAN),
+        (f"pick = p{_OVER_LINES}\nmovel(pick)", CARTESIAN),
+        (f"movej(get_inverse_kin(p{_OVER_LINES},\n  qnear={_LIST}))", CARTESIAN),
+        (f"movej({_OVER_LINES}, a=1)", JOINTS),
+    ],
+)
+def test_six_numbers_over_several_lines_are_read_and_written_in_their_layout(text: str, kind: str):
+    program = _read_script(text)
+    assert program.positions.kinds == (kind,)
+    assert program.positions.shifts == ()
+    six = np.array([[0.1, -0.2, 0.25, 0.0, 3.14, 0.0]])
+    if kind == JOINTS:
+        change = PositionChange(np.array([0]), joints=six)
+    else:
+        joints = program.positions.joints if "qnear" in text else None
+        change = PositionChange(np.array([0]), frame_tip=poses_of(six), joints=joints)
+    assert program.with_changes(change).text == text.replace(" .3,", " .250000000,")
+
+
+@pytest.mark.parametrize(
+    ("lines", "what"),
+    [
+        (["movel(p[.1 + x,\n 0, 0, 0, 0, 0])"], "movel"),
+        (["movej(get_inverse_kin(p[.1 + x, 0, 0, 0, 0, 0]))"], "movej"),  # a pose, of which one is computed
+        (["q = get_inverse_kin(p[.1 + x, 0, 0, 0, 0, 0])", "movej(q)"], "the program"),
+        ([f"movej(get_inverse_kin({_POSE}, qnear=[d2r(10), 0, 1, 0, 1, 0]))"], "qnear"),
+        (["seed = [d2r(10), 0, 1, 0, 1, 0]", f"movej(get_inverse_kin({_POSE}, qnear=seed))"], "the program"),
+    ],
+)
+def test_a_computed_number_of_a_pose_or_of_joints_to_start_from_is_a_finding(lines: list[str], what: str):
+    assert [shift.what for shift in _read_script(*lines).positions.shifts] == [what]
+
+
+@pytest.mark.parametrize("near", ["get_actual_joint_positions()", "get_inverse_kin(p[.1, 0, 0, 0, 0, 0])"])
+def test_joints_to_start_from_that_follow_the_arm_are_no_finding(near: str):
+    program = _read_script(f"seed = {near}", f"movej(get_inverse_kin({_POSE}, qnear=seed))")
+    assert program.positions.shifts == ()

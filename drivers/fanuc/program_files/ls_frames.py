@@ -11,6 +11,7 @@ from pathlib import PurePath
 from cellcal.calibration.message import make_message
 from cellcal.drivers.fanuc.program_files.ls_computed import computed_places
 from cellcal.drivers.fanuc.program_files.ls_remarks import statements_of
+from cellcal.drivers.fanuc.program_files.ls_statements import MACRO_ARGUMENTS, MACRO_WORDS, NO_MACRO
 from cellcal.drivers.programs.barred import COMPUTED, LATER, SEVERAL
 from cellcal.drivers.programs.cross_file_uses import ExternalUses, RoutineEffects
 from cellcal.drivers.programs.positions import CARTESIAN, Positions
@@ -40,14 +41,10 @@ _INDIRECT = re.compile(rb"P(?<![A-Za-z]P)\[ *+[A-Za-z]")
 
 # A register that names the program is a name that no program has.
 _CALL = re.compile(rb"\b(?:CALL|AUFRUF|RUN|MONITOR)[ \t]++(?!END\b)([^\s;(,]{1,80}+)")
-# Words alone are a macro, whose program only the controller's table names; these are not.
-_WORDS_ALONE = re.compile(
-    rb"^[ \t]*+\d++[ \t]*+:[ \t]*+([A-Za-z]\w*+(?:[ \t]++\w++)*+)[ \t]*+;", re.MULTILINE
+_MACROS = re.compile(
+    rb"^[ \t]*+\d++[ \t]*+:[ \t]*+(" + MACRO_WORDS + rb")[ \t]*+" + MACRO_ARGUMENTS + rb";", re.MULTILINE
 )
-_STATEMENT = re.compile(
-    rb"(?:END|ENDE|ABORT|PAUSE|ELSE|ENDIF|ENDFOR|CONTINUE|COL|SOFTFLOAT|LOCK|UNLOCK|MONITOR|CALL|AUFRUF|RUN"
-    rb"|Weave|Track|Arc|WAIT|WARTEN)\b"
-)
+_BESIDE = re.compile(rb"\b(?:RUN|MONITOR)[ \t]++(?!END\b)([^\s;(,]{1,80}+)")  # they run while others do
 
 
 def routine_effects_of(data: bytes) -> RoutineEffects:
@@ -58,6 +55,7 @@ def routine_effects_of(data: bytes) -> RoutineEffects:
         frames=frozenset(_set_numbers("frame", statements)),
         calls=frozenset(_called_programs(statements)),
         computes=computed_places(data),
+        beside=frozenset(name.decode("cp437").upper() for name in _BESIDE.findall(statements)),
     )
 
 
@@ -168,7 +166,7 @@ def _set_numbers(which: str, statements: bytes) -> set[str]:
 
 def _called_programs(statements: bytes) -> set[str]:
     named = {name.decode("cp437").upper() for name in _CALL.findall(statements)}
-    macros = {words for words in _WORDS_ALONE.findall(statements) if _STATEMENT.match(words) is None}
+    macros = {words for words in _MACROS.findall(statements) if NO_MACRO.match(words) is None}
     return named | {f"macro {words.decode()}" for words in macros}
 
 

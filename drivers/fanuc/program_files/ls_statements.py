@@ -9,6 +9,14 @@ from dataclasses import dataclass
 
 from cellcal.drivers.fanuc.program_files.ls_remarks import statements_of
 
+# Words alone are a macro, whose program only the controller's table names; those behind are statements.
+MACRO_WORDS = rb"[A-Za-z]\w*+(?:[ \t]++\w++)*+"
+MACRO_ARGUMENTS = rb"(?:\([^;\n]*\)[ \t]*+)?+"
+NO_MACRO = re.compile(
+    rb"(?:END|ENDE|ABORT|PAUSE|ELSE|ENDIF|ENDFOR|CONTINUE|COL|SOFTFLOAT|LOCK|UNLOCK|MONITOR|CALL|AUFRUF|RUN"
+    rb"|Weave|Track|Arc|WAIT|WARTEN)\b"
+)
+_MACRO = re.compile(rb"(" + MACRO_WORDS + rb")[ \t]*+" + MACRO_ARGUMENTS)
 _START = re.compile(rb"\s*+(?:/MN\b[^\n]*+\n\s*+)?(?:\d++[ \t]*+)?(?::[ \t]*+)?")
 _MOTION = re.compile(rb"[JLCAS][ \t]++PR?\[")
 _TARGET = re.compile(rb"P(?<![A-Za-z]P)\[ *+(?:(\d{1,5}+)|[A-Za-z])")
@@ -101,6 +109,12 @@ def motion_of(statement: Statement) -> MotionStatement:
         tool_offset=bool(along_tool),
         shifting=tuple(int(found[1]) for found in _REGISTER.finditer(rest + b" " + along_tool) if found[1]),
     )
+
+
+def macro_of(statement: Statement) -> str:
+    """Return the name of the macro that a statement is, "" where it is none."""
+    found = _MACRO.fullmatch(statement.text)
+    return found[1].decode("cp437") if found is not None and NO_MACRO.match(statement.text) is None else ""
 
 
 def condition_of(statement: Statement) -> tuple[int, ...]:

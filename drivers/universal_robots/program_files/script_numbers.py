@@ -18,12 +18,19 @@ DOUBLE_STEP = 1e-12  # m or rad: less is rounding, and keeps the old text
 LONGEST_M, LARGEST_RAD = 1e3, 1e2  # beyond, a coordinate is a damaged one
 _DOUBLE_DECIMALS = 13
 _SAME_ROTATION = 1e-14
-_NUMBER = re.compile(r"[^\s,]+")
+_NUMBER = re.compile(r"[^\s,\\]+")
+_BETWEEN = re.compile(r"#[^\r\n]*+|\\(?=\r?\n)")  # what may stand between the numbers of several lines
+
+
+def without_comments(text: str) -> str:
+    """Return a list's text with blanks for comments and for the signs that a line goes on."""
+    return _BETWEEN.sub(lambda found: " " * len(found[0]), text) if "#" in text or "\\" in text else text
 
 
 def number_spans(text: str, start: int, end: int) -> list[tuple[int, int]]:
     """Return where the numbers of a list stand, without the blanks between them."""
-    return [found.span() for found in _NUMBER.finditer(text, start, end)]
+    numbers = without_comments(text[start:end])
+    return [(start + found.start(), start + found.end()) for found in _NUMBER.finditer(numbers)]
 
 
 def renew_numbers(old: Sequence[str], values: Sequence[float]) -> list[str]:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from cellcal.calibration.message import make_message
 from cellcal.drivers.programs.positions import Remark
-from cellcal.drivers.universal_robots.program_files.script_numbers import LARGEST_RAD
+from cellcal.drivers.universal_robots.program_files.script_numbers import LARGEST_RAD, without_comments
 from cellcal.drivers.universal_robots.program_files.script_text import ScriptLiteral, ScriptStatements
 
 BASE = "base"
@@ -26,13 +26,11 @@ _SHOWN = 6
 _LONGEST_NAME, _LONGEST_LIST = 60, 100_000
 _FUNCTION = re.compile(r"^[ \t]*+def[ \t]++(\w++)", re.ASCII | re.MULTILINE)
 _CALLED = re.compile(r"(\w+)[ \t]*\Z", re.ASCII)
-_OPENED = re.compile(r"\([ \t]*p\[\Z", re.ASCII)
-_NAME_BEHIND = re.compile(r"\][ \t]*,[ \t]*[A-Za-z_]", re.ASCII)
-_FRAME_BEFORE = re.compile(
-    r"\bpose_trans[ \t]*\([ \t]*(?:([A-Za-z_]\w*)|p\[[^\[\]]*\])[ \t]*,[ \t]*\Z", re.ASCII
-)
+_OPENED = re.compile(r"\(\s*p\[\Z", re.ASCII)
+_NAME_BEHIND = re.compile(r"\]\s*,\s*[A-Za-z_]", re.ASCII)
+_FRAME_BEFORE = re.compile(r"\bpose_trans[ \t]*\(\s*(?:([A-Za-z_]\w*)|p\[[^\[\]]*\])\s*,\s*\Z", re.ASCII)
 _LONGEST_FRAME = 400
-_FRAME_WRITTEN = re.compile(r"\([ \t]*p\[", re.ASCII)
+_FRAME_WRITTEN = re.compile(r"\(\s*p\[", re.ASCII)
 _LIST = re.compile(r"=[ \t]*\[[^=()]*\Z", re.ASCII)
 _NO_POSITION = frozenset(
     ("force_mode", "set_payload", "set_target_payload", "set_tcp", "path_offset_set", "set_gravity", "speedl")
@@ -129,7 +127,9 @@ class PositionFinder:
     def _is_beyond_joints(self, literal: ScriptLiteral) -> bool:
         """Tell whether six numbers that no move goes to are gains or forces: no joint turns as far."""
         try:
-            numbers = [float(text) for text in self.text[literal.start : literal.end].split(",")]
+            numbers = [
+                float(text) for text in without_comments(self.text[literal.start : literal.end]).split(",")
+            ]
         except ValueError:
             return False
         return any(abs(number) > LARGEST_RAD for number in numbers)

@@ -27,6 +27,7 @@ from cellcal.drivers.universal_robots.program_files.script_numbers import (
     poses_of,
     renew_numbers,
     six_of,
+    without_comments,
 )
 from cellcal.drivers.universal_robots.program_files.script_positions import (
     BASE,
@@ -256,7 +257,7 @@ def _number_steps(text: str, places: Sequence[ScriptPlace]) -> Array:
     for literals in ([place.pose for place in places], [place.joints for place in places]):
         rows = [row for row, literal in enumerate(literals) if literal]
         if rows:
-            found = kept_steps([text[each.start : each.end] for each in literals if each])
+            found = kept_steps([without_comments(text[each.start : each.end]) for each in literals if each])
             steps[rows] = np.maximum(steps[rows], found)
     return steps
 

@@ -5,8 +5,9 @@ from collections.abc import Iterator, Mapping, Sequence
 from math import nan
 
 from cellcal.drivers.programs.shifts import NO_TURN, UNREADABLE, ProgramShift, Quaternion, ShiftAxes, Triple
+from cellcal.drivers.universal_robots.program_files.script_numbers import without_comments
 from cellcal.drivers.universal_robots.program_files.script_positions import BASE, PositionFinder, ScriptPlace
-from cellcal.drivers.universal_robots.program_files.script_text import NUMBER, SIX, ElementSet
+from cellcal.drivers.universal_robots.program_files.script_text import NUMBER, SIX, SIX_OVER_LINES, ElementSet
 
 COMPUTED_PLACE = "a computed place"
 ELEMENT_SET = "the program sets an element of it while it runs"
@@ -22,9 +23,13 @@ _ADDED = re.compile(
 _SIZE = re.compile(rf"{_B}({NUMBER}){_B}", re.ASCII)
 _FOLLOWING = (  # what these return goes along with the poses that it is computed from, or is noted as a shift
     "pose_add", "pose_sub", "pose_trans", "interpolate_pose", "get_actual_tcp_pose", "get_target_tcp_pose",
-    "get_inverse_kin", "get_forward_kin", "get_actual_joint_positions", "get_target_joint_positions",
+    "get_actual_joint_positions", "get_target_joint_positions",
 )  # fmt: skip
-_FOLLOWS = re.compile(rf"{_B}(?:{'|'.join(_FOLLOWING)}){_B}\(", re.ASCII)
+_FOLLOWS = re.compile(  # but for a pose of which a number is computed
+    rf"\s*+(?:{'|'.join(_FOLLOWING)}){_B}\(|\s*+get_(?:inverse|forward)_kin{_B}\(\s*+"
+    rf"(?:[xq]\s*+=\s*+)?+(?:p?\[{SIX_OVER_LINES}\]|(?!p?\[))",
+    re.ASCII,
+)
 _OF_TIP = re.compile(rf"{_B}(?:pose_\w++|interpolate_pose|get_(?:actual|target)_tcp_pose|p\[)", re.ASCII)
 _VALUE = r"^[ \t]*+(?:(?:global|local)[ \t]++)?{}[ \t]*+=(?!=)[ \t]*+(?P<value>[^\r\n#]*+)"
 _PLAIN = re.compile(rf"(?:[A-Za-z_]\w*+|p?\[{SIX}\]){_B}", re.ASCII)
@@ -74,6 +79,10 @@ class ScriptShifts:
             *self._element_shifts(),
             *self._computed_moves(),
             *self._unknown_variables(),
+            *(
+                self._make_shift(at, "qnear", COMPUTED_PLACE, UNREADABLE, None)
+                for at in self.finder.found.computed_near
+            ),
         ]
         for function in (*_IN_BASE_AXES, *_BY_ANY_CHANGE):
             turn = None if function in _BY_ANY_CHANGE else NO_TURN
@@ -131,7 +140,8 @@ class ScriptShifts:
         if not name or not self.finder.is_known(name):
             return None
         literal_of_name = self.finder.literals_by_name[name][0]
-        return [float(number) for number in self.text[literal_of_name.start : literal_of_name.end].split(",")]
+        text = self.text[literal_of_name.start : literal_of_name.end]
+        return [float(number) for number in without_comments(text).split(",")]
 
     def _element_shifts(self) -> Iterator[ProgramShift]:
         for one in self.finder.found.elements:
@@ -176,7 +186,7 @@ class ScriptShifts:
     def _unknown_variables(self) -> Iterator[ProgramShift]:
         """Yield moves to variables that may or may not move with the work."""
         for name, uses in self.finder.found.uses.items():
-            offsets = [offset for offset, role, _ in uses if role in ("target", "in_frame")]
+            offsets = [offset for offset, role, _ in uses if role in ("target", "in_frame", "near")]
             if not offsets or self.finder.is_known(name) or name in self.parameters:
                 continue
             values = self._assigned_values(name)

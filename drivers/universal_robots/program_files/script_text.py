@@ -17,6 +17,8 @@ from cellcal.drivers.universal_robots.program_files.script_calls import MOVES, O
 NUMBER = r"[+-]?(?:\d++(?:\.\d*+)?|\.\d++)(?:[eE][+-]?\d++)?"
 _B = r"[ \t]*+"
 SIX = rf"{_B}{NUMBER}{_B}(?:,{_B}{NUMBER}{_B}){{5}}"
+_OVER_LINES = r"(?:[ \t\r\n]++|\\\r?\n|\#[^\r\n]*+)*+"  # between numbers of one list, in brackets
+SIX_OVER_LINES = rf"{_OVER_LINES}{NUMBER}{_OVER_LINES}(?:,{_OVER_LINES}{NUMBER}{_OVER_LINES}){{5}}"
 _CHARACTERS = (
     r"[-+.0-9eE, \t]*+"  # of six numbers: commas are counted, and the numbers read, behind this expression
 )
@@ -41,7 +43,7 @@ _BLANKS = r"(?:[ \t\r]++|\\\r?\n|\#[^\r\n]*+)*+"  # and comments, and line feeds
 _TOKEN = re.compile(
     rf"""{_BLANKS}(?:(?P<line>\n)
     |(?P<text>"[^"\r\n]*+"|'[^'\r\n]*+')
-    |(?P<six>p?\[{SIX}\])
+    |(?P<six>p?\[{SIX_OVER_LINES}\])
     |(?P<number>(?:0[xX][0-9a-fA-F]++|\d++(?:\.\d*+)?(?:[eE][+-]?\d++)?|\.\d++(?:[eE][+-]?\d++)?)(?![\w.]))
     |(?P<name>[A-Za-z_]\w*+)
     |(?P<open>[(\[{{])
@@ -88,6 +90,7 @@ class ScriptStatements:
     elements: list[ElementSet] = field(default_factory=list)
     calls: dict[str, list[int]] = field(default_factory=dict)  # offsets of calls, by function
     computed: list[tuple[int, str]] = field(default_factory=list)  # moves whose target is an expression
+    computed_near: list[int] = field(default_factory=list)  # where joints that qnear gets are expressions
 
     def note_use(self, name: str, offset: int, role: Role, where: str = "") -> None:
         uses = self.uses.get(name)
@@ -230,10 +233,12 @@ class _StatementReader:
     def read_statement(self, at: int) -> int:
         """Read it and return where the next one starts."""
         for token in self.source.iterate_tokens(at):
+            if token.kind == "line" and token.text and self.stack:
+                continue  # within brackets the statement goes on
             if self.waiting is not None:
                 self._settle_item(self.waiting, token)
                 self.before, self.waiting = self.waiting, None
-            if token.kind == "line" and (not self.stack or not token.text):
+            if token.kind == "line":
                 self._finish_statement()
                 return token.end
             self._take_token(token)
@@ -242,8 +247,6 @@ class _StatementReader:
     def _take_token(self, token: Token) -> None:
         if token.kind in ("name", "six"):
             self.waiting = token
-            return
-        if token.kind == "line":
             return
         if token.kind == "open":
             self._open_bracket(token)
@@ -362,6 +365,8 @@ class _StatementReader:
             raise self.source.error_at(
                 call.offset, "a pose or a posture has six numbers, this one has not.", cure
             )
+        if posed and outer == "near":
+            self.found.computed_near.append(call.offset)
         if call.function in ("pose_trans", "get_inverse_kin") and call.reached and outer == "target":
             self.stack[-1].reached.add(self.stack[-1].argument)
         elif call.function in MOVES and not call.is_understood:

@@ -10,7 +10,12 @@ import numpy as np
 
 from cellcal.calibration.geometry import Array, Pose
 from cellcal.drivers.programs.positions import Remark
-from cellcal.drivers.universal_robots.program_files.script_numbers import LARGEST_RAD, LONGEST_M, poses_of
+from cellcal.drivers.universal_robots.program_files.script_numbers import (
+    LARGEST_RAD,
+    LONGEST_M,
+    poses_of,
+    without_comments,
+)
 from cellcal.drivers.universal_robots.program_files.script_positions import PositionFinder, ScriptPlace
 from cellcal.drivers.universal_robots.program_files.script_text import SIX_NUMBERS, ScriptLiteral, ScriptText
 
@@ -187,11 +192,11 @@ def numbers_of(source: ScriptText, literals: Sequence[ScriptLiteral | None]) -> 
     some = [literal for literal in literals if literal]
     if not some:
         return six
-    texts = [source.text[literal.start : literal.end] for literal in some]
+    texts = [without_comments(source.text[literal.start : literal.end]) for literal in some]
     try:
         values = np.array(list(map(float, ",".join(texts).split(",")))).reshape(-1, 6)
     except ValueError as wrong:
-        bad = next(at for at, text in enumerate(texts) if not SIX_NUMBERS.fullmatch(text))
+        bad = next(at for at, text in enumerate(texts) if not SIX_NUMBERS.fullmatch(" ".join(text.split())))
         raise source.error_at(
             some[bad].start,
             "one of these six is no number.",
