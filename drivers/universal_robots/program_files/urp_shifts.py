@@ -12,6 +12,8 @@ IN_SCRIPT = "it stands in a script or an expression of the program, and is not r
 STRAY = "it belongs to no waypoint, and is not read"
 _LITERAL = re.compile(rf"p?\[{SIX}\]", re.ASCII)
 _COMPUTES = re.compile(r"pose_\w+|interpolate_pose|\w+_kin\(|p\[|\bspeedl\b|\bforce_mode\b", re.ASCII)
+# A move of a script: where to is a variable or a call; what is written out is a position that is not read.
+_MOVES = re.compile(r"\b(?:move[jlcp]|servo[jlc])\s*\(\s*(?P<target>\w*)", re.ASCII)
 _COMPUTED_PLACE = "a computed place"
 
 
@@ -34,8 +36,12 @@ def _relative_shifts(xml: XmlText, reader: WaypointReader) -> Iterator[ProgramSh
 
 
 def _computed_shifts(xml: XmlText, reader: WaypointReader) -> Iterator[ProgramShift]:
-    for i, text in _script_texts(xml, reader):
-        if _COMPUTES.search(text) is not None:
+    own = {
+        f"{xml.attribute_value(i, 'name')}_{kind}" for i in reader.tags.get("Waypoint", ()) for kind in "pq"
+    }  # what PolyScope calls the pose and the joints of a waypoint: these follow it
+    for i, text in (*_script_texts(xml, reader), *_outside_scripts(xml, reader)):
+        moves = any(move["target"] not in own for move in _MOVES.finditer(text))
+        if moves or _COMPUTES.search(text) is not None:
             line = xml.line_of(xml.elements[i].offset)
             yield ProgramShift(
                 line,
@@ -59,6 +65,14 @@ def unread_positions_of(xml: XmlText, reader: WaypointReader) -> list[tuple[str,
         (f"line {xml.line_of(xml.elements[i].offset)}", xml.line_of(xml.elements[i].offset), STRAY)
         for i in reader.stray_joints()
     ]
+
+
+def _outside_scripts(xml: XmlText, reader: WaypointReader) -> Iterator[tuple[int, str]]:
+    """Yield script nodes whose text is in another file, as a move to what only that file tells."""
+    for i in reader.tags.get("Script", ()):
+        is_file = xml.attribute_value(i, "type") == "File"
+        if is_file and xml.find_child(i, "cachedContents") is None:
+            yield i, "movel("
 
 
 def _script_texts(xml: XmlText, reader: WaypointReader) -> Iterator[tuple[int, str]]:

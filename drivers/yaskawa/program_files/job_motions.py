@@ -60,6 +60,7 @@ class _JobFindings:
     shifts: list[tuple[Key | None, ProgramShift]] = field(default_factory=list)
     from_here: set[int] = field(default_factory=set)  # variables that get where the robot was
     computed: set[int] = field(default_factory=set)  # of these, those that the job computes with
+    set_in_part: set[int] = field(default_factory=set)  # of these, those of which SETE sets an element
     absent: set[str] = field(default_factory=set)  # variables gone to of which the file holds no value
 
 
@@ -123,6 +124,10 @@ def _of_rows(
 def _find_motions(job: YaskawaJob, rows: dict[Key, JobRow]) -> _JobFindings:
     found = _JobFindings()
     found.from_here, found.computed = _from_here(_iterate_instructions(job))
+    found.set_in_part = found.computed & {
+        int(first[2]) for _, word, rest in _iterate_instructions(job)
+        if word == "SETE" and (first := _TAKEN.search(rest)) and first[2]
+    }  # fmt: skip
     everywhere = _JUMPS.search(job.instructions) is not None
     lines = list(_iterate_instructions(job))
     switched_on = [
@@ -215,7 +220,10 @@ def _take_motion(
         elif key in rows:
             found.shifts += [(key, shift) for shift in active]
         elif taken[2] and int(taken[2]) in found.computed:
-            found.shifts.append((None, ProgramShift(line, word, ShiftAxes.BASE, point=taken[0])))
+            is_set = int(taken[2]) in found.set_in_part  # to a value that no change of the points reaches
+            turn = None if is_set else NO_TURN
+            computed = ProgramShift(line, word, ShiftAxes.BASE, point=taken[0], quaternion=turn, sets=is_set)
+            found.shifts.append((None, computed))
         elif taken[2] and not (taken[1] or int(taken[2]) in found.from_here):
             _go_to_absent(found, line, word, taken[0])
     if "IMOV" in word and (shift := _shift_of(line, word, own, found.from_here, rows)) is not None:

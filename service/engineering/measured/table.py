@@ -6,18 +6,15 @@ import re
 from array import array
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import chain, islice
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from cellcal.calibration.documents import DocumentError
 from cellcal.calibration.documents.csv_text import split_row
 from cellcal.calibration.documents.plain_files import read_plain_bytes
-from cellcal.calibration.documents.zip_archives import open_zip
-from cellcal.calibration.errors import CellError
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.identification.observations import Rows
 from cellcal.calibration.message import make_message
@@ -25,21 +22,29 @@ from cellcal.service.engineering.measured.cell_numbers import (
     ColumnMarks,
     WrittenNumber,
     parse_cell,
-    parse_lone_cell,
 )
 from cellcal.service.engineering.measured.encodings import encoding_of
+from cellcal.service.engineering.measured.errors import (
+    MeasurementError as MeasurementError,  # noqa: PLC0414  # readers of tables import it from here
+)
+from cellcal.service.engineering.measured.summary_rows import summary_rows
 from cellcal.service.engineering.measured.table_heads import (
     doubled_name,
     heading_names,
     is_remark,
     names_without_heading,
 )
+from cellcal.service.engineering.measured.workbooks import (
+    FEWEST_COLUMNS,
+    OLD_BEGINS,
+    ZIP_BEGINS,
+    read_workbook,
+)
 from cellcal.service.files import missing_file_words
 
 _SEPARATORS = (";", "\t", ",", "|", " ")
 _LOOK_AHEAD = 200  # lines, to find separator and decimal mark
 _HEAD = 2000  # lines, to find the column names
-_FEWEST_COLUMNS = 3
 _MOSTLY = 0.5  # of the rows of a column of numbers
 _SHOWN = 40  # characters of a cell
 _UNIT_APART = re.compile(r"[ \t]+([\[(][^\s\])]*[\])])")  # J1 [deg] is one name between blanks
@@ -52,12 +57,6 @@ WRITE_PLAINLY = (
     "Write numbers with a decimal point and no marks of thousands, and all of a column in the unit that its heading "
     "names."
 )
-
-
-class MeasurementError(CellError):
-    """A file of measurements cannot be understood; the remedy names the option that helps."""
-
-    code = "measurements"
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,6 +72,9 @@ class MeasurementTable:
     doubts: Mapping[int, str] = field(
         default_factory=dict
     )  # columns whose numbers have no one meaning, and why
+    uncalculated: Mapping[int, int] = field(
+        default_factory=dict
+    )  # columns with formulas that have no value, and the first such line
 
     def __len__(self) -> int:
         return len(self.lines)
@@ -88,6 +90,15 @@ class MeasurementTable:
         at = self.names.index(name)
         if at in self.doubts:
             raise MeasurementError(make_message("{why}.", why=self.doubts[at]), remedy=WRITE_PLAINLY)
+        if at in self.uncalculated:
+            raise MeasurementError(
+                make_message(
+                    "column {column!r} holds a formula without its value in line {line}.",
+                    column=name,
+                    line=self.uncalculated[at],
+                ),
+                remedy="Open the file in a spreadsheet program, let it calculate, and save it.",
+            )
         found: Array = self.numbers[:, at]
         return found
 
@@ -116,10 +127,11 @@ def read_table(path: Path, *, sheet: str | None = None) -> MeasurementTable:
     if not path.is_file():
         why, remedy = missing_file_words(path)
         raise MeasurementError(why, remedy=remedy)
-    if path.suffix.lower() in _EXCEL:
-        return _read_excel(path, sheet)
     try:
-        return _read_text(path)
+        content = read_plain_bytes(path)
+        if path.suffix.lower() in _EXCEL or content.startswith((ZIP_BEGINS, OLD_BEGINS)):
+            return _read_excel(path, content, sheet)
+        return _read_text(path, content)
     except DocumentError as error:
         raise MeasurementError(
             make_message("{path}: {why}", path=path, why=error.why),
@@ -127,8 +139,7 @@ def read_table(path: Path, *, sheet: str | None = None) -> MeasurementTable:
         ) from error
 
 
-def _read_text(path: Path) -> MeasurementTable:
-    content = read_plain_bytes(path)
+def _read_text(path: Path, content: bytes) -> MeasurementTable:
     if content.lstrip()[:2] in (b"[{", b"[[") or content.lstrip()[:1] in (b"{", b"<"):
         raise MeasurementError(
             make_message("{path} holds no table: it is JSON or XML.", path=path),
@@ -150,7 +161,7 @@ def _read_text(path: Path) -> MeasurementTable:
     )
 
 
-_LONGEST_LINE, _MOST_EXCEL_CELLS = 200_000, 5_000_000
+_LONGEST_LINE = 200_000
 
 
 def _split_line(line: str, separator: str) -> list[str]:
@@ -174,8 +185,8 @@ def _detect_dialect(lines: Sequence[str]) -> tuple[str, bool]:
                 for line in lines
             ]
             common, often = (
-                Counter(count for count in counts if count >= _FEWEST_COLUMNS).most_common(1)[0]
-                if any(count >= _FEWEST_COLUMNS for count in counts)
+                Counter(count for count in counts if count >= FEWEST_COLUMNS).most_common(1)[0]
+                if any(count >= FEWEST_COLUMNS for count in counts)
                 else (0, 0)
             )
             score = float(common * often)
@@ -188,11 +199,11 @@ def _build_table(path: Path, cells: Iterable[list[float | str]], dialect: str) -
     rows = iter(cells)
     head = list(islice(rows, _HEAD))
     counts = [0 if is_remark(row) else sum(isinstance(cell, float) for cell in row) for row in head]
-    widths = Counter(count for count in counts if count >= _FEWEST_COLUMNS)
+    widths = Counter(count for count in counts if count >= FEWEST_COLUMNS)
     if not widths:
         raise _no_table(path, head)
     usual = widths.most_common(1)[0][0]
-    first = next(i for i, count in enumerate(counts) if count >= max(_FEWEST_COLUMNS, 0.5 * usual))
+    first = next(i for i, count in enumerate(counts) if count >= max(FEWEST_COLUMNS, 0.5 * usual))
     names = heading_names(head[:first], _filled_width(head[first]))
     has_heading = names is not None
     if names is None:
@@ -203,7 +214,9 @@ def _build_table(path: Path, cells: Iterable[list[float | str]], dialect: str) -
             make_message("{path}: the column name {twice!r} occurs twice.", path=path, twice=twice),
             remedy="Rename one of them.",
         )
-    return _fill_table(names, chain(head[first:], rows), first + 1, dialect, has_heading=has_heading)
+    return _without_summaries(
+        _fill_table(names, chain(head[first:], rows), first + 1, dialect, has_heading=has_heading)
+    )
 
 
 def _fill_table(
@@ -239,12 +252,30 @@ def _fill_table(
     )
 
 
+def _without_summaries(table: MeasurementTable) -> MeasurementTable:
+    """Return a table without the rows that sum others up; its dialect names them."""
+    found = summary_rows(table.texts, len(table))
+    if not found:
+        return table
+    kept = [row for row in range(len(table)) if row not in found]
+    place = {row: at for at, row in enumerate(kept)}
+    shown = ", ".join(f"{word!r} ({table.lines[row]})" for row, word in found.items())
+    left_out = make_message("summaries of rows left out, with their lines: {shown}", shown=shown)
+    return replace(
+        table,
+        numbers=table.numbers[kept],
+        texts={(place[row], at): text for (row, at), text in table.texts.items() if row in place},
+        lines=table.lines[kept],
+        dialect="; ".join([table.dialect, left_out]),
+    )
+
+
 def _no_table(path: Path, head: list[list[float | str]]) -> MeasurementError:
     """Return the refusal of a file without rows of numbers; it names the cell that keeps one from being a number."""
     for line, row in enumerate(head, start=1):
         begun = [cell for cell in row if isinstance(cell, float) or _BEGINS_AS_NUMBER.match(cell)]
         strange = [cell for cell in begun if isinstance(cell, str)]
-        if len(begun) >= _FEWEST_COLUMNS and strange and not is_remark(row):
+        if len(begun) >= FEWEST_COLUMNS and strange and not is_remark(row):
             return MeasurementError(
                 make_message(
                     "{path} holds no table of numbers: in line {line}, {cell!r} is no number and no number with a "
@@ -266,64 +297,7 @@ def _filled_width(row: list[float | str]) -> int:
     return max((at + 1 for at, cell in enumerate(row) if cell != ""), default=0)
 
 
-def _read_excel(path: Path, sheet: str | None) -> MeasurementTable:
-    import warnings  # noqa: PLC0415  # openpyxl takes 100 ms that a CSV file need not pay
-
-    from openpyxl import load_workbook  # noqa: PLC0415
-
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # about styles and validations, which hold no measurement
-        try:
-            book = load_workbook(open_zip(read_plain_bytes(path)), read_only=True, data_only=True)
-        except Exception as error:  # the library raises what its parts happen to raise
-            raise MeasurementError(
-                make_message("{path} is no Excel file.", path=path), remedy="Save it as CSV."
-            ) from error
-    try:
-        if sheet is not None and sheet not in book.sheetnames:
-            raise MeasurementError(
-                make_message("{path} has no sheet {sheet!r}.", path=path, sheet=sheet),
-                remedy=make_message("Sheets: {sheetnames}.", sheetnames=", ".join(book.sheetnames)),
-            )
-        for name in [sheet] if sheet is not None else book.sheetnames:
-            cells = _excel_rows(path, book[name])
-            if sum(sum(isinstance(c, float) for c in row) >= _FEWEST_COLUMNS for row in cells) >= 2:
-                return _build_table(path, cells, f"Excel sheet {name!r}")
-    finally:
-        book.close()
-    raise MeasurementError(
-        make_message("{path} holds no table of numbers.", path=path), remedy="Name the sheet with `--sheet`."
-    )
-
-
-def _excel_rows(path: Path, sheet: Any) -> list[list[float | str]]:
-    rows: list[list[float | str]] = []
-    count = 0
-    try:
-        for row in sheet.iter_rows(values_only=True):
-            rows.append([_excel_cell(value) for value in row])
-            count += len(row)
-            if count > _MOST_EXCEL_CELLS:  # a sheet may say that it is of any size
-                break
-    except Exception as error:  # the library raises what its parts happen to raise
-        raise MeasurementError(
-            make_message("{path} is no Excel file.", path=path), remedy="Save it as CSV."
-        ) from error
-    if count > _MOST_EXCEL_CELLS:
-        raise MeasurementError(
-            make_message(
-                "{path} has more than {most_excel_cells} cells.",
-                path=path,
-                most_excel_cells=_MOST_EXCEL_CELLS,
-            ),
-            remedy="Save it as CSV.",
-        )
-    return rows
-
-
-def _excel_cell(value: object) -> float | str:
-    if value is None or isinstance(value, bool):
-        return "" if value is None else str(value)
-    if isinstance(value, int | float):
-        return float(value) if math.isfinite(value) else str(value)
-    return parse_lone_cell(str(value))
+def _read_excel(path: Path, content: bytes, sheet: str | None) -> MeasurementTable:
+    found = read_workbook(path, content, sheet)
+    table = _build_table(path, found.rows, found.dialect)
+    return replace(table, uncalculated=found.uncalculated)

@@ -5,6 +5,7 @@ goes to D F p. The findings tell how far these two are apart.
 """
 
 import math
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -57,6 +58,14 @@ _OF_OTHER_CONTROLLER = (
     "{cure}"
 )
 _NOT_CORRECTED = "the motion goes to {point}, whose place no file here holds: it is not corrected. {cure}"
+_COMPUTED_PLACE = (
+    "{what} goes to {point}, which the program computes while it runs: it is not corrected for the arm. Correct what "
+    "computes it, or teach the point there."
+)
+_SETS_UNCORRECTED = (
+    "{what} sets a part of {point} while the program runs: that part is not corrected for the arm. Set it to the "
+    "value of the changed place, or teach the point there."
+)
 
 
 class _TurnedChange(NamedTuple):
@@ -90,11 +99,12 @@ def _findings_of(
             if frame is None or route.covers_frame(frame, bare_joints=False) is True:
                 turned = _turned_change(by_frame, program, frame, shift, route)
                 turned = turned if carried is None else turned._replace(exact=False)
-                found.append(
+                one = (
                     _absent_finding(shift, turned, route)
                     if shift.absent
                     else _shift_finding(shift, shift.point, -1, None, turned)
                 )
+                found.append(_computed_finding(one, shift, route))
             continue
         for row in shift.rows:
             at = start + row
@@ -104,7 +114,8 @@ def _findings_of(
             if carried is not None:
                 turned = _carried_change(carried, at, shift)
             pose = points.frame_tip[at] if points.cartesian[at] else None
-            found.append(_shift_finding(shift, program.positions.names[row], row, pose, turned))
+            one = _shift_finding(shift, program.positions.names[row], row, pose, turned)
+            found.append(_computed_finding(one, shift, route))
     return [one for one in found if one.text]
 
 
@@ -190,6 +201,20 @@ def _absent_finding(shift: ProgramShift, turned: _TurnedChange, route: TransferR
     else:
         text = ""
     return PointFinding(shift.line, shift.point, shift.what, angle, math.nan, math.nan, text, -1)
+
+
+def _computed_finding(found: PointFinding, shift: ProgramShift, route: TransferRoute) -> PointFinding:
+    """Return a finding with the words for what is computed, where another arm is corrected for and the work stays.
+
+    A step that is added to a corrected point goes on from there; a place or a coordinate that the program computes is
+    one of the nominal arm.
+    """
+    one_arm = route.source is route.target and route.real_ends == (True, True)
+    is_place = not shift.rows and shift.quaternion is None
+    if found.text or one_arm or not (shift.sets or is_place):
+        return found
+    form = _SETS_UNCORRECTED if shift.sets else _COMPUTED_PLACE
+    return replace(found, text=make_message(form, what=shift.what, point=found.point))
 
 
 def _size_counts(shift: ProgramShift, turned: _TurnedChange) -> bool:
