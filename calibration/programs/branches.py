@@ -17,6 +17,7 @@ from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cellcal.calibration.arm.kinematics import RobotModel, frames_of_placements
 from cellcal.calibration.arm.model_references import shown_name
@@ -119,6 +120,21 @@ def all_branches(zero: AxesAtZero, base_flange: Array) -> Array:
     centred = np.remainder(angles - zero.model.theta0_rad[:, None] + np.pi, 2 * np.pi) - np.pi
     back = np.linalg.inv(zero.model.joint_coupling)
     return np.ascontiguousarray((back @ centred).swapaxes(1, 2))
+
+
+def branch_numbers(zero: AxesAtZero, joints_rad: Array) -> NDArray[np.intp]:
+    """Return by which of the eight branches an arm stands (N,), as ``all_branches`` numbers them.
+
+    Parameters
+    ----------
+    zero : AxesAtZero
+        Of the nominal arm.
+    joints_rad : (N, 6)
+        Finite. In a singularity, where branches meet, the number is that of one of them.
+    """
+    branches = all_branches(zero, zero.model.base_flange(joints_rad))
+    apart = np.abs(np.remainder(branches - joints_rad + np.pi, 2 * np.pi) - np.pi).sum(axis=2)
+    return np.asarray(np.argmin(np.where(np.isfinite(apart), apart, np.inf), axis=0), dtype=np.intp)
 
 
 class _RemainingMotion:

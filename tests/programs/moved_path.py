@@ -15,7 +15,7 @@ from cellcal.service.exit_codes import ExitCode
 FAR_M, FAR_RAD = 5e-5, 5e-4  # numbers of a file are rounded to 1e-6 m and 2e-5 rad; shifts make more of it
 GEOMETRY = (
     "unreachable", "no posture", "no joints inside", "joint ", "near a singularity", "the wrist would flip",
-    "it would need another RCONF",
+    "the arm would change its posture", "it would need another RCONF",
 )  # fmt: skip
 
 

@@ -93,3 +93,22 @@ def test_what_an_editor_did_to_a_program_is_said(name: str, data: bytes, words: 
     with pytest.raises(ProgramFileError) as refused:
         read_program(name, data)
     assert words in refused.value.message
+
+
+@pytest.mark.parametrize(("elbow", "code"), [("1.2", ExitCode.PASS), ("0.2", ExitCode.REFUSED)])
+def test_a_joint_point_is_left_where_only_another_posture_reaches_it(
+    tmp_path: Path, elbow: str, code: ExitCode
+) -> None:
+    text = f"def a():\n  set_tcp(p[0,0,0.1,0,0,0])\n  movej([0.1,-1.0,{elbow},0.1,0.2,0.3])\nend\n"
+    file = "component_assignment.script"
+    moved = move_program(tmp_path, "ur", file, offset=TURNED, text=text, joints="move")
+    assert moved.code == code
+    is_left = "change its posture" in (moved.report["points"][0].get("reason") or "")
+    assert is_left is (code == ExitCode.REFUSED)
+
+
+def test_a_tool_for_each_group_leaves_the_points_and_reads_the_job(tmp_path: Path) -> None:
+    text = (CASES / "yaskawa" / "one_point_refuses_all.JBI").read_text().replace("///TOOL 0", "///TOOL 0,1")
+    moved = move_program(tmp_path, "yaskawa", "one_point_refuses_all.JBI", offset=SHIFTED, text=text)
+    assert moved.code == ExitCode.REFUSED
+    assert "no tool 0,1" in moved.report_point("P00001")["reason"]

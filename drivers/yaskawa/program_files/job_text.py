@@ -44,6 +44,7 @@ _LINE = re.compile(
 _WORD = re.compile(r"(/{1,4})([A-Z]\w*)(?:[ \t]+(.*?))?[ \t]*\Z")
 _SLASHED = re.compile(r"^/[^\r\n]*", re.MULTILINE)
 _WHOLE = re.compile(r"\d{1,9}\Z")
+_TOOL_PER_GROUP = re.compile(r"\d{1,3}(?:[ \t]*,[ \t]*\d{1,3})+\Z")
 _POSTYPES = ("PULSE", "ANGLE", "BASE", "ROBOT", "TOOL", "USER", "MTOOL")
 _CURE = "Save the job on the controller again, or correct the line; the file was not changed."
 
@@ -248,7 +249,8 @@ class _JobReader:
                 )
             job.counts = tuple(int(n.strip(" \t")) for n in counts)
         elif word in ("TOOL", "USER"):
-            if not _WHOLE.match(rest):
+            per_group = word == "TOOL" and _TOOL_PER_GROUP.match(rest)  # no project has a tool of that name
+            if not (_WHOLE.match(rest) or per_group):
                 raise self.error_at(
                     line,
                     max(column, 1),

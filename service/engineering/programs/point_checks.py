@@ -8,9 +8,11 @@ from numpy.typing import NDArray
 
 from cellcal.calibration.arm.joint_kinds import beyond_limits, shown_units
 from cellcal.calibration.arm.kinematics import RobotModel
+from cellcal.calibration.errors import CalibrationError
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.message import make_message
 from cellcal.calibration.motion.collision import CollisionCheck, ShapeContact
+from cellcal.calibration.programs.branches import AxesAtZero, branch_numbers
 from cellcal.calibration.programs.transfer import TransferResult, smallest_sigma
 from cellcal.drivers.programs.brands import ConfigurationRule, SharedConfigurations
 from cellcal.service.engineering.programs.external.moving_axes import NO_AXES, CellAxes
@@ -125,10 +127,31 @@ class TransferChecks:
         points.refuse_points(rows[over], reasons.__getitem__)
 
     def _check_flips(self, points: ProgramPoints, rows: Rows, before: Array, joints: Array) -> None:
-        """Find wrists that turn over: the same pose in another way, joints 4 and 6 by half a turn each."""
+        """Find arms that would reach the pose in another way, which a program of joints or poses does not name.
+
+        A wrist that turns over moves joints 4 and 6 by half a turn each. Otherwise a joint goes far and a singularity
+        is between: a large turn alone may be that of the change.
+        """
         turned = np.abs(joints - before)
         flipped = (turned[:, 3] > _FLIPPED_RAD) & (turned[:, 5] > _FLIPPED_RAD)
         points.refuse_points(rows[flipped], "the wrist would flip")
+        far = np.flatnonzero((turned > _FLIPPED_RAD).any(axis=1) & ~flipped & np.isfinite(joints).all(axis=1))
+        if not len(far):
+            return
+        try:
+            zero = AxesAtZero.from_model(self.project.nominal)
+        except CalibrationError:
+            return  # no other posture of such an arm is looked for
+        apart = branch_numbers(zero, before[far]) != branch_numbers(zero, joints[far])
+        reasons = {
+            int(rows[i]): make_message(
+                "the arm would change its posture: joint {joint} would turn by {by:.0f} deg",
+                joint=int(np.argmax(turned[i])) + 1,
+                by=float(np.degrees(turned[i].max())),
+            )
+            for i in far[apart].tolist()
+        }
+        points.refuse_points(rows[far[apart]], reasons.__getitem__)
 
     def _check_configurations(self, points: ProgramPoints, rows: Rows, joints: Array) -> None:
         if self.rule is None:

@@ -7,7 +7,7 @@ import pytest
 
 from cellcal.calibration.arm.kinematics import DhTable, RobotModel, load_model, model_names
 from cellcal.calibration.errors import CalibrationError
-from cellcal.calibration.programs.branches import AxesAtZero, all_branches
+from cellcal.calibration.programs.branches import AxesAtZero, all_branches, branch_numbers
 
 
 def _draw_postures(model: RobotModel, count: int = 300) -> np.ndarray:
@@ -85,3 +85,18 @@ def test_an_arm_of_neither_family_is_refused() -> None:
     for model, says in ((strange, "postures"), (nearly, "postures"), (short, "ur5e has 5, of which 0 slide")):
         with pytest.raises(CalibrationError, match=says):
             AxesAtZero.from_model(model)
+
+
+@pytest.mark.parametrize("name", model_names())
+def test_the_branch_of_an_arm_changes_in_singularities_only(name: str) -> None:
+    model = load_model(name)
+    first, last = _draw_postures(model, 2)
+    way = first + (last - first) * np.linspace(0.0, 1.0, 4001)[:, None]
+
+    numbers = branch_numbers(AxesAtZero.from_model(model), way)
+    signs = np.sign(np.linalg.det(model.flange_jacobian(way)[1]))
+
+    changes = np.flatnonzero(np.diff(numbers))
+    crossings = np.flatnonzero(np.diff(signs))
+    assert all(np.abs(crossings - change).min(initial=len(way)) <= 1 for change in changes)
+    assert len(set(numbers[signs > 0]) & set(numbers[signs < 0])) == 0
