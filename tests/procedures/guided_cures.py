@@ -86,6 +86,7 @@ anchor_in_base_mm = [900.0, -700.0, -450.0]
 hook_in_flange_mm = [60.0, 50.0, 120.0]
 
 [fake]
+watchdog_factor = 10.0
 seed = {seed}
 time_factor = 600.0
 control_port = 0

@@ -57,6 +57,7 @@ point_in_base_mm = [0, 0, -900]
 normal_in_base = [0, 0, 1]
 {instrument}
 [fake]
+watchdog_factor = 10.0
 seed = {seed}
 time_factor = 600.0
 control_port = 0

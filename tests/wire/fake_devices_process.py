@@ -293,7 +293,8 @@ def run_fakes(folder: Path, text: str = CELL) -> Iterator[tuple[Path, FakeCellCl
     """Play the devices of a cell file until the block ends."""
     path = folder / "cell.toml"
     text = _fill_in(text, folder)
-    text = text.replace("[fake]\n", "[fake]\nwatchdog_factor = 3.0\n")
+    if "watchdog_factor" not in text:
+        text = text.replace("[fake]\n", "[fake]\nwatchdog_factor = 3.0\n")
     path.write_text(_LIMIT.sub(_stretch_limit, text), encoding="utf-8")
     arms = write_described(folder, describe_arms(path))
     process = subprocess.Popen(

@@ -99,6 +99,7 @@ sigma_mm = 0.01
 deadline_s = 5.0
 
 [fake]
+watchdog_factor = 10.0
 seed = 1
 time_factor = {pace}
 hidden = {hidden}

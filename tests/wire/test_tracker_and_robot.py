@@ -47,6 +47,7 @@ robot = "ur"
 target_in_flange_mm = [80.0, 40.0, 100.0]
 
 [fake]
+watchdog_factor = 10.0
 seed = 11
 time_factor = {time_factor}
 control_port = 0
