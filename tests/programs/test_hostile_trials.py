@@ -112,3 +112,18 @@ def test_a_tool_for_each_group_leaves_the_points_and_reads_the_job(tmp_path: Pat
     moved = move_program(tmp_path, "yaskawa", "one_point_refuses_all.JBI", offset=SHIFTED, text=text)
     assert moved.code == ExitCode.REFUSED
     assert "no tool 0,1" in moved.report_point("P00001")["reason"]
+
+
+@pytest.mark.parametrize(
+    ("value", "code"), [("120", ExitCode.REFUSED), ("PR[9,3]+120", ExitCode.PASS), ("R[1]", ExitCode.REFUSED)]
+)
+def test_a_height_set_where_the_robot_stands_stays_in_a_shift(
+    tmp_path: Path, value: str, code: ExitCode
+) -> None:
+    text = LISTING.replace(
+        "UTOOL_NUM=1 ;",
+        f"UTOOL_NUM=1 ;\n  :  PR[9]=LPOS ;\n  :  PR[9,3]={value} ;\n  :L PR[9] 9mm/sec FINE ;",
+    )
+    moved = move_program(tmp_path, "fanuc", "offset_pr.LS", offset="0,0,50,0,0,0", text=text)
+    assert moved.code == code
+    assert [each["what"] for each in moved.report["findings"]] == ["PR[9,3]"] * (code == ExitCode.REFUSED)

@@ -113,8 +113,14 @@ def with_motions(positions: Positions, data: bytes, external_uses: ExternalUses 
         for each, line in found.goes_to.items()
         if each in registers.here and (each in registers.altered or each in found.shifted)
     ]
+    set_here = [
+        replace(shift, point=f"PR[{each}]")
+        for each in sorted(registers.here & found.goes_to.keys())
+        for shift in _set_elements(each, registers)
+    ]
     all_shifts = [
         *shifted_here,
+        *set_here,
         *_pallet_places(data),
         *_absent_places(data, found, registers),
         *_with_rows(shifts, rows, positions),
