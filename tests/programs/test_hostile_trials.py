@@ -1,5 +1,6 @@
 """Programs that hostile trials were made of: selections by system variables, searches, angles of circles, marks."""
 
+import math
 from pathlib import Path
 
 import pytest
@@ -105,6 +106,17 @@ def test_a_joint_point_is_left_where_only_another_posture_reaches_it(
     assert moved.code == code
     is_left = "change its posture" in (moved.report["points"][0].get("reason") or "")
     assert is_left is (code == ExitCode.REFUSED)
+
+
+@pytest.mark.parametrize("turn", [90, 170, -170])
+def test_a_turn_of_the_work_about_the_first_axis_turns_that_axis_alone(tmp_path: Path, turn: int) -> None:
+    text = "def a():\n  set_tcp(p[0,0,0.1,0,0,0])\n  movej([0.1,-1.0,0.2,0.1,0.2,0.3])\nend\n"
+    file = "component_assignment.script"
+    moved = move_program(tmp_path, "ur", file, offset=f"0,0,0,0,0,{turn}", text=text, joints="move")
+    assert moved.code == ExitCode.PASS
+    (line,) = [each for each in moved.lines if "movej" in each]
+    joints = [float(each) for each in line[line.index("[") + 1 : line.index("]")].split(",")]
+    assert joints == pytest.approx([0.1 + math.radians(turn), -1.0, 0.2, 0.1, 0.2, 0.3], abs=1e-6)
 
 
 def test_a_tool_for_each_group_leaves_the_points_and_reads_the_job(tmp_path: Path) -> None:

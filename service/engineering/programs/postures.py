@@ -13,7 +13,7 @@ from cellcal.calibration.compensation.compensate import CompensationLimits
 from cellcal.calibration.compensation.pose_gap import TipArm
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.message import make_message
-from cellcal.calibration.programs.branches import BRANCHES, AxesAtZero, all_branches
+from cellcal.calibration.programs.branches import BRANCHES, AxesAtZero, all_branches, branch_numbers
 from cellcal.calibration.programs.transfer import joints_near, nearest_turns
 from cellcal.drivers.programs.brands import ConfigurationRule
 from cellcal.service.engineering.programs.other_postures import (
@@ -100,6 +100,14 @@ class PostureSearch:
         apart = np.nan_to_num(np.abs(near - like).max(axis=2), nan=np.inf)
         best: Array = near[np.argmin(apart, axis=0), np.arange(len(like))]
         return best
+
+    def same_postures(self, base_flange: Array, like: Array) -> Array:
+        """Return joints (N, 6) for poses in the branch of other joints; the nearest ones where it does not reach."""
+        candidates = all_branches(self._zero, base_flange)
+        branches = branch_numbers(self._zero, like)
+        same = nearest_turns(candidates[branches, np.arange(len(like))], like)
+        reached = np.isfinite(same).all(axis=1, keepdims=True)
+        return np.where(reached, same, self.nearest_postures(base_flange, like))
 
     def _fitting_branches(
         self, candidates: Array, reached: NDArray[np.bool_], texts: Sequence[str]

@@ -294,7 +294,7 @@ class ProgramTransfer:
     def _transfer_points(
         self, points: ProgramPoints, rows: Rows, joints: Array, way: TransferFrames
     ) -> TransferResult:
-        """Transfer points; those that do not arrive from their old joints begin at that posture of the new pose."""
+        """Transfer points; those that do not arrive from their old joints begin at the new pose, in their posture."""
         if self._other is not None:
             return transfer_other_arm(way, joints, self._other)
         found = transfer_points(way, joints, careful=False)
@@ -302,7 +302,7 @@ class ProgramTransfer:
         if not len(unreached):
             return found
         flange = found.target_tip[unreached] @ inverse_transform(way.target.flange_tip)
-        start = self._back.nearest_postures(flange, joints[unreached])
+        start = self._back.same_postures(flange, joints[unreached])
         texts = [points.texts[i] for i in rows[unreached].tolist()]
         named = points.cartesian[rows[unreached]] & np.array([bool(text) for text in texts])
         if self._rule is not None and named.any():
