@@ -13,6 +13,7 @@ Not modelled
 """
 
 import asyncio
+import secrets
 import ssl
 from abc import abstractmethod
 from collections.abc import Mapping
@@ -137,12 +138,13 @@ class SessionTable:
         pairs = (part.strip().partition("=") for part in cookie.split(";"))
         return next((value for key, _, value in pairs if key == name and value in self._open), None)
 
-    def begin(self, session: str) -> bool:
-        """Open a session; return whether there was one left."""
+    def begin(self) -> str | None:
+        """Open a session and return the value of its cookie; None where no session is left."""
         if len(self._open) >= self._most or self._faults.use_once("no_session") is not None:
-            return False
+            return None
+        session = secrets.token_hex(8)
         self._open.add(session)
-        return True
+        return session
 
     def end(self, session: str) -> None:
         """Close a session."""

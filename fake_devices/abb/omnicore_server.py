@@ -15,7 +15,6 @@ Not modelled
 import base64
 import hmac
 import json
-import secrets
 from collections.abc import Mapping
 from dataclasses import replace
 from html import escape
@@ -48,8 +47,8 @@ class OmnicorePort(HttpPort):
         more: tuple[str, ...] = ()
         session = self._sessions.find(request.headers.get("cookie", ""), _COOKIE)
         if session is None:
-            session = secrets.token_hex(8)
-            if not self._sessions.begin(session):
+            session = self._sessions.begin()
+            if session is None:
                 return HttpAnswer(503)
             more = (f"Set-Cookie: {_COOKIE}={session}; path=/; Secure; HttpOnly",)
         return replace(self._answer_session(request, session), headers=more)

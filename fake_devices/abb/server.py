@@ -46,8 +46,8 @@ class ServicePort(HttpPort):
         more: tuple[str, ...] = ()
         session = self._sessions.find(request.headers.get("cookie", ""), _COOKIE)
         if session is None:
-            session = secrets.token_hex(8)
-            if not self._sessions.begin(session):
+            session = self._sessions.begin()
+            if session is None:
                 return HttpAnswer(503)
             more = (
                 f"Set-Cookie: -http-session-={session}; path=/",

@@ -1,8 +1,6 @@
 """Places that a program computes while it runs: a compensated program that goes there uncorrected is no PASS."""
 
-import datetime
 import json
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,11 +9,9 @@ import pytest
 from cellcal.calibration.arm.kinematics import load_model
 from cellcal.drivers.universal_robots.program_files.urp_program import read_urp
 from cellcal.service.cli.app import run_command_line
-from cellcal.service.engineering.parameters.calibrated_models import nominal_sha256, values_of_model
-from cellcal.service.engineering.parameters.parameter_sets import ParameterSet, to_text
 from cellcal.service.engineering.programs.project import read_project
 from cellcal.service.exit_codes import ExitCode
-from tests.programs.external.test_clones_and_compensation import real_arm
+from tests.programs.external.test_clones_and_compensation import real_arm, write_parameters
 from tests.programs.test_absent_places import SHIFTED, fanuc, yaskawa
 from tests.programs.test_field_cases import CASES, move_program
 from tests.programs.test_universal_robots_urp import _urp_bytes, _waypoint_xml
@@ -47,20 +43,7 @@ def compensate(folder: Path, brand: str, name: str, text: str) -> tuple[int, dic
     project.write_text(stated)
     cell = read_project(project)
     nominal = load_model(cell.nominal.name)
-    parameters = ParameterSet(
-        robot_serial=cell.serial,
-        model=nominal.name,
-        nominal_sha256=nominal_sha256(nominal),
-        made_at=datetime.datetime(2026, 3, 2, 9, 0, tzinfo=datetime.UTC).isoformat(),
-        made_by="test",
-        source="made up",
-        values=tuple(
-            replace(value, standard_uncertainty=1e-6, correlations=(0.0,) * number)
-            for number, value in enumerate(values_of_model(nominal, real_arm(nominal, 3)))
-        ),
-        version=1,
-    )
-    (folder / "robot.toml").write_text(to_text(parameters), encoding="utf-8")
+    write_parameters(folder / "robot.toml", nominal, real_arm(nominal, 3), cell.serial)
     project.write_text(stated.replace("[robot]\n", '[robot]\nparameters = "robot.toml"\n'))
     words = [
         "compensate", file, "--project", project, "--out", folder / "out", "--json", folder / "report.json",

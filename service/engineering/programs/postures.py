@@ -95,19 +95,14 @@ class PostureSearch:
 
     def nearest_postures(self, base_flange: Array, like: Array) -> Array:
         """Return the posture (N, 6) of each pose nearest to another one, whole turns included; NaN for none."""
-        candidates = all_branches(self._zero, base_flange)
-        near = nearest_turns(candidates, like)
-        apart = np.nan_to_num(np.abs(near - like).max(axis=2), nan=np.inf)
-        best: Array = near[np.argmin(apart, axis=0), np.arange(len(like))]
-        return best
+        return _nearest_of(nearest_turns(all_branches(self._zero, base_flange), like), like)
 
     def same_postures(self, base_flange: Array, like: Array) -> Array:
         """Return joints (N, 6) for poses in the branch of other joints; the nearest ones where it does not reach."""
-        candidates = all_branches(self._zero, base_flange)
-        branches = branch_numbers(self._zero, like)
-        same = nearest_turns(candidates[branches, np.arange(len(like))], like)
+        near = nearest_turns(all_branches(self._zero, base_flange), like)
+        same = near[branch_numbers(self._zero, like), np.arange(len(like))]
         reached = np.isfinite(same).all(axis=1, keepdims=True)
-        return np.where(reached, same, self.nearest_postures(base_flange, like))
+        return np.where(reached, same, _nearest_of(near, like))
 
     def _fitting_branches(
         self, candidates: Array, reached: NDArray[np.bool_], texts: Sequence[str]
@@ -222,3 +217,10 @@ class PostureSearch:
     def _is_inside(self, joints: Array) -> NDArray[np.bool_]:
         within = beyond_limits(self._controller, joints) <= _ROUNDED_RAD
         return np.asarray(within.all(axis=1), dtype=np.bool_)
+
+
+def _nearest_of(near: Array, like: Array) -> Array:
+    """Return which of eight postures (8, N, 6) is nearest to other joints (N, 6)."""
+    apart = np.nan_to_num(np.abs(near - like).max(axis=2), nan=np.inf)
+    best: Array = near[np.argmin(apart, axis=0), np.arange(len(like))]
+    return best

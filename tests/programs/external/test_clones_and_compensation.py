@@ -40,11 +40,8 @@ def real_arm(nominal: RobotModel, seed: int) -> RobotModel:
     return nominal.with_dh_errors(np.where(free, values, 0.0))
 
 
-def write_project(
-    cell: HandCell, folder: Path, *, real: RobotModel, serial: str, fixture: Array | None = None, at: str = ""
-) -> Project:
-    folder.mkdir(parents=True)
-    nominal = arm(cell.spelling.model)
+def write_parameters(path: Path, nominal: RobotModel, real: RobotModel, serial: str) -> None:
+    """Write the parameters of an arm as an identification would find them, nearly without uncertainty."""
     parameters = ParameterSet(
         robot_serial=serial,
         model=nominal.name,
@@ -58,7 +55,15 @@ def write_project(
         ),
         version=1,
     )
-    (folder / "robot.toml").write_text(to_text(parameters), encoding="utf-8")
+    path.write_text(to_text(parameters), encoding="utf-8")
+
+
+def write_project(
+    cell: HandCell, folder: Path, *, real: RobotModel, serial: str, fixture: Array | None = None, at: str = ""
+) -> Project:
+    folder.mkdir(parents=True)
+    nominal = arm(cell.spelling.model)
+    write_parameters(folder / "robot.toml", nominal, real, serial)
     text = cell.project_text().replace('serial = "S1"', f'serial = "{serial}"\nparameters = "robot.toml"')
     if fixture is not None:
         found = Alignment(
