@@ -79,7 +79,7 @@ def independent_columns(rotations: Array, origins: Array, *, out: Array, scale: 
     """Return the rows of `placement_columns` that are not combinations of others, for a tip at the last frame.
 
     A joint turns about, or slides along, the z axis of the frame before it, so that sliding along and turning about
-    this axis are also twists of the next placement (`along_next`). What is left, (4 n + 3, 3, N), is x and y sliding,
+    this axis are also twists of the next placement. What is left, (4 n + 3, 3, N), is x and y sliding,
     x and y turning of each frame, and the three ways of the tip; further rows of ``out`` become zero.
     ``scale`` (N,) multiplies all columns of a posture: as a part of the axes it costs nothing.
     """

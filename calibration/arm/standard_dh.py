@@ -1,7 +1,8 @@
 """Denavit-Hartenberg rows of any chain: four numbers a joint, as controllers keep them, or with Hayati's beta.
 
 Where two axes are nearly parallel the common normal lies far away, and lengths of hundreds of metres cancel.
-That is what a controller expects of a standard table; `calibration.arm.ur_factory.well_conditioned` is the way back.
+That is what a controller expects of a standard table;
+`calibration.arm.ur_factory.to_well_conditioned` is the way back.
 With Hayati's rule such a row has no d of its own, but a turn beta about y, and every number stays near nominal.
 """
 

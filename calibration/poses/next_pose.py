@@ -71,7 +71,7 @@ def choose_for_unknowns(
     *,
     most: int,
 ) -> NextPoses:
-    """Choose one candidate after the other as `best_in_turn`, for what is told of some unknowns (their numbers)."""
+    """Choose one candidate after the other as `choose_in_turn`, by the information on some unknowns."""
     columns = np.ascontiguousarray(outlook.measurement_rows(np.asarray(candidates_rad, dtype=float)))
     interest = np.eye(len(outlook.layout))[:, unknowns]
     return _choose_by_gain(DesignTask(columns, outlook.information, interest), outlook, enough, most)

@@ -7,7 +7,7 @@ Optional abilities are Protocols of their own, one per flag of the capabilities:
 =============================  ==========================
 flag                           Protocol
 =============================  ==========================
-``moves_joints``               ``MovesJoints``
+``moves_joints``               ``Robot.move_joints``
 ``jogs_single_axes``           ``JogsAxes``
 ``reads_encoder_counts``       ``ReadsEncoderCounts``
 ``reads_mastering``            ``ReadsMastering``

@@ -5,7 +5,7 @@ The wire has no sequence numbers. What keeps a late answer from becoming a value
 * one command is under way at a time; an answer to any other command ends the connection;
 * after a time-out or a cancelled question the connection is dropped, and the next call makes a new one;
 * a result counts only after the tracker has accepted *our* start of a measurement, and it accepts none while an
-  earlier measurement is still running (``ServerBusy``).
+  earlier measurement is still running (``BUSY``).
 """
 
 import asyncio

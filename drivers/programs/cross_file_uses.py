@@ -1,7 +1,7 @@
 """What the files of one robot say of each other's positions: declared in one, moved to in another.
 
-A file that is read alone tells what it declares and what it does to names of others (`Said`). All files' sayings
-together (`Across`) tell of each file how the others use its positions.
+A file that is read alone gives what it declares and how it uses names of others (`FileDeclarations`). Those of all
+files together (`BatchDeclarations`) give for each file how the others use its positions (`ExternalUses`).
 """
 
 from collections import defaultdict
@@ -86,7 +86,7 @@ class FindDeclarations(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class ExternalUses:
-    """What the files of a batch say of one of them."""
+    """What the files of a batch declare and do that counts for one of them."""
 
     uses: Mapping[str, Sequence[tuple[MoveFrames, str]]]  # by declared name; the file that uses it
     doubtful: Mapping[str, str]
@@ -120,7 +120,7 @@ class ExternalUses:
 
 
 class BatchDeclarations:
-    """All sayings of a batch, each by its file; a folder's own module goes before one of the same name elsewhere."""
+    """The declarations of a batch, each by its file; a folder's module goes before one of its name elsewhere."""
 
     def __init__(self, declarations: Mapping[str, FileDeclarations]) -> None:
         self._by_file = declarations
@@ -152,7 +152,7 @@ class BatchDeclarations:
         self._give_uses()
 
     def uses_of_file(self, file: str) -> ExternalUses | None:
-        """Return what counts for a file; None for one that said nothing."""
+        """Return what counts for a file; None for one without declarations."""
         if file not in self._by_file:
             return None
         one = self._by_file[file]

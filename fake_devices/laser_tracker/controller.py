@@ -5,13 +5,13 @@ Imitates
 Source
     ES_C_API_Def.h of the emScon TPI/SDK 3.6 (commands, statuses, events); the maker's sample clients for the order
     of answers: a start is acknowledged at once, its result comes as a packet of its own. The number of the error
-    that a broken beam sends unasked is not in the header; ``Unknown`` stands for it here.
+    that a broken beam sends unasked is not in the header; ``C_UNKNOWN`` stands for it here.
 Modelled
     Units, axes, system settings, modes, station orientation and transformation, reflector, statistics, air;
-    initialising; one measurement at a time with ``ServerBusy`` for whatever would disturb it; events to all clients.
+    initialising; one measurement at a time with ``RS_BUSY`` for whatever would disturb it; events to all clients.
 Not modelled
     Command queue, bird bath and interferometer reset, compensation procedures, two faces. What is not known is
-    answered with ``NotImplemented``.
+    answered with ``RS_NOT_IMPLEMENTED``.
 """
 
 import asyncio

@@ -5,7 +5,7 @@ Imitates
 Source
     Loss modes M0 to M5 of the design's mastering page; rows F38-F46, F53 of its fault table.
 Modelled
-    The methods named in ``_HAPPEN``. Everything drawn comes from the world's seed and the number of the loss.
+    The faults of ``WorldFaults.fault_names``. Random values come from the world's seed and the loss's number.
 Not modelled
     Slow wear: gears, belts, bearings.
 """

@@ -29,12 +29,12 @@ _CAREFUL = 4  # times the readings, or a fourth of the scale's uncertainty: what
 
 
 def _state_before(knowledge: Knowledge) -> SurveyState:
-    """Return the robot as it is imagined before anybody asked it.
+    """Return the robot as it is assumed before its controller was read.
 
     Raises
     ------
     ValueError
-        Something of ``wire_lacking`` is not known.
+        Something of ``missing_wire_setup`` is not known.
     """
     if knowledge.model is None or knowledge.gauge is None or knowledge.gauge_setup is None:
         raise ValueError(

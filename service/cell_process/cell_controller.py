@@ -64,7 +64,7 @@ TASK = "devices of the cell"
 
 
 class CellController:
-    """One cell at work. `attend` keeps the devices and shows them; `obey` does what a screen orders."""
+    """One cell at work. `stay_connected` connects and polls the devices; `execute_command` obeys a screen."""
 
     def __init__(
         self, config: CellConfig, tell: OnCellEvent, *, clock: Callable[[], float] = time.monotonic

@@ -233,7 +233,7 @@ class _CellFileReader:
         ours = (*MOTION_KEYS, USUAL_KEY)
         device = {key: value for key, value in table.items() if key not in ours}
         if isinstance(model := device.get("model"), str):
-            with suppress(CalibrationError):  # `_models` says what is wrong with it
+            with suppress(CalibrationError):  # `_check_models` says what is wrong with it
                 device["model"] = fixed_reference(model, self.path.absolute().parent)
         return self._validate_device(RobotConfig, device, where, ours)
 

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 
 @dataclass
 class SilentLink:
-    """One proxy. `swallow` breaks the link, `heal` mends it."""
+    """One proxy. `break_link` makes it silent, `mend_link` restores it."""
 
     target: int
     late: bool = False

@@ -23,7 +23,7 @@ def _is_program(data: bytes) -> bool:
 
 
 class _ListingBatch:
-    """`drivers.programs.brands.Together`."""
+    """`drivers.programs.brands.ProgramBatch`."""
 
     def read_files(self, files: Sequence[tuple[str, bytes]]) -> Sequence[ProgramFile | ProgramFileError]:
         return read_listings(files)

@@ -1,6 +1,6 @@
 """Shifts that hold across jobs: SFTON stays on in a job that is called, and in the caller of a job that leaves it on.
 
-What a job says of this goes to the other jobs of its folder as texts under keys; `drivers.programs.across.Said`.
+What a job says of this goes to the other jobs of its folder as texts under keys: `FileDeclarations.doubtful`.
 """
 
 import re

@@ -1,0 +1,92 @@
+"""What a docstring or comment names in backticks is in the code, and a file that a document names is in the tree."""
+
+import ast
+import io
+import re
+import tokenize
+from collections.abc import Iterator
+from functools import cache
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+PACKAGES = ("calibration", "drivers", "procedures", "service", "fake_devices", "deploy", "tests")
+QUOTED_NAME = re.compile(r"`([A-Za-z_][\w.]*)(?:\(\))?`")
+QUOTED_FILE = re.compile(r"`([\w.-]+/[\w./-]+\.(?:py|ts|svelte|css|sh))`")
+# Written in backticks without being a name of the code: symbols of formulas, words of a controller's programs, and
+# examples of names.
+OTHER_WORDS = frozenset(
+    ("P_k", "link_1", "W_deg", "P_deg", "R_deg", "BC00003", "BP003", "EC00003", "EX003", "arm_1")
+)
+
+
+@cache
+def sources() -> dict[str, str]:
+    """Return the text of each Python file by its path in the tree."""
+    return {
+        str(file.relative_to(ROOT)): file.read_text(encoding="utf-8")
+        for package in PACKAGES
+        for file in sorted((ROOT / package).rglob("*.py"))
+    }
+
+
+@cache
+def words_of_the_code() -> frozenset[str]:
+    """Return every name of the code, every word of its short strings, and the names of files and folders."""
+    words: set[str] = set()
+    for path, text in sources().items():
+        words.update(part.removesuffix(".py") for part in Path(path).parts)
+        for token in tokenize.generate_tokens(io.StringIO(text).readline):
+            if token.type == tokenize.NAME:
+                words.add(token.string)
+            elif token.type == tokenize.STRING and '"""' not in token.string:
+                words.update(re.findall(r"\w+", token.string))
+    return frozenset(words)
+
+
+def remarks(text: str) -> Iterator[tuple[int, str]]:
+    """Yield line and text of each docstring and comment of a file."""
+    for node in ast.walk(ast.parse(text)):
+        if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef):
+            yield getattr(node, "lineno", 1), ast.get_docstring(node) or ""
+    for token in tokenize.generate_tokens(io.StringIO(text).readline):
+        if token.type == tokenize.COMMENT:
+            yield token.start[0], token.string
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_names_in_docstrings_and_comments_are_in_the_code(package: str) -> None:
+    found = [
+        (f"{path}:{line}", name)
+        for path, text in sources().items()
+        if Path(path).parts[0] == package
+        for line, remark in remarks(text)
+        for name in QUOTED_NAME.findall(remark)
+    ]
+    unknown = [
+        f"{place} {name}"
+        for place, name in found
+        if not {name, name.rpartition(".")[2]} & (words_of_the_code() | OTHER_WORDS)
+    ]
+    assert found
+    assert not unknown
+
+
+def test_files_that_a_document_names_are_in_the_tree() -> None:
+    documents = [
+        *ROOT.glob("*.md"),
+        *(file for package in PACKAGES for file in (ROOT / package).rglob("*.md")),
+    ]
+    missing = [
+        f"{document.relative_to(ROOT)}: {path}"
+        for document in documents
+        if "dist" not in document.parts
+        for path in QUOTED_FILE.findall(document.read_text(encoding="utf-8"))
+        if not any(
+            (folder / path).exists()
+            for folder in (ROOT, document.parent, *(ROOT / each for each in PACKAGES))
+        )
+    ]
+    assert len(documents) > 10
+    assert not missing
