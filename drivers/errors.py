@@ -10,7 +10,7 @@
         ├─ RefusedError            the device said no; .vendor_code, .vendor_text
         ├─ MotionStoppedError      emergency stop, protective stop, mode switch  operator
         ├─ BusyError               two commands at once                          our bug
-        ├─ NobodyThereError        a question without an operator               resume at a terminal or page
+        ├─ NoOperatorError         a question without an operator               resume at a terminal or page
         └─ WrongDeviceError        serial or model is not the one in cell.toml   operator
 """
 
@@ -23,7 +23,7 @@ __all__ = [
     "DeviceError",
     "DeviceTimeoutError",
     "MotionStoppedError",
-    "NobodyThereError",
+    "NoOperatorError",
     "RefusedError",
     "UnreachableError",
     "WireProtocolError",
@@ -94,7 +94,7 @@ class WrongDeviceError(DeviceError):
     code = "device.wrong"
 
 
-class NobodyThereError(DeviceError):
+class NoOperatorError(DeviceError):
     """A question without an operator to answer it: it was not declined."""
 
     code = "device.nobody"

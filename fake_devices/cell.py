@@ -1,4 +1,4 @@
-"""A fake cell: the devices that a cell file names, on one world, behind one control door.
+"""A fake cell: the devices that a cell file names, in one world, with one control port.
 
 Imitates
     A robot cell with its cabinet doors open.

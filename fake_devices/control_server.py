@@ -1,7 +1,7 @@
-"""The control door: truth and mischief for tests and the demo, one JSON object a line.
+"""The control port: true state and faults for tests and the demo, one JSON object a line.
 
 Imitates
-    Nothing; no real cell has such a door, and no procedure can reach it.
+    Nothing; no real cell has such a port, and no procedure can reach it.
 Source
     Ours. ``{"do": "truth"}``, ``{"do": "fault", "name": …}``, ``{"do": "clear"}``, ``{"do": "faults"}``,
     ``{"do": "advance", "seconds": …}``, ``{"do": "pace", "time_factor": …}``, ``{"do": "tcp_error", "robot": …,

@@ -1,4 +1,4 @@
-"""What the host and the control door need of every fake device.
+"""What the host and the control port need of every fake device.
 
 Imitates
     Nothing: the handle by which a process holds a device.
@@ -22,7 +22,7 @@ _Answer = TypeVar("_Answer")
 
 
 class FaultRefusedError(ValueError):
-    """The fault cannot be set: unknown name or parameter. The door answers with the text."""
+    """The fault cannot be set: unknown name or parameter. The control port answers with the text."""
 
 
 class FakeDevice(Protocol):
@@ -43,7 +43,7 @@ class FakeDevice(Protocol):
         ...
 
     async def inject_fault(self, name: str, parameters: Mapping[str, Any]) -> JsonObject:
-        """Let one fault happen; what is returned goes out through the door. Refuse nonsense."""
+        """Let one fault happen; the control port sends what is returned. Refuse invalid parameters."""
         ...
 
     def clear_faults(self) -> None:

@@ -1,4 +1,4 @@
-"""Marks and a keyed seat in the cell, and a technician's hands that bring the tool to them again.
+"""Marks and a keyed seat in the cell, and a technician who brings the tool to them again.
 
 Imitates
     Punch marks and cones on plates that stay, a keyed seat on a bracket; a person at the pendant who creeps to them.

@@ -10,7 +10,7 @@ Modelled
     a fixture and an end-effector that a wire can be moved to; artefacts that a probe can touch; marks and a seat;
     how far a tool tip is off when a controller works with a given mastering.
 Not modelled
-    Collisions between arms, wire and furniture; people.
+    Collisions between arms, wire and other objects; people.
 """
 
 from collections.abc import Mapping, Sequence
@@ -40,7 +40,7 @@ class MasteringSource(Protocol):
 
 
 class World:
-    """Everything that is, known to the fakes and to the control door only."""
+    """The true state of the cell, known to the fakes and to the control port only."""
 
     def __init__(self, seed: int = 1, time_factor: float = 1.0, *, hidden: bool = True) -> None:
         self.seed, self.hidden = seed, hidden

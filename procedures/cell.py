@@ -1,4 +1,4 @@
-"""What a procedure's steps are lent: the devices of one cell, and what is known about them."""
+"""What a procedure's steps work with: the devices of one cell, and what is known about them."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field

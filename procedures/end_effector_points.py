@@ -125,7 +125,7 @@ class MeasuredTool:
 
 @dataclass(frozen=True, slots=True)
 class FoundToolFrame:
-    """A tool frame before anybody accepted it."""
+    """A tool frame before a person accepted it."""
 
     flange_tool: Pose
     tip_u_m: float

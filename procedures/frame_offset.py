@@ -90,7 +90,7 @@ async def frame_offset(run: Run, spec: FrameOffset) -> OffsetResult:
     before = await run.step("read the user frame", read_user_frame, spec.frame_number)
     old = spec.old_frame or before
 
-    points = points_in_frame(spec, old)  # those that fix no frame are refused before anybody touches them
+    points = points_in_frame(spec, old)  # those that fix no frame are refused before they are touched
 
     touches = await _touch_points(run, spec, points)
     above = None

@@ -109,7 +109,7 @@ class _RunState:
 
 
 class Run:
-    """Lends the cell to steps and hands their findings to the procedure.
+    """Gives the cell to steps, and their findings to the procedure.
 
     ``step`` asks or reads; ``move`` moves the robot; ``write`` changes a controller. A crash inside the last
     two leaves the step in doubt: a resumed run asks a person to look before anything moves, then does the
@@ -137,7 +137,7 @@ class Run:
         return self._lend(self._book.cell).is_jogged_by_hand
 
     def with_devices(self, change: Callable[[Cell], Cell]) -> "Run":
-        """Return the same run whose steps are lent another view of the cell, such as other motors of the robot."""
+        """Return the same run whose steps get another view of the cell, such as other motors of the robot."""
         inner = Run(self._book.cell, self._book.ledger)
         inner._book, inner._lend = self._book, change
         return inner

@@ -116,7 +116,7 @@ class Surroundings:
 
     @property
     def is_known(self) -> bool:
-        """Whether anybody said what stands in the cell."""
+        """Whether the cell file describes what stands in the cell."""
         return bool(self.blocks or self.balls or self.planes)
 
     @property

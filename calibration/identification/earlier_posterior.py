@@ -57,7 +57,7 @@ def decorrelate_layout(plain: PartLayout, posterior: EarlierPosterior) -> Decorr
     if at:
         rows = [posterior.names.index(plain.parameters[i].name) for i in at]
         covariance = posterior.covariance[np.ix_(rows, rows)]
-        # No arm is known worse than anybody would believe of an unknown one.
+        # No arm is known worse than an arm without any earlier data.
         scale = np.minimum(np.sqrt(np.diag(covariance)), plain.prior_sigmas[at])
         size = np.sqrt(np.diag(covariance))
         correlation = covariance / np.outer(size, size) + _JITTER * np.eye(len(at))

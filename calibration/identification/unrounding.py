@@ -35,7 +35,7 @@ class UnroundedJoints:
 def find_resolution(values: Array) -> float:
     """Return the largest step 1, 2, 5 x 10^k of which all values are multiples, or 0 if there is none.
 
-    A step finer than a millionth of the largest value is no rounding that anybody would notice.
+    A step finer than a millionth of the largest value has no effect as a rounding.
     """
     finite = values[np.isfinite(values)]
     largest = float(np.abs(finite).max(initial=0.0))

@@ -1,6 +1,6 @@
 """Play the technician who drives a fake robot by hand: try the taught procedures without a robot.
 
-In one terminal ``cellcal fakes CELL.toml``, which prints the port of its control door; in another::
+In one terminal ``cellcal fakes CELL.toml``, which prints its control port; in another::
 
     python deploy/try_out/teach.py CELL.toml PORT six_point_tcp
     python deploy/try_out/teach.py CELL.toml PORT three_point_frame

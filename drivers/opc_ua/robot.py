@@ -202,7 +202,7 @@ class OpcUaRobot:
     # inside
 
     async def _wait_for_standstill(self) -> None:
-        while (await self.read_joints()).moving:  # noqa: ASYNC110  the server tells nobody when an arm stands
+        while (await self.read_joints()).moving:  # noqa: ASYNC110  the server sends no event when an arm stands
             await asyncio.sleep(_POLL_S)
 
     def _deadline(self, doing: str) -> AbstractAsyncContextManager[None]:

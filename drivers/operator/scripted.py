@@ -2,7 +2,7 @@
 
 from collections.abc import Awaitable, Callable, Mapping
 
-from cellcal.drivers.errors import NobodyThereError, RefusedError
+from cellcal.drivers.errors import NoOperatorError, RefusedError
 from cellcal.drivers.interfaces import Answer, Instruction, Question
 
 Hook = Callable[[], Awaitable[None]]
@@ -28,7 +28,7 @@ class ScriptedOperator:
     async def _answer_for(self, key: str, text: str) -> Answer:
         value = self._answers.get(key)
         if value is None:
-            raise NobodyThereError(
+            raise NoOperatorError(
                 "operator",
                 f"the script has no answer to {key!r}: {text}",
                 remedy="Add one to the script, then resume the run.",

@@ -11,7 +11,7 @@ from rich.panel import Panel
 from rich.text import Text
 
 from cellcal.calibration.message import make_message
-from cellcal.drivers.errors import BusyError, NobodyThereError, RefusedError
+from cellcal.drivers.errors import BusyError, NoOperatorError, RefusedError
 from cellcal.drivers.interfaces import Answer, Instruction, Question
 from cellcal.drivers.operator.lines import LineSource
 
@@ -72,7 +72,7 @@ class TerminalOperator:
         line = await self._lines.next_line()
         if line is None:
             self._console.print()
-            raise NobodyThereError(
+            raise NoOperatorError(
                 "operator",
                 make_message(
                     "it waits for a person, and there is none at this terminal (the input was closed): "

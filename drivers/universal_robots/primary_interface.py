@@ -1,4 +1,4 @@
-"""What the primary interface (port 30001) sends to everyone who connects: sub-packages of the robot's state.
+"""What the primary interface (port 30001) sends to every client: sub-packages of the robot's state.
 
 Source: the maker's description of the primary client interface: packets of i32 length and u8 type; type 16 holds
 sub-packages of u32 length and u8 type. Nothing is sent to the controller.

@@ -76,7 +76,7 @@ class RobotConnection:
 
     @property
     def is_connected(self) -> bool:
-        """Whether the state stream is connected, as far as anybody knows without waiting."""
+        """Whether the state stream is connected, as known without waiting."""
         return self._state is not None and self._state.is_alive
 
     async def ensure_stream(self) -> StateClient:

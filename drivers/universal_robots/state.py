@@ -97,7 +97,7 @@ class StateClient:
 
     @property
     def is_alive(self) -> bool:
-        """Whether the connection stands, as far as anybody knows without waiting."""
+        """Whether the connection stands, as known without waiting."""
         return self._transport is not None and self._error is None
 
     async def connect(self, *, deadline_s: float) -> ControllerVersion:

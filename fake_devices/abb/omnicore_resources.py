@@ -129,7 +129,7 @@ class OmnicoreResources:
         if self._c.mode != "AUTO":
             return _refusal(403, -1073445865, "the operator has to grant access")
         if any(self._masters.get(domain, session) != session for domain in domains):
-            return _refusal(403, -1073445870, "mastership is held by someone else")
+            return _refusal(403, -1073445870, "mastership is held by another client")
         self._masters |= dict.fromkeys(domains, session)
         return 204, None
 

@@ -34,7 +34,7 @@ EMPTY = (0.0,) * 6
 
 @dataclass
 class FanucCabinet:
-    """One controller. Tests and the control door change it; its files say what it knows at that moment."""
+    """One controller. Tests and the control port change it; its files show its state at that moment."""
 
     f_number: str = "F123456"
     robot: str = "R-1000iA/80F"

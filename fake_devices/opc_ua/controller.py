@@ -55,7 +55,7 @@ class RobotController:
         self.arm.stop(_BRAKING_RAD_S2)
 
     def enter_protective_stop(self) -> None:
-        """Brake, as for an open door."""
+        """Brake, as for an open safety gate."""
         self.protective_stop = True
         self.arm.stop(_BRAKING_RAD_S2)
 

@@ -26,7 +26,7 @@ from cryptography.hazmat.primitives.serialization import Encoding, load_pem_priv
 
 @dataclass(frozen=True)
 class ServerGuard:
-    """The server's certificate with its key, and its users; without users everyone who encrypts is let in."""
+    """The server's certificate with its key, and its users; without users every client that encrypts is accepted."""
 
     POLICY: ClassVar[Any] = SecurityPolicyBasic256Sha256
     MODE: ClassVar[Any] = ua.MessageSecurityMode.SignAndEncrypt

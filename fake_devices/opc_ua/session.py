@@ -1,7 +1,7 @@
 """One client's connection: messages of UA TCP taken apart, requests answered.
 
 Imitates
-    An OPC UA server over opc.tcp: without message security for anyone, or with a guard (server_guard.py).
+    An OPC UA server over opc.tcp: without message security and sign-in, or with a guard (server_guard.py).
 Source
     OPC 10000-4 (services) and OPC 10000-6 (UA TCP, binary encoding); asyncua takes octets apart
     and puts them together.
@@ -38,7 +38,7 @@ class ServerState:
 
     table: NodeTable
     endpoint: str
-    guard: ServerGuard | None = None  # None: anyone is let in, without encryption
+    guard: ServerGuard | None = None  # None: no sign-in and no encryption
     sessions: set[ua.NodeId] = field(default_factory=set)  # authentication tokens
     numbers: Iterator[int] = field(default_factory=lambda: itertools.count(100))
 

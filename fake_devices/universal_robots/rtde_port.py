@@ -53,7 +53,7 @@ class RtdeServer:
         return max((rate / client.every for client in self.clients if client.started), default=0.0)
 
     def publish_state(self, step: int, previous: int) -> None:
-        """Send the present state to everyone whose turn came between two controller steps."""
+        """Send the present state to every client whose turn came between two controller steps."""
         for client in list(self.clients):
             client.publish_state(step, previous)
 

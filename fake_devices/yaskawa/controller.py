@@ -186,7 +186,7 @@ class YaskawaController:
         self.lost_axes.discard(axis)
 
     def confirm_positions(self) -> None:
-        """Set the absolute data of all axes right at the pendant, from the label on the door."""
+        """Set the absolute data of all axes right at the pendant, from the label in the cabinet."""
         self.homes.mend()
         self.lost_axes.clear()
         self.reset_alarms()

@@ -225,7 +225,7 @@ def captures_agree(one: ArmCapture, other: ArmCapture, sigma_m: float) -> bool:
 
 
 def declared_bench(knowledge: Knowledge, method: Method) -> Bench | None:
-    """Return the robot as it is imagined before anybody asked it; None where too little is known of the cell."""
+    """Return the robot as it is assumed before its controller is read; None where too little is known of the cell."""
     if knowledge.model is None:
         return None
     device = _declared_device(knowledge, method)

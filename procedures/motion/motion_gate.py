@@ -1,4 +1,4 @@
-"""The one door to motion: nothing else in the product tells a robot to move (a test reads the source for it).
+"""The only place that commands motion: nothing else in the product moves a robot (a test checks the source).
 
 Plans are checked before a person approves them. Here, right before each command, it is checked again from where
 the arm really stands: that the numbers are numbers, the state is fresh, the robot ready, its encoders and tool

@@ -1,7 +1,7 @@
-"""The desk as a process of its own: orders on standard input, what screens see on standard output, a line each.
+"""The cell process: orders on standard input, what screens show on standard output, one line each.
 
 Devices, solver and run are here, so that a page that is slow never holds up a capture. The process ends when its
-parent does; a run under way is broken off, the robot stands, and the next desk goes on with it.
+parent does; a run under way is broken off, the robot stands, and the next cell process continues it.
 """
 
 import asyncio

@@ -254,7 +254,7 @@ class CellController:
             await self._dispatch_order(command)
         except CellError as error:
             return {"ok": False, "code": error.code, "message": error.message, "remedy": error.remedy}
-        except Exception as error:  # noqa: BLE001  whatever it was, the page is told and the desk goes on
+        except Exception as error:  # noqa: BLE001  the page shows any error, and the process goes on
             _log.exception("an order (%s) broke", command.order.op)
             message = make_message(
                 "The program failed at this order: {name}: {error}", name=type(error).__name__, error=error

@@ -85,7 +85,8 @@ class DeviceStatus:
 class LivePoller:
     """Looks at robot and instruments again and again, and remembers what it saw.
 
-    ``cell`` is what runs are lent: what they read is seen here, too. ``reads`` hears which instrument a run asks.
+    ``cell`` is the one that runs use, so that their readings are shown, too. ``reads`` gets
+    which instrument a run asks.
     """
 
     def __init__(

@@ -1,4 +1,4 @@
-"""The desk's eye on the encoders: what `cellcal watch` sees, shown on every screen; and what it may start itself."""
+"""Watches the encoders: what `cellcal watch` detects, shown on every screen; and what may start alone."""
 
 from collections.abc import Callable
 from dataclasses import replace

@@ -1,12 +1,12 @@
-"""What a screen may ask of the desk. Every door checks: unknown fields, NaN and long texts are refused."""
+"""The orders of screens to the cell process. Every entry checks: unknown fields, NaN and long texts are refused."""
 
 from collections.abc import Iterable
 from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, StringConstraints, model_validator
 
-LONGEST_LINE = 1 << 20  # bytes, between web process and desk
-ALIVE = "alive"  # the question by which the web process sees that the desk's loop turns
+LONGEST_LINE = 1 << 20  # bytes, between web process and cell process
+ALIVE = "alive"  # the question by which the web process checks that the cell process's event loop runs
 BROKEN_OFF = "--broken-off"  # begun after a hang, or a stop without an answer: no run goes on by itself
 Text = Annotated[str, StringConstraints(max_length=2000)]
 Name = Annotated[str, StringConstraints(min_length=1, max_length=200)]

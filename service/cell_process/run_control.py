@@ -238,7 +238,7 @@ class RunControl:
         except asyncio.CancelledError:
             run.outcome = _outcome_fields("cancelled", "The run was ended; it can be resumed.")
             raise
-        except Exception:  # noqa: BLE001  whatever it was, the screen says so and the desk goes on
+        except Exception:  # noqa: BLE001  the screen shows any error, and the process goes on
             _log.exception("run %s broke", run.run_id)
             run.outcome = _outcome_fields(
                 "broken", "The program failed; its log has the cause.", "Resume the run."

@@ -1,4 +1,4 @@
-"""The technician at a screen: questions become a prompt that anybody with the right may answer."""
+"""The technician at a screen: questions become a prompt that every person with the right may answer."""
 
 import asyncio
 from collections.abc import Callable, Mapping

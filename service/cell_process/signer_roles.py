@@ -9,7 +9,7 @@ from cellcal.service.record.journal_files import open_journal
 
 
 class SignerRoles:
-    """What the journals of this desk's runs already know of people's roles."""
+    """People's roles as the journals of this process's runs contain them."""
 
     def __init__(self, config: CellConfig) -> None:
         self._config = config

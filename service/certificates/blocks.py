@@ -1,4 +1,4 @@
-"""What a printed certificate is made of, before anybody decides how it looks: page and PDF draw the same blocks.
+"""What a printed certificate consists of, independent of its layout: page and PDF draw the same blocks.
 
 Every figure in a block is text already, so that no two pages can round it differently.
 """

@@ -76,7 +76,7 @@ def key(*, cell: CellFile, out: Path | None = None, as_json: Json = False) -> in
     Parameters
     ----------
     out
-        Write the public key to this file as well; it may be given to anybody.
+        Write the public key to this file as well; it is not secret.
     """
     import sys
 
@@ -202,7 +202,7 @@ def _what_was_checked(checked: Any, expected: str | None) -> list[str]:
     lines.append("Checked: every byte of the file, the SHA-256 of the content, the ed25519 signature.")
     if expected is None:
         lines.append(
-            "Not checked: who owns that key. Anybody can sign with a key of his own: get the public key from the "
+            "Not checked: who owns that key. A signature can be made with any key: get the public key from the "
             "cell and give it with --key."
         )
     else:

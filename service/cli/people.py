@@ -66,7 +66,7 @@ def reset(
     if account is None:
         raise PeopleError(
             make_message("there is no {name!r} here.", name=name),
-            remedy="`cellcal people list` names everybody.",
+            remedy="`cellcal people list` lists all people.",
         )
     new = account.role if role is None else _parse_role(role)
     register.reset_person(name, new, _ask_pin_hash(hasher, new, secret_stdin), _administrator_name())

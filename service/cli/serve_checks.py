@@ -1,4 +1,4 @@
-"""What must be there before the service listens to anybody but this computer."""
+"""What must be there before the service listens to other computers."""
 
 import ssl
 from dataclasses import dataclass

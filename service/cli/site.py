@@ -74,14 +74,15 @@ def router(*, folder: Path = _FOLDER) -> int:
 def publish(cell: Path, /, *, from_desk: Annotated[bool, Parameter(negative=())] = False) -> int:
     """Tell the site of a cell whose service does not run; `cellcal serve` does it by itself.
 
-    Without a desk the site sees the journal: runs, certificates, drift. Joints and devices need the service.
+    Without a running service the site sees the journal: runs, certificates, drift. Joints and devices need
+    the service.
 
     Parameters
     ----------
     cell
         The cell file (TOML) with a [site] table.
     from_desk
-        Read what a desk (`python -m cellcal.service.cell_process`) writes from standard input, and end with it.
+        Read the output of a cell process (`python -m cellcal.service.cell_process`) from standard input; end with it.
     """
     import sys
 
@@ -103,7 +104,7 @@ def part_of(folder: Path, part: str, file: str) -> Path:
 
 @contextlib.contextmanager
 def interrupt_event() -> Iterator[threading.Event]:
-    """Lend an event that an interrupt or a request to end sets, so that sessions are closed: else nothing ends."""
+    """Yield an event that an interrupt or a request to end sets, so that sessions are closed: else nothing ends."""
     leave = threading.Event()
 
     def set_it(*_: Any) -> None:

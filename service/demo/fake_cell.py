@@ -117,7 +117,7 @@ def free_address() -> Iterator[str]:
             return
     raise CellError(
         "no loopback address is free for the fake cell.",
-        remedy="Linux gives 127.0.0.0/8 to everybody; on macOS: `sudo ifconfig lo0 alias 127.0.0.2`.",
+        remedy="On Linux every program may use 127.0.0.0/8; on macOS: `sudo ifconfig lo0 alias 127.0.0.2`.",
         code="fake",
     )
 

@@ -1,4 +1,4 @@
-"""The fake cell's control door, seen from outside: faults, time, and for tests and the demo the truth."""
+"""A client of the fake cell's control port: faults, time, and for tests and the demo the truth."""
 
 import asyncio
 import json
@@ -16,7 +16,7 @@ class FakeCellClient:
         self.host, self.port = host, port
 
     async def send_command(self, verb: str, **arguments: Any) -> dict[str, Any]:
-        """Send one command and return its answer; raise CellError with the door's own words if it says no."""
+        """Send one command and return its answer; raise CellError with its text where it refuses."""
         async with asyncio.timeout(60.0):
             reader, writer = await asyncio.open_connection(self.host, self.port)
             try:

@@ -1,4 +1,4 @@
-"""The demo's pair of hands: does at the control door what a technician does at the cabinet."""
+"""The demo's technician: does through the control port what a technician does at the cabinet."""
 
 import asyncio
 from collections.abc import Callable

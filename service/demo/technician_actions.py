@@ -1,4 +1,4 @@
-"""What a technician does at the cabinet when an instruction says so, done at the fake cell's control door."""
+"""What a technician does at the cabinet when an instruction says so, done through the fake cell's control port."""
 
 import re
 
@@ -12,7 +12,7 @@ _AT_THE_CABINET = {"new_battery": "new_battery", "power_cycle": "power_cycle"}
 
 
 async def perform_instruction(fake_cell: FakeCellClient, key: str, text: str, wire: str | None = None) -> str:
-    """Do what an instruction asks for; return which fault of the door it was, empty where hands have nothing to do.
+    """Do what an instruction asks for; return the name of the fault, empty where nothing is to be done by hand.
 
     ``wire`` is the gauge that the hands are on; None is the only one. Its mouth looks where the text says.
     """

@@ -55,7 +55,7 @@ class StepClock:
             self._began_s = None
 
     def split_total(self, total_s: float) -> RobotTime:
-        """Return the split of a total [world s] that was read at the control door; the rest is between steps."""
+        """Return the split of a total [world s] that was read from the control port; the rest is between steps."""
         parts = dict(self._parts_s)
         parts["other"] = parts.get("other", 0.0) + max(0.0, total_s - sum(parts.values()))
         return RobotTime(total_s, self.time_factor, tuple(parts.items()))

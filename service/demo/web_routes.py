@@ -85,7 +85,7 @@ class DemoWorld:
 
 
 class DemoCellProcessClient(CellProcessClient):
-    """The line to the desk, with hands: what a person says is done at the cabinet is done in the world first."""
+    """A client of the cell process with a technician: what a person confirms is done at the cabinet first."""
 
     def __init__(self, cell_file: Path, on_event: OnCellEvent, world: DemoWorld) -> None:
         super().__init__(cell_file, on_event)
@@ -125,7 +125,7 @@ class DemoCellProcessClient(CellProcessClient):
         self.world.record_press(JOGGED)
 
     def _is_yes(self, command: CommandDocument, prompt: PromptDocument) -> bool:
-        """Whether the desk will take this as the answer to what it asks just now."""
+        """Whether the cell process will accept this as the answer to its present question."""
         order, session = command["order"], self.session
         return (
             session is not None

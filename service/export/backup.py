@@ -136,7 +136,7 @@ def journal_flaw(path: Path) -> tuple[int, str, str]:
 
 @contextmanager
 def _scratch_folder(folder: Path) -> Iterator[Path]:
-    """Lend a folder on the disk of the backup, for its owner only."""
+    """Yield a folder on the disk of the backup, for its owner only."""
     try:
         with tempfile.TemporaryDirectory(prefix=".cellcal-backup-", dir=folder) as name:
             yield Path(name)

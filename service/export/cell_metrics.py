@@ -1,6 +1,6 @@
 """What a cell tells a Prometheus server: how it stands, what its runs ended with, what is due. No names, no keys.
 
-The desk's newest words come in from the service; the journal is read on request, only what was added.
+The newest messages of the cell process come from the service; of the journal only what was added is read, on request.
 """
 
 import os
@@ -54,7 +54,7 @@ class CellMetrics:
         self._reminder: Any = None
 
     def on_event(self, kind: str, content: EventContent) -> None:
-        """Take what the desk said."""
+        """Take a message of the cell process."""
         if kind == "session":
             self._session = cast(SessionDocument, content)
         elif kind == "live":

@@ -1,4 +1,4 @@
-"""Everything that the desk's words go to besides screens: figures for Prometheus, the site, alarm targets."""
+"""Receivers of the cell process's messages besides screens: figures for Prometheus, the site, alarm targets."""
 
 import asyncio
 from pathlib import Path
@@ -13,7 +13,7 @@ _SITE, _WEBHOOK = "cellcal.service.site.publisher", "cellcal.service.export.webh
 
 
 class EventSinks:
-    """What hangs on the service of one cell. None of it holds up the desk, and none of it commands anything."""
+    """The receivers of one cell's messages. None of them delays the cell process, and none commands anything."""
 
     def __init__(self, cell_file: Path, config: CellConfig) -> None:
         tables = {_SITE: config.site, _WEBHOOK: config.reports.webhook}
@@ -23,7 +23,7 @@ class EventSinks:
         self.meter = CellMetrics(config)
 
     def on_event(self, kind: str, content: EventContent) -> None:
-        """Pass on what the desk said."""
+        """Pass on a message of the cell process."""
         with log_failures("figures of the cell"):
             self.meter.on_event(kind, content)
         for feed in self._feeds:

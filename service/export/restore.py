@@ -143,7 +143,7 @@ def _write_keys(stage: Path, passphrase: str) -> None:
 def _refuse_unpinned(archive: Path, public_key: str, signed_by: str | None) -> None:
     if signed_by is None:
         raise BackupError(
-            f"{archive} is signed by key {public_key}; anybody can sign with a key of their own.",
+            f"{archive} is signed by key {public_key}; a signature can be made with any key.",
             remedy="Compare the key with the one on a certificate or a note of this cell, then repeat with "
             f"--signed-by {public_key}.",
             code="signature",
@@ -232,7 +232,7 @@ def _move_file(source: Path, target: Path) -> None:
 
 @contextmanager
 def _staging_folder(folder: Path) -> Iterator[Path]:
-    """Lend a folder on the disk of the cell file, for its owner only; whatever is left in it goes."""
+    """Yield a folder on the disk of the cell file, for its owner only; whatever is left in it goes."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
         stage = Path(tempfile.mkdtemp(dir=folder, prefix=".cellcal-restore-"))

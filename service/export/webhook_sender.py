@@ -138,7 +138,7 @@ class WebhookDelivery:
 
 
 def run_sender(config: CellConfig, stream: BinaryIO | None, leave: threading.Event) -> None:
-    """Send a cell's alarms until ``leave`` is set, or the stream of the desk's words ends.
+    """Send a cell's alarms until ``leave`` is set, or the stream of the cell process's messages ends.
 
     Raises
     ------

@@ -69,7 +69,7 @@ class AccountStore:
     # people
 
     def list_people(self) -> tuple[Account, ...]:
-        """Return everybody who may sign in, by name."""
+        """Return all people who may sign in, by name."""
         rows = self._query_rows(
             "SELECT name, role, kept, epoch FROM person WHERE removed_at IS NULL ORDER BY folded"
         )
@@ -117,7 +117,7 @@ class AccountStore:
         if account is None:
             raise PeopleError(
                 make_message("there is no {name!r} here.", name=name),
-                remedy="`cellcal people list` names everybody.",
+                remedy="`cellcal people list` lists all people.",
             )
         with self._write_transaction(by, f"{what} {account.name}") as at:
             at.execute(
@@ -243,7 +243,7 @@ class AccountStore:
     # the log
 
     def log_event(self, who: str, what: str) -> None:
-        """Write down what happened at the door."""
+        """Log what happened at a sign-in."""
         with self._write_transaction(who, what):
             pass
 

@@ -1,4 +1,4 @@
-"""The entrance: from a token, a device's signature or a PIN to a session, and from a session to a person."""
+"""Authentication: from a token, a device's signature or a PIN to a session, and from a session to a person."""
 
 import secrets
 import threading
@@ -30,7 +30,7 @@ class Person:
     locked: bool = False
     fresh_pin: bool = False
     alone: bool = False
-    session_id: str = ""  # of the session; none where everybody is let in unasked
+    session_id: str = ""  # of the session; none where no sign-in is required
 
     def has_right(self, right: Right) -> bool:
         """Whether it is allowed."""
@@ -46,7 +46,7 @@ LOCAL_PERSON = Person(LOCAL, Role.TECHNICIAN, fresh_pin=True, alone=True)
 
 @dataclass
 class Authenticator:
-    """What the web's door asks. ``open_access`` lets everybody in as the local technician: for demos on loopback."""
+    """Authentication of web requests. ``open_access`` makes each the local technician's: for demos on loopback."""
 
     data_dir: Path
     open_access: bool = False

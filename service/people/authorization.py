@@ -47,9 +47,9 @@ class OrderAuthorizer:
     def authorize(
         self, person: Person, press: str, rev: int, order: Order, session: QuestionContext | None
     ) -> str:
-        """Return the name in which the order may go to the desk.
+        """Return the name in which the order may go to the cell process.
 
-        A yes is judged by the question that is shown: the desk takes it only for the very ``rev`` that was judged.
+        A yes is judged by the question that is shown: the cell process accepts it only with that ``rev``.
 
         Raises
         ------
@@ -66,7 +66,7 @@ class OrderAuthorizer:
             return person.name
         same = f"{press}|{rev}|{order.prompt_id}|{order.value}|{person.name}"
         if same in self._passed:
-            return self._passed[same]  # sent again after a lost link: the desk knows it, too
+            return self._passed[same]  # sent again after a lost link: the cell process knows it, too
         prompt = _answered_prompt(order, rev, session)
         need = need_of(order, prompt)
         _refuse_order(person, need)

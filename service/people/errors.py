@@ -1,4 +1,4 @@
-"""What the door says to people: each names what is wrong and the cure, never what an attacker could use."""
+"""Refusals of sign-in and of orders: each names what is wrong and the cure, never what an attacker could use."""
 
 import math
 

@@ -35,15 +35,15 @@ class Right(StrEnum):
     DELIVER_PROGRAMS = "deliver programs to a controller"
 
 
-_EVERYBODY = frozenset({Right.SEE, Right.STOP})
+_RIGHTS_OF_ALL = frozenset({Right.SEE, Right.STOP})
 RIGHTS: Mapping[Role, frozenset[Right]] = MappingProxyType(
     {
-        Role.VIEWER: _EVERYBODY,
-        Role.TECHNICIAN: _EVERYBODY | {Right.RUN},
-        Role.ENGINEER: _EVERYBODY
+        Role.VIEWER: _RIGHTS_OF_ALL,
+        Role.TECHNICIAN: _RIGHTS_OF_ALL | {Right.RUN},
+        Role.ENGINEER: _RIGHTS_OF_ALL
         | {Right.RUN, Right.CHANGE_LIMITS, Right.WRITE_ALONE, Right.MAKE_PROGRAMS, Right.IDENTIFY}
         | {Right.DELIVER_PROGRAMS},
-        Role.ADMIN: _EVERYBODY | {Right.MAKE_PROGRAMS, Right.IDENTIFY},
+        Role.ADMIN: _RIGHTS_OF_ALL | {Right.MAKE_PROGRAMS, Right.IDENTIFY},
     }
 )
 

@@ -1,4 +1,4 @@
-"""Whose hands the session is in: one screen orders, the others look on and may ask to take over.
+"""Which screen has control of the session: one screen orders, the others look on and may ask to take over.
 
 A stop needs no control, and letting the hold button go needs none. Control is free until the first order, and again
 when its holder signs out, is locked out by idling, or may no longer run anything. A request that the holder leaves

@@ -1,4 +1,4 @@
-"""Who sits where: sessions in this process only, so that a restart asks everybody to sign in again.
+"""Sessions of people at devices, in this process only, so that a restart asks all of them to sign in again.
 
 A session begins with a device (enrolled, or this computer's console) and may get a person. Left alone for five
 minutes it is locked: it still shows and still stops; the PIN opens it again. After twelve hours it is over.

@@ -66,7 +66,7 @@ class SqlRows(Protocol):
 
 
 class JournalDatabase(Protocol):
-    """The part of a sqlite3 connection (autocommit) that the journal uses; tests lend a failing disk."""
+    """The part of a sqlite3 connection (autocommit) that the journal uses; tests give it a failing disk."""
 
     def execute(self, sql: str, parameters: Sequence[Any] = ..., /) -> SqlRows: ...
     def close(self) -> None: ...

@@ -120,7 +120,7 @@ def station_key(data_dir: Path) -> CellKey:
             make_message(
                 "the signing key {path} cannot be used: {strerror}.", path=path, strerror=error.strerror
             ),
-            remedy="Let the user who runs cellcal read it; keep it from everybody else.",
+            remedy="Let the user who runs cellcal read it; no other user may read it.",
         ) from error
     except (ValueError, TypeError) as error:
         raise _damaged_key_error(path) from error

@@ -1,4 +1,4 @@
-"""Reach every device of a cell and say what is missing, before anybody relies on it."""
+"""Reach every device of a cell and say what is missing, before work begins."""
 
 import asyncio
 from collections.abc import Awaitable, Callable

@@ -1,4 +1,4 @@
-"""The composition root: a cell file becomes drivers, and drivers become the Cell that procedures are lent."""
+"""The composition root: a cell file becomes drivers, and drivers become the Cell that procedures use."""
 
 import os
 from collections.abc import AsyncIterator

@@ -1,4 +1,4 @@
-"""What the site must hear of at once: derived from what the desk tells, raised once and cleared once.
+"""What the site must be told at once: derived from the cell process's messages, raised once and cleared once.
 
 An alarm on the bus informs people. It is no safety function, and nothing acts on it.
 """
@@ -58,7 +58,7 @@ class AlarmSet:
 
 
 def wrong_in(session: SessionDocument | None, live: LiveDocument | None) -> list[CellAlarm]:
-    """Return what is wrong by the desk's session and live values; nothing while there is no desk."""
+    """Return what is wrong by the cell process's session and live values; nothing while there is no such process."""
     if session is None:
         return []
     found = []

@@ -32,7 +32,7 @@ class SiteAuthority:
 
     @property
     def certificate_pem(self) -> bytes:
-        """The certificate that everybody trusts."""
+        """The certificate that all parts of the site trust."""
         return self.certificate.public_bytes(serialization.Encoding.PEM)
 
     def issue_certificate(self, name: str, folder: Path, *, serves: str = "") -> None:

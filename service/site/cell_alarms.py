@@ -1,4 +1,4 @@
-"""Which alarms are up in a cell: by what its desk says, by its journal, by what is due."""
+"""Which alarms are up in a cell: by its cell process, by its journal, by what is due."""
 
 from collections.abc import Iterable
 from datetime import UTC, datetime

@@ -1,4 +1,4 @@
-"""What the desk says, as it comes through a pipe: the newest counts, nothing is waited for."""
+"""The cell process's messages, as they come through a pipe: the newest counts, nothing is waited for."""
 
 import threading
 import time
@@ -17,7 +17,7 @@ LONGEST_LINE = 1 << 20
 
 
 class ControllerTap:
-    """The newest that the desk said. A thread reads; older lines are left out, never waited for."""
+    """The newest message of the cell process. A thread reads; older lines are left out, never waited for."""
 
     def __init__(self, stream: BinaryIO | None, clock: Callable[[], float] = time.monotonic) -> None:
         self._clock = clock
@@ -28,7 +28,7 @@ class ControllerTap:
             start_thread("desk tap", partial(self._read_stream, stream), self.ended)
 
     def latest_session(self) -> SessionDocument | None:
-        """Return the desk's session; None while there is no desk, or it is silent."""
+        """Return the cell process's session; None while there is no such process, or it sends nothing."""
         newest, live = self._session, self._live
         if newest is None or self._clock() - max(newest[0], live[0] if live else 0.0) > CONTROLLER_SILENT_S:
             return None

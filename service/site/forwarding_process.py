@@ -31,7 +31,7 @@ class ForwardingProcess:
         self._session: bytes = b""
 
     def on_event(self, kind: str, content: EventContent) -> None:
-        """Pass on what the desk said."""
+        """Pass on a message of the cell process."""
         line = orjson.dumps(with_messages({"told": kind, "content": content})) + b"\n"
         if kind != "live":
             self._session = line

@@ -162,27 +162,27 @@ class FleetListener:
         history = HistoryConfig(detect_late_publishers=True, max_samples=1000)
         newest = HistoryConfig(detect_late_publishers=True, max_samples=1)
         recovery = RecoveryConfig(periodic_queries=None, heartbeat=True)
-        everyone = self._all
+        all_cells = self._all
         self._events = [
             declare_advanced_subscriber(
                 self._session, key, FifoChannel(_MOST_WAITING), history=history, recovery=recovery
             )
-            for key in (everyone.any_session_event, everyone.alarm_key)
+            for key in (all_cells.any_session_event, all_cells.alarm_key)
         ]
         self._latest = [
             declare_advanced_subscriber(
                 self._session,
-                f"{everyone.base_key}/device/*/state",
+                f"{all_cells.base_key}/device/*/state",
                 FifoChannel(_MOST_WAITING),
                 history=newest,
             )
         ]
         self._values = [
             self._stream.declare_subscriber(key, FifoChannel(_MOST_WAITING))
-            for key in (everyone.state_key, everyone.joints_key, f"{everyone.base_key}/device/*/value")
+            for key in (all_cells.state_key, all_cells.joints_key, f"{all_cells.base_key}/device/*/value")
         ]
         self._alive = self._session.liveliness().declare_subscriber(
-            everyone.alive_key, self._on_liveliness, history=True
+            all_cells.alive_key, self._on_liveliness, history=True
         )
 
     def _on_liveliness(self, sample: zenoh.Sample) -> None:

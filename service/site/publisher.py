@@ -1,9 +1,9 @@
-"""Tells the site of one cell: follows its journal, read only, and what its desk says; a process of its own.
+"""Publishes one cell to the site: follows its journal, read only, and its cell process; a process of its own.
 
-The desk's words come in on standard input, a JSON line each as the desk itself writes them: the service that
-keeps the desk passes them on (``feed.py``). That way no sign-in is needed, no port is opened, and no page or run
-waits: the pipe is written without waiting, and what does not fit is left out. Without a desk the journal alone is
-told.
+Messages of the cell process come in on standard input, a JSON line each as it writes them: the service that runs the
+cell process passes them on (`service/site/forwarding_process.py`). So no sign-in is needed, no port is opened, and no
+page or run waits: the pipe is written without waiting, and what does not fit is left out. Without a cell process only
+the journal is published.
 
 Whatever fails here, the cell goes on: nothing reads what this process writes, but the site.
 """
@@ -156,7 +156,7 @@ class SitePublisher:
 
 
 def run_publisher(config: CellConfig, stream: BinaryIO | None, leave: threading.Event) -> None:
-    """Tell the site of a cell until ``leave`` is set, or the stream of the desk's words ends.
+    """Publish a cell to the site until ``leave`` is set, or the stream of the cell process's messages ends.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""The service's door: pages, orders and live values, all through one desk."""
+"""The web application of the service: pages, orders and live values, all of one cell process."""
 
 import asyncio
 from collections.abc import AsyncIterator

@@ -1,4 +1,4 @@
-"""The web process's line to the desk's process: orders out, what screens see in."""
+"""The web process's client of the cell process: sends orders, receives what screens show."""
 
 import asyncio
 import contextlib
@@ -36,7 +36,7 @@ from cellcal.service.web.liveness import (
 )
 
 ANSWER_S = 10.0
-STOP_ANSWER_S = 2.0  # where nothing at all is heard of the desk: a person must not wait to be told
+STOP_ANSWER_S = 2.0  # where the cell process sends nothing at all: a person must not wait for the answer
 TASK = "process of the cell"
 _LINES = "words of the cell's process"
 _MOST_UNREAD = 4 * LONGEST_LINE
@@ -44,7 +44,7 @@ _JUST_NOW_S = 0.25  # live values come ten times a second; older ones say nothin
 
 
 class CellProcessGoneError(CellError):
-    """The desk's process does not answer."""
+    """The cell process does not answer."""
 
     code = "desk.gone"
 
@@ -56,7 +56,7 @@ class CellProcessGoneError(CellError):
 
 
 class DeskSilentError(CellProcessGoneError):
-    """The desk's process is there, and did not answer in time."""
+    """The cell process runs, and did not answer in time."""
 
     code = "desk.silent"
 
@@ -97,9 +97,9 @@ class InvalidOrderError(CellError):
 
 
 class CellProcessClient:
-    """Keeps a desk running for one cell file. A desk that dies is started again; screens are told meanwhile.
+    """Keeps a cell process running for one cell file. One that ends is started again; screens show that meanwhile.
 
-    ``on_event`` is called with ("session" or "live", content) for everything that the desk tells.
+    ``on_event`` is called with ("session" or "live", content) for each message of the cell process.
     """
 
     def __init__(
@@ -113,7 +113,7 @@ class CellProcessClient:
         self._unanswered = UnansweredTime(hangs_after_s)
         self._hangs_after_s = hangs_after_s
         self._lines_heard = 0
-        self._broken_off = False  # the run under way waits for a person: it was to stop, or the desk hung
+        self._broken_off = False  # the run under way waits for a person: it was to stop, or the process hung
         self._begun_broken_off = False
         self._numbers = itertools.count(1)
         self._waiting: dict[int, asyncio.Future[OrderReply]] = {}
@@ -122,19 +122,19 @@ class CellProcessClient:
         self._live: tuple[float, LiveDocument] | None = None
 
     def start_process(self) -> asyncio.Task[None]:
-        """Begin to run the desk; it leaves when the task is cancelled."""
+        """Begin to run the cell process; it ends when the task is cancelled."""
         return start_task(TASK, self._run_once)
 
     @property
     def live_values(self) -> LiveDocument | None:
-        """The newest live values, None where none came just now: a desk that hangs must not look alive."""
+        """The newest live values, None where none came just now: a process that hangs must not look alive."""
         if self._live is None:
             return None
         received_s, content = self._live
         return content if time.monotonic() - received_s < _JUST_NOW_S else None
 
     async def send_order(self, command: CommandDocument) -> OrderReply:
-        """Send a command and return the desk's reply; DeskGoneError where there is none."""
+        """Send a command and return the cell process's reply; DeskGoneError where there is none."""
         if command["order"]["op"] == "stop":
             return await self._stop(command)
         if command["order"]["op"] in ("start", "resume"):
@@ -142,7 +142,7 @@ class CellProcessClient:
         return await self._request_reply({"command": command})
 
     async def _stop(self, command: CommandDocument) -> OrderReply:
-        """Send a stop; without an answer say so, and see that no later desk goes on with the run by itself."""
+        """Send a stop; without an answer say so, and make sure that no later process continues the run by itself."""
         try:
             return await self._request_reply({"command": command}, is_stop=True)
         except CellProcessGoneError as error:
@@ -157,7 +157,7 @@ class CellProcessClient:
             self._waiting.pop(number, None)
 
     def _send(self, message: Mapping[str, object]) -> tuple[int, asyncio.Future[OrderReply]]:
-        """Write a message; what the pipe does not take yet waits in our own memory, as long as the desk lives."""
+        """Write a message; what the pipe does not take yet waits in our own memory, as long as the process runs."""
         process = self._process
         if process is None or process.returncode is not None or process.stdin is None:
             raise CellProcessGoneError
@@ -178,7 +178,7 @@ class CellProcessClient:
         return number, answer
 
     async def _answer_to(self, answer: asyncio.Future[OrderReply], *, is_stop: bool) -> OrderReply:
-        """Wait for an answer; for that to a stop shortly where the desk says nothing at all meanwhile."""
+        """Wait for an answer; for that to a stop only shortly where the process sends nothing at all meanwhile."""
         heard = self._lines_heard
         first_s = STOP_ANSWER_S if is_stop else ANSWER_S
         await asyncio.wait({answer}, timeout=first_s)
@@ -223,7 +223,7 @@ class CellProcessClient:
         raise ChildEndedError("the cell's process", process.returncode or 0, words.last_line())
 
     async def _end_if_it_hangs(self, process: asyncio.subprocess.Process) -> None:
-        """Ask all the time whether the desk's loop turns; kill a process that could have answered and did not.
+        """Ask all the time whether the process's event loop runs; kill one that could have answered and did not.
 
         Raises
         ------
@@ -262,7 +262,7 @@ class CellProcessClient:
                     self._handle_message(message)
 
     def _drop_session(self) -> None:
-        """Let everybody know that the desk is gone."""
+        """Tell all screens that the cell process ended."""
         self._process = self.session = self._live = None
         for answer in self._waiting.values():
             if not answer.done():
@@ -273,7 +273,7 @@ class CellProcessClient:
         if "told" in message:
             if message["told"] == "session":
                 self.session = message["content"]
-                if self._begun_broken_off:  # this desk knows
+                if self._begun_broken_off:  # this process has the order
                     self._broken_off = self._begun_broken_off = False
             elif message["told"] == "live":
                 self._live = (time.monotonic(), message["content"])

@@ -1,4 +1,4 @@
-"""Orders to the desk: what a person presses."""
+"""Orders to the cell process: what a person presses."""
 
 import asyncio
 from typing import TYPE_CHECKING, Annotated, Any
@@ -50,7 +50,7 @@ class HoldElsewhereError(CellError):
 
 
 class OrderDone(BaseModel):
-    """The desk did it; the session that follows has at least this revision."""
+    """The cell process did it; the session that follows has at least this revision."""
 
     ok: bool = True
     rev: int
@@ -99,7 +99,7 @@ async def send_command(pressed: PressedOrder, request: Request, who: Who) -> Any
     },
 )
 async def approve_second(approval: SecondApproval, request: Request, who: Who) -> Any:
-    """Take the second approval of what writes, at the first person's screen: both names go to the desk."""
+    """Take the second approval of what writes, at the first person's screen: both names go to the cell process."""
     del who
     context, pressed = app_context(request), approval.pressed
     witness = await asyncio.to_thread(

@@ -33,7 +33,7 @@ class ServiceExtension(Protocol):
 class ServiceSettings:
     """How the service is run.
 
-    ``open_access`` lets everybody in as the local technician: for demos on loopback, where no robot is. ``extension``
+    ``open_access`` makes every request the local technician's: for demos on loopback, without a robot. ``extension``
     adds such a demo's routes: with them the pages have buttons that make things go wrong. Names
     other than this computer's own loopback ones are answered only where they stand in ``allowed_hosts``.
     """
@@ -49,7 +49,7 @@ class ServiceSettings:
 
 @dataclass(frozen=True, slots=True)
 class AppContext:
-    """What every route is lent: the cell's file, its desk, the open screens, who may come in."""
+    """What every route uses: the cell's file, its process, the open screens, and who may sign in."""
 
     settings: ServiceSettings
     config: CellConfig

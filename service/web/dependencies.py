@@ -1,4 +1,4 @@
-"""What routes ask of a request: the house, and who is asking."""
+"""What routes take from a request: the service's context, and who is asking."""
 
 from typing import TYPE_CHECKING, Annotated, cast
 

@@ -167,7 +167,7 @@ async def _wait_until_left(socket: WebSocket) -> None:
 def create_fleet_app(
     bus: FleetBus, folder: Path, on_console_token: Callable[[str], None] | None = None
 ) -> FastAPI:
-    """Build the monitor's door. A register of people would lie in ``folder``; there is none, and no need of one."""
+    """Build the monitor's web application. ``folder`` is for a register of people; the monitor has none."""
     context = FleetContext(bus, Authenticator(folder, on_console_token=on_console_token))
 
     @asynccontextmanager

@@ -1,4 +1,4 @@
-"""The wall before every route: who is addressed, from which page, how much, how often, and whether anybody is known.
+"""Checks before every route: which host is addressed, from which page, how much, how often, and who is signed in.
 
 On loopback, too: a page of another site can make a browser there talk to this computer (DNS rebinding, forged
 posts). What is not a page of ours or a way to sign in needs a session, so that a route added later is not open.

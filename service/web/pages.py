@@ -61,7 +61,7 @@ class BuiltFiles(StaticFiles):
 
 
 def page_paths() -> frozenset[str]:
-    """Return the paths at which built files are served; everybody may read them, they say nothing of the cell."""
+    """Return the paths at which built files are served; they need no sign-in and contain nothing of the cell."""
     files = (file for file in DIST.rglob("*") if file.is_file() and file.suffix not in PACKED.values())
     return frozenset({"/", *(f"/{file.relative_to(DIST).as_posix()}" for file in files)})
 

@@ -274,7 +274,7 @@ class SessionState(ResponseShape):
 
 
 class SessionSeen(ResponseShape):
-    """The session, and who asks for it; null while the desk starts."""
+    """The session, and who asks for it; null while the cell process starts."""
 
     session: SessionState | None
     wanted: Literal["device", "person", "pin", "nothing"]

@@ -1,4 +1,4 @@
-"""One screen orders, the others look on: what the doors ask before an order, and the routes to take over."""
+"""One screen orders, the others look on: the check before an order, and the routes to take over."""
 
 import contextlib
 from collections.abc import AsyncIterator
@@ -55,9 +55,9 @@ async def authorize_order(
     order: Order,
     session: QuestionContext | None = None,
 ) -> str:
-    """Return the name in which an order may go to the desk: the right, the PIN, the second person, the control.
+    """Return the name in which an order may go to the cell process: the right, PIN, second person, control.
 
-    ``session`` is what the order answers, where that is no question of the desk.
+    ``session`` is what the order answers, where that is no question of the cell process.
 
     Raises
     ------
@@ -94,7 +94,7 @@ async def authorize_version(
 
 @contextlib.asynccontextmanager
 async def control_changes(context: "AppContext") -> AsyncIterator[SessionControl]:
-    """Lend the control; afterwards show every screen what has changed, and let go what its last holder held."""
+    """Yield the control; afterwards show every screen what has changed, and let go what its last holder held."""
     control = context.control
     holder, shown = control.current_holder, _control_snapshot(context)
     control.drop_inactive(context.authenticator.is_in_charge)

@@ -63,7 +63,7 @@ class HeartbeatNumbers:
 
 @router.get("/session", **response_options(SessionSeen, "the whole present state"))
 async def get_session(request: Request, who: Who) -> dict[str, object]:
-    """Return the whole present state: run, question, devices' connection, losses; null while the desk starts."""
+    """Return the whole present state: run, question, devices, losses; null while the cell process starts."""
     del who
     context = app_context(request)
     return {

@@ -1,7 +1,7 @@
 """How fast and how exactly an arm is identified, against the same estimator as a loop over Pinocchio.
 
 A simulated UR10 seen by a tracker: DH errors of 0.4 mm, 0.03 deg and 0.15 deg (offsets), base and tool unknown,
-noise 0.05 mm, position only; 27 parameters that such measurements can tell apart. Everybody starts from the same
+noise 0.05 mm, position only; 27 parameters that such measurements can tell apart. All programs start from the same
 guess, which counts as work, and ends with the same arm. The loop is timed twice:
 
 plain   as one writes it: for each posture `forwardKinematics`, `updateFramePlacements` and

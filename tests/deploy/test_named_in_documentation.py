@@ -1,4 +1,4 @@
-"""What a docstring or comment names in backticks is in the code, and a file that a document names is in the tree."""
+"""Docstrings, comments and documents name what exists, and say it in plain words."""
 
 import ast
 import io
@@ -13,6 +13,7 @@ import pytest
 ROOT = Path(__file__).parents[2]
 PACKAGES = ("calibration", "drivers", "procedures", "service", "fake_devices", "deploy", "tests")
 QUOTED_NAME = re.compile(r"`([A-Za-z_][\w.]*)(?:\(\))?`")
+METAPHOR = re.compile(r"\b(desk|furniture|entrance|lends?|lent|control door)\b", re.IGNORECASE)
 QUOTED_FILE = re.compile(r"`([\w.-]+/[\w./-]+\.(?:py|ts|svelte|css|sh))`")
 # Written in backticks without being a name of the code: symbols of formulas, words of a controller's programs, and
 # examples of names.
@@ -71,6 +72,18 @@ def test_names_in_docstrings_and_comments_are_in_the_code(package: str) -> None:
     ]
     assert found
     assert not unknown
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_docstrings_and_comments_contain_no_metaphors(package: str) -> None:
+    found = [
+        f"{path}:{line} {word}"
+        for path, text in sources().items()
+        if Path(path).parts[0] == package
+        for line, remark in remarks(text)
+        for word in METAPHOR.findall(remark)
+    ]
+    assert not found
 
 
 def test_files_that_a_document_names_are_in_the_tree() -> None:

@@ -41,7 +41,7 @@ METAPHORS = frozenset(
 MOST_PLAIN_FAULTS = 3.0  # of 1000 identifiers
 MOST_ONE_WORD = 0.25  # of the functions of a package
 MOST_PERSON_LINES = 10  # of the five packages together: a class name and a code that journals contain
-INDEFINITE_PERSON = re.compile("whoever|nobody|somebody", re.IGNORECASE)
+INDEFINITE_PERSON = re.compile("whoever|(no|some|any|every)body|(some|any|every)one", re.IGNORECASE)
 # Class names that two packages use on purpose: fakes share no code with drivers, and the words are the field's.
 SHARED_CLASS_NAMES: frozenset[str] = frozenset(("RuntimeState", "Waypoint"))
 

@@ -212,7 +212,7 @@ class CommandProcess:
 async def fake_cell(
     folder: Path, *, time_factor: float = 600.0
 ) -> AsyncIterator[tuple[Path, FakeCellClient, tuple[str, ...]]]:
-    """Play a cell; lend its file, its control door and what every run is told."""
+    """Run a fake cell; yield its file, its control port and the settings of every run."""
     with free_address() as address:
         path = write_cell_file(folder, address, seed=1, time_factor=time_factor)
     answers = folder / "answers.json"

@@ -17,7 +17,7 @@ EVENTS = 30
 
 
 class ApswDatabase:
-    """Lends the journal an SQLite that runs on a simulated disk."""
+    """Gives the journal an SQLite that runs on a simulated disk."""
 
     def __init__(self, disk: SimulatedDisk, name: str, *, synchronous: str | None) -> None:
         self._vfs = DiskVfs(name, disk)

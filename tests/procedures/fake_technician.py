@@ -1,4 +1,4 @@
-"""A technician at the control door of the fake cell, who finds places again as the instructions ask."""
+"""A technician at the control port of the fake cell, who finds places again as the instructions ask."""
 
 import asyncio
 import math

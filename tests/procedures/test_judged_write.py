@@ -156,7 +156,7 @@ async def test_the_frame_that_was_there_stands_in_the_certificate(
     assert 0.0 < after["turned by"] <= math.pi
     first = content["points"][0]
     assert first["step"].startswith("read the ")
-    assert first["value"]["quaternion"] == list(OLD_TOOL.quaternion)  # read before anybody touched anything
+    assert first["value"]["quaternion"] == list(OLD_TOOL.quaternion)  # read before anything was touched
 
 
 async def test_a_failed_run_goes_on_from_the_doubtful_step(tmp_path: Path) -> None:

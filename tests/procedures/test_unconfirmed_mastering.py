@@ -250,7 +250,7 @@ async def test_what_another_hand_mastered_meanwhile_is_left_alone(tmp_path: Path
     assert "NOT confirmed" in ended.remedy
     changed = await _go_on(config, made, ended.run_id)
     assert (changed.code, arm.data) == ("procedure.mastering_changed", by_hand)
-    with open_journal(config) as journal:  # and no reason to refuse anybody: it is not in force
+    with open_journal(config) as journal:  # and no reason for a refusal: it is not in force
         assert await unconfirmed_in_force(made.cell, journal.list_events(), SERIAL) is None
 
 

@@ -102,7 +102,7 @@ GO = """(place) => new Promise((done) => {
 
 @asynccontextmanager
 async def serve_app(app: FastAPI, **how: Any) -> AsyncIterator[str]:
-    """Serve an app on a free port of loopback while the block lasts; lends its address, as http://127.0.0.1:port.
+    """Serve an app on a free port of loopback while the block lasts; yields its address, as http://127.0.0.1:port.
 
     All browsers of a test have the same address: they may ask as often as they like.
     """

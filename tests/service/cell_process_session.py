@@ -1,4 +1,4 @@
-"""A desk over a fake cell on real sockets, for tests: orders in, what screens would see out."""
+"""A cell process over a fake cell on real sockets, for tests: orders in, what screens would show out."""
 
 import asyncio
 import contextlib
@@ -72,7 +72,7 @@ class ScreenSession:
         return found
 
     async def wait_for_live_values(self, count: int) -> None:
-        """Wait until the desk has looked at its devices so many times more."""
+        """Wait until the cell process has polled its devices so many times more."""
         enough = self.live_count + count
         await self.wait_until(lambda _: self.live_count >= enough)
 
@@ -110,7 +110,7 @@ async def open_session(folder: Path, *, time_factor: float = 500.0) -> AsyncIter
 
 @asynccontextmanager
 async def open_session_of(path: Path, fake_client: FakeCellClient) -> AsyncIterator[ScreenSession]:
-    """Stand at a desk that is opened on a cell file."""
+    """Open a session with a cell process of a cell file."""
     person = ScreenSession(path, fake_client)
     attending = asyncio.create_task(person.cell_process.stay_connected())
     try:

@@ -88,7 +88,7 @@ class LoopbackSite:
 
     @contextmanager
     def publish_cell(self, cell: str) -> Iterator[Callable[[str, dict[str, Any]], None]]:
-        """Run the publisher of a cell; what is yielded says what its desk would."""
+        """Run the publisher of a cell; yield a function that sends what its cell process would."""
         reading, writing = os.pipe()
         leave = threading.Event()
         failed: list[BaseException] = []
@@ -155,7 +155,7 @@ class SiteListener:
 
 
 def session_of(cell: str, **changes: Any) -> dict[str, Any]:
-    """Return a desk's session as `service/cell_process/cell_controller.py` writes it, with nothing under way."""
+    """Return a cell process's session as `service/cell_process/cell_controller.py` writes it, with nothing under way."""
     return {
         "rev": 1,
         "cell": cell,
@@ -175,7 +175,7 @@ def session_of(cell: str, **changes: Any) -> dict[str, Any]:
 def live_of(
     *, at_s: float = 0.0, state: str = "ready", joints: tuple[float, ...] = (0.1,) * 6
 ) -> dict[str, Any]:
-    """Return a desk's live message of a robot and a wire."""
+    """Return a cell process's live message of a robot and a wire."""
     robot = {
         "role": "robot",
         "name": "fanuc",

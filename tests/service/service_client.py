@@ -1,4 +1,4 @@
-"""A service without its desk, a clock to turn, and people with PINs that cost little to check."""
+"""A service without its cell process, a clock to turn, and people with PINs that cost little to check."""
 
 import base64
 from collections.abc import AsyncIterator
@@ -124,7 +124,7 @@ class ServiceClient:
         return await self.client.get("/api/sign-in/console", params={"token": token})
 
     def show_question(self, key: str, *, rev: int = 1, prompt_id: str = "run:1") -> dict[str, Any]:
-        """Let the desk have asked a question; return the order that says yes."""
+        """Let the cell process have asked a question; return the order that says yes."""
         self.app.state.context.link.session = {"rev": rev, "prompt": {"id": prompt_id, "key": key}}
         return {"op": "answer", "prompt_id": prompt_id}
 
@@ -149,7 +149,7 @@ async def open_service_client(
 
 @asynccontextmanager
 async def what_was_begun_ends(app: FastAPI) -> AsyncIterator[None]:
-    """End jobs and the solver as the service does, where its desk is not started."""
+    """End jobs and the solver as the service does, where its cell process is not started."""
     async with AsyncExitStack() as stack:
         for room in (programs, residuals, measurements):
             await stack.enter_async_context(room.router.lifespan_context(app))

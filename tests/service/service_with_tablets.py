@@ -1,4 +1,4 @@
-"""A shop floor: the service with people, over a desk, and a real browser whose contexts are tablets."""
+"""The service with people, over a cell process, and a real browser whose contexts are tablets."""
 
 import asyncio
 import time
@@ -42,7 +42,7 @@ class ServiceWithTablets:
     complaints: list[str]
 
     def last_session(self) -> dict[str, Any] | None:
-        """Return what the desk told last."""
+        """Return the last message of the cell process."""
         session: dict[str, Any] | None = self.app.state.context.link.session
         return session
 
@@ -126,7 +126,7 @@ async def open_service_with_tablets(
     clock: Callable[[], float] = time.monotonic,
     sign_ins: RequestBudget | None = None,
 ) -> AsyncIterator[ServiceWithTablets]:
-    """Serve a cell to people; ``process_double`` puts a double in the place of the desk's process; ``clock`` is of sessions.
+    """Serve a cell to people; ``process_double`` puts a double in the place of the cell process; ``clock`` is of sessions.
 
     ``sign_ins`` says how many sign-ins all tablets together may ask for; as many as they like where it is None.
     """

@@ -291,7 +291,7 @@ def test_check_poses_are_distinguished_from_fitted_ones() -> None:
 
 @asynccontextmanager
 async def viewer_client(config: CellConfig) -> AsyncIterator[httpx.AsyncClient]:
-    """Lend the routes to a viewer: reading is all that they let anybody do."""
+    """Open the routes to a viewer: they allow reading only."""
     app = FastAPI()
     app.include_router(history.router, prefix="/api")
     app.add_exception_handler(CellError, respond_to_error)

@@ -1,4 +1,4 @@
-"""The demo's bar in a real browser: in every language, for everybody's eyes and gloves; a press is seen by all."""
+"""The demo's bar in a real browser: in every language, readable and large enough for gloves; all screens show a press."""
 
 import json
 from pathlib import Path
@@ -29,7 +29,7 @@ HANDS = (
     "hook_wire",
     "wire_home",
     "jog",
-)  # as service/demo/technician_actions.py lends them
+)  # as service/demo/technician_actions.py gives them
 
 
 async def test_the_demos_buttons_are_for_everybody_and_a_pressed_loss_is_noticed(tmp_path: Path) -> None:

@@ -107,7 +107,7 @@ async def test_a_loss_pressed_is_noticed_and_offered_for_recovery_and_ctrl_c_end
         assert unknown.status_code == 422
         assert "battery" in unknown.json()["remedy"]
         children = _descendants_of(process.pid)
-        assert len(children) >= 2  # the desk and the fakes
+        assert len(children) >= 2  # the cell process and the fakes
         process.send_signal(signal.SIGINT)
         assert await process.wait() == 0
         await _are_gone(children)

@@ -1,4 +1,4 @@
-"""The desk: one run for any number of screens, over real drivers and sockets."""
+"""The cell process: one run for any number of screens, over real drivers and sockets."""
 
 import asyncio
 import time

@@ -1,4 +1,4 @@
-"""What the desk starts by itself after a loss, over real drivers and sockets: only what the cell file allows."""
+"""What the cell process starts by itself after a loss, over real drivers and sockets: only what the cell file allows."""
 
 import asyncio
 import contextlib
@@ -32,7 +32,7 @@ VOUCHED = f"{ALONE}records_complete = true\nwire_stays_hooked = true\n"
 async def watching_cell_process(
     folder: Path, watch: str, *, record: bool = False
 ) -> AsyncIterator[ScreenSession]:
-    """Lend a desk of a cell whose [watch] table says more, once it has seen the robot healthy."""
+    """Yield a session with a cell whose [watch] table says more, once it has read the robot healthy."""
     async with a_cell(folder, time_factor=1000.0) as (path, fake_client):
         text = path.read_text(encoding="utf-8").replace("[watch]\n", f"[watch]\n{watch}")
         path.write_text(text, encoding="utf-8")
@@ -51,7 +51,7 @@ async def watching_cell_process(
 
 
 async def wait_for_healthy_look(person: ScreenSession) -> None:
-    """Wait until the desk has looked at the robot, also since the run before: it looks five times a second."""
+    """Wait until the cell process has polled the robot, also since the run before: it polls five times a second."""
     memory = LastHealthyCounts(read_cell_file(person.cell_file).cell.data_dir)
     await person.wait_until(lambda _: memory.load_counts("fanuc"))
     watches = person.cell_process._watch.watches

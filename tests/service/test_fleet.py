@@ -373,7 +373,7 @@ def test_the_command_serves_states_from_a_real_bus(tmp_path: Path) -> None:
                     return row
 
                 def is_stopped() -> bool:
-                    say("session", session_of("cell-07"))  # as a desk does, again and again
+                    say("session", session_of("cell-07"))  # as a cell process does, again and again
                     say("live", live_of(state="stopped"))
                     return bool(cell_state()["link"] == "online" and cell_state()["alarms"])
 

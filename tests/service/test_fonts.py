@@ -22,7 +22,7 @@ RARE = "龘龖"  # in no text; a person may be called so
 async def sign_in_page(
     folder: Path, locale: str, **environment: str
 ) -> AsyncIterator[tuple[Page, list[str]]]:
-    """Look at the first page; lends the fonts that it fetched, too."""
+    """Open the first page; yield the fonts that it fetched, too."""
     fetched: list[str] = []
     async with (
         open_service_client(folder / "cell") as service_client,

@@ -79,7 +79,9 @@ ROUTES: dict[tuple[str, str], set[str]] = {
     ("POST", "/api/sign-in/confirm"): KNOWN,
     ("POST", "/api/sign-in/leave"): KNOWN,
 }
-BODIES: dict[str, dict[str, Any]] = {  # each is understood, so that only the door can refuse it
+BODIES: dict[
+    str, dict[str, Any]
+] = {  # each is understood, so that only the check before the route can refuse it
     "/api/commands": {"id": "1", "rev": 1, "order": {"op": "stop"}},
     "/api/control": {"do": "withdraw"},
     "/api/dry-runs": {"procedure": "no_such_procedure"},
@@ -181,7 +183,9 @@ async def test_an_order_is_taken_from_whom_may_give_it(tmp_path: Path, who: str)
             answer = await service_client.send_order({"op": op, **fields}, press=op)
             if who in allowed:
                 gone = "desk.stop_unconfirmed" if op == "stop" else "desk.gone"
-                assert answer.json()["code"] == gone, op  # it went to the desk, which does not run here
+                assert answer.json()["code"] == gone, (
+                    op
+                )  # it went to the cell process, which does not run here
             else:
                 assert answer.status_code == (401 if who == SIGNED_OUT else 403), op
 

@@ -257,7 +257,7 @@ def test_a_budget_fills_again_and_is_each_address_s_own() -> None:
 
 @asynccontextmanager
 async def serve_on_socket(service_client: ServiceClient) -> AsyncIterator[str]:
-    """The same service on a real socket, without its desk."""
+    """The same service on a real socket, without its cell process."""
     async with serve_app(service_client.app, lifespan="off", log_level="critical") as url:
         yield url.removeprefix("http://")
 

@@ -30,7 +30,7 @@ MADE = """[...document.querySelectorAll(
 
 
 class HostileNamesProcess(OneQuestionProcess):
-    """A desk that hears such names from robots, devices and people."""
+    """A cell process that gets such names from robots, devices and people."""
 
     def __init__(self, app: FastAPI) -> None:
         super().__init__(app)
@@ -78,7 +78,7 @@ async def _answer_runs(route: Route) -> None:
 async def _signed_in_under_hostile_name(
     tablet_service: ServiceWithTablets, page: Page
 ) -> AsyncIterator[list[str]]:
-    """Enrol a tablet and sign in under such a name; lends what ran."""
+    """Enrol a tablet and sign in under such a name; return what ran."""
     ran: list[str] = []
 
     async def note_dialog(dialog: Any) -> None:

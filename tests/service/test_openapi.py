@@ -1,4 +1,4 @@
-"""The service's description of itself; that answers are as it says, every client of ``doors`` sees to."""
+"""The service's description of itself; that answers are as it says, every client of the tests checks."""
 
 from collections.abc import Iterator
 from pathlib import Path

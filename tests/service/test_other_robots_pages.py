@@ -1,6 +1,6 @@
 """What every page says of a robot that is not selected, and of a recovery that the watch began: in a real browser.
 
-The desk is a double of two robots; what a desk tells of real ones is in test_desk_others and test_desk_alone.
+The cell process is a double of two robots; what it tells of real ones is in test_desk_others and test_desk_alone.
 """
 
 import re
@@ -42,7 +42,7 @@ SAID = {
 
 
 class TwoRobotsProcess(OneQuestionProcess):
-    """The desk of two robots: with ur selected nothing is under way; with fanuc the watch has begun a run."""
+    """The cell process of two robots: with ur selected nothing is under way; with fanuc the watch has begun a run."""
 
     selected = "ur"
 

@@ -121,7 +121,7 @@ async def sign_in_two(service_client: ServiceClient, first: str, second: str) ->
 async def test_only_one_of_two_screens_orders_and_both_may_stop(tmp_path: Path) -> None:
     async with open_service_client(tmp_path) as tom:
         tina = await sign_in_two(tom, "Tom", "Tina")
-        assert (await tom.send_order(PAUSE)).json()["code"] == "desk.gone"  # it went on to the desk
+        assert (await tom.send_order(PAUSE)).json()["code"] == "desk.gone"  # it went on to the cell process
         refused = await tina.send_order(PAUSE)
         assert (refused.status_code, refused.json()["code"]) == (409, "people.elsewhere")
         assert "Tom" in refused.json()["message"]

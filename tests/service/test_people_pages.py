@@ -1,6 +1,6 @@
 """The pages of people in a real browser: enrol, sign in and out, roles, the PIN again, a second person.
 
-The desk is a double that asks one question that writes; what needs devices is in test_two_tablets.
+The cell process is a double that asks one question that writes; what needs devices is in test_two_tablets.
 """
 
 import asyncio
@@ -31,7 +31,7 @@ pytestmark = [pytest.mark.asyncio(loop_scope="module"), pytest.mark.xdist_group(
 
 
 class OneQuestionProcess:
-    """Stands where the desk's process is: asks the same question anew, and keeps who said yes to it."""
+    """Takes the place of the cell process: asks the same question anew, and keeps who said yes to it."""
 
     def __init__(self, app: FastAPI) -> None:
         self._app = app

@@ -1,4 +1,4 @@
-"""Runs are planned beside the web's process, and for nobody who has left; the list of them comes from memory."""
+"""Runs are planned beside the web's process, and not for a client that has left; the list of them comes from memory."""
 
 import asyncio
 import gzip

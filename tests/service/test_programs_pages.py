@@ -24,7 +24,7 @@ NUMBERS = re.compile(rb"([XYZWPR]) = *-?[\d.]+ +(mm|deg)")
 
 
 class IdleProcess:
-    """Stands where the desk's process is: the cell is there, and no run is."""
+    """Takes the place of the cell process: the cell is there, and no run is."""
 
     session: dict[str, Any] = {  # noqa: RUF012  never written to
         "rev": 1, "cell": "cell 7", "robots": [{"name": "fanuc", "model": "m6ib", "serial": "1"}],

@@ -1,4 +1,4 @@
-"""Reviews, comparisons and rollback at the service's door: they are the run's own figures, and alter nothing."""
+"""Reviews, comparisons and rollback over the service's routes: they are the run's own figures, and alter nothing."""
 
 import asyncio
 from collections.abc import AsyncIterator
@@ -49,7 +49,7 @@ async def past_runs(tmp_path_factory: pytest.TempPathFactory) -> PastRuns:
 
 @pytest_asyncio.fixture(scope="module", loop_scope="module")
 async def client(past_runs: PastRuns) -> AsyncIterator[httpx.AsyncClient]:
-    """The service over that cell's journal, without its desk; everybody may look."""
+    """The service over that cell's journal, without its cell process and without sign-in."""
     app = create_app(ServiceSettings(past_runs.config.path, open_access=True))
     async with another_browser(app) as browser:
         yield browser

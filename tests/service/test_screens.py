@@ -68,7 +68,7 @@ class ScreenServer:
 
 @asynccontextmanager
 async def a_hall(folder: Path) -> AsyncIterator[ScreenServer]:
-    """Serve the pages' service without its desk: what its screens are shown, the test says."""
+    """Serve the pages' service without its cell process: the test says what screens show."""
     path = write_cell_file(folder, "127.0.0.1", seed=1, time_factor=1.0)
     app = create_app(ServiceSettings(path, open_access=True))
     screens = CountedScreens()

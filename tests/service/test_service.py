@@ -87,7 +87,7 @@ async def test_a_killed_service_comes_back_to_the_same_step_with_every_point(tmp
                 client, lambda session: (session["prompt"] or {}).get("key") == "wire_is_hooked"
             )
             assert again["run"]["id"] == session_before["run"]["id"]
-            shown = again["run"]["found"]  # before anybody has agreed to a condition anew
+            shown = again["run"]["found"]  # before a person has agreed to a condition anew
             assert shown[: len(session_before["run"]["found"])] == session_before["run"]["found"]
             await _answer_question(client, "wire_is_hooked")
             goes_on = await _poll_until(

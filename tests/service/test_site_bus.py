@@ -51,7 +51,7 @@ def test_a_cell_is_seen_with_its_state_alarms_joints_and_events(tmp_path: Path) 
         with site.publish_cell("cell-07") as say:
 
             def is_attended() -> bool:
-                say("session", session_of("cell-07"))  # as a desk does, again and again
+                say("session", session_of("cell-07"))  # as a cell process does, again and again
                 say("live", live_of())
                 return (
                     cell_view(listener, "cell-07").link == "online"
@@ -216,7 +216,7 @@ def test_without_a_certificate_or_with_another_authority_no_peer_is_admitted(tmp
     ]
     with site.start_router():
         with open_bus(link.zenoh_config()):
-            pass  # the control: with the right files the door opens
+            pass  # the control: with the right files the connection is accepted
         for config in (link.zenoh_config(without), _config_with_certificate(site, other / MONITOR_NAME)):
             with pytest.raises(zenoh.ZError):
                 zenoh.open(config)

@@ -1,4 +1,4 @@
-"""A stopped robot on every page and every tablet's size; refusals in the reader's language. The desk is a double."""
+"""A stopped robot on every page and every tablet's size; refusals in the reader's language. The cell process is a double."""
 
 from collections.abc import AsyncIterator
 from typing import Any
@@ -34,7 +34,7 @@ async def tablet_service(tmp_path_factory: pytest.TempPathFactory) -> AsyncItera
 
 
 def publish_state(tablet_service: ServiceWithTablets, state: str, **trouble: str) -> None:
-    """Let the desk say how the robot is."""
+    """Let the cell process say how the robot is."""
     robot = {"role": "robot", "name": "fanuc", "state": state, "message": "", "remedy": "", "age_s": 0.0}
     live_message = {"devices": [robot | {"value": None, "settle": None} | trouble]}
     tablet_service.app.state.context.link.live_values = live_message

@@ -46,7 +46,7 @@ def test_an_address_that_is_none_is_refused(tmp_path: Path, url: str) -> None:
 ADDRESSES = [
     ("example.com", "93.184.216.34", True, True),
     ("example.com", "2606:2800:220:1::1", True, True),
-    ("example.com", "127.0.0.1", False, False),  # a name that anybody may let point here
+    ("example.com", "127.0.0.1", False, False),  # a name that any owner may let point here
     ("example.com", "::1", False, False),
     ("example.com", "::ffff:127.0.0.1", False, False),
     ("example.com", "169.254.169.254", False, False),  # metadata of clouds

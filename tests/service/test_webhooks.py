@@ -48,7 +48,7 @@ Say = Callable[[str, dict[str, Any]], None]
 
 
 def session_writer(stream: IO[bytes]) -> Say:
-    """Return what says a desk's words into a pipe."""
+    """Return a function that writes a cell process's messages into a pipe."""
 
     def write_message(kind: str, content: dict[str, Any]) -> None:
         stream.write(json.dumps({"told": kind, "content": content}).encode() + b"\n")

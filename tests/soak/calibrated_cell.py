@@ -186,7 +186,7 @@ class CalibrationBench:
 async def cell_behind_sockets(
     folder: Path, seed: int, *, time_factor: float = 2000.0
 ) -> AsyncIterator[CalibrationBench]:
-    """Play the devices in this process, connect to them over loopback, and lend the cell."""
+    """Play the devices in this process, connect to them over loopback, and yield the cell."""
     path, pid = folder / f"cell_{seed}.toml", os.getpid()
     address = f"127.{60 + next(_numbers) % 60}.{pid >> 8 & 0xFF}.{pid & 0xFF}"
     text = CELL.format(folder=folder, address=address, seed=seed, time_factor=time_factor)

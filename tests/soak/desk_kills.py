@@ -1,6 +1,6 @@
 """kill -9 of the service at random instants, in a browser's view: the same step, no point lost or doubled.
 
-A program at the service's door presses and follows every session; a tab of a real Chromium looks on without a
+A client of the service presses and follows every session; a tab of a real Chromium looks on without a
 touches it: after every other restart it is reloaded, else it finds back by itself.
 """
 

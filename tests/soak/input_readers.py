@@ -1,4 +1,4 @@
-"""Every input of files and messages as a door: valid examples, and the reader that the program uses for them.
+"""Every input of files and messages: valid examples, and the reader that the program uses for them.
 
 A reader may refuse with a `CellError` or an `OSError`; anything else would be a trace on a user's terminal.
 """
@@ -59,7 +59,7 @@ class InputReader:
 
 
 def file_readers(scratch: Path) -> Iterator[InputReader]:
-    """Yield every door; ``scratch`` is a folder for what readers need beside the file."""
+    """Yield every input; ``scratch`` is a folder for what readers need beside the file."""
     yield from _configuration_readers(scratch)
     yield from _measurement_readers()
     yield from _parameter_readers(scratch)
@@ -212,7 +212,7 @@ def _archive_bytes(scratch: Path) -> bytes:
 
 @contextmanager
 def place_file(reader: InputReader, scratch: Path, content: bytes) -> Iterator[Path]:
-    """Lend a file of a content at the door's name."""
+    """Yield a file of a content under the input's name."""
     path = scratch / reader.file
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_bytes(content)

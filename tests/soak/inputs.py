@@ -32,7 +32,7 @@ class InputFindings:
 
 
 def try_input(reader: InputReader, scratch: Path, seed: int, found: InputFindings) -> None:
-    """Put one damaged example through a door, and note what should not be."""
+    """Give one damaged example to an input, and note what should not be."""
     example = reader.examples[seed % len(reader.examples)]
     with place_file(reader, scratch, mutated_input(example, seed)) as path:
         began_s = time.process_time()
@@ -52,7 +52,7 @@ def try_input(reader: InputReader, scratch: Path, seed: int, found: InputFinding
 
 
 def inputs(count: int, names: tuple[str, ...] = ()) -> CampaignFigures:
-    """Try ``count`` damaged examples at every door."""
+    """Try ``count`` damaged examples of every input."""
     found = InputFindings()
     with tempfile.TemporaryDirectory(prefix="cellcal-inputs-") as folder:
         scratch = Path(folder)

@@ -1,6 +1,6 @@
 """What is live on a page, in a real browser: how soon a value is shown that was read, and how soon a tap is computed.
 
-Clocks are of one computer: the desk tells when it tells, and how old each value was then; the page notes when its
+Clocks are of one computer: the cell process says when it sends, and how old each value was then; the page notes when its
 text or its picture has it. Drawing is done in software here, so that a tablet is sooner.
 """
 

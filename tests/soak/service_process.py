@@ -42,7 +42,7 @@ class ServiceProcess:
         return self.process.pid
 
     def cell_process_pid(self) -> int | None:
-        """Return the process of the desk, None while there is none."""
+        """Return the cell process, None while there is none."""
         child_pids = Path(f"/proc/{self.web_pid}/task/{self.web_pid}/children").read_text().split()
         for child in child_pids:
             with suppress(OSError):

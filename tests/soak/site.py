@@ -200,7 +200,7 @@ def _play_cells() -> None:
         time.sleep(max(0.0, began_s + (tick + 1) / RATE_HZ - time.monotonic()))
     sys.stdout.write(f"{count}\n")
     sys.stdout.flush()
-    sys.stdin.read()  # stay until everybody has been counted
+    sys.stdin.read()  # stay until all have been counted
     for player in players:
         close_session(player.session)
 

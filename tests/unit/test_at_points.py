@@ -1,4 +1,4 @@
-"""Points asked for: joints, or poses of the flange in anybody's convention, solved near measured postures."""
+"""Points asked for: joints, or poses of the flange in any convention, solved near measured postures."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""A kept calibration is lent to later runs, and becomes a version of the robot's parameter set."""
+"""A kept calibration is used by later runs, and becomes a version of the robot's parameter set."""
 
 import hashlib
 from dataclasses import replace

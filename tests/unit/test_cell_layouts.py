@@ -1,4 +1,4 @@
-"""One layout tells of several devices, targets and robots; the door for people fits them together."""
+"""One layout tells of several devices, targets and robots; the command fits them together."""
 
 import json
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""Measurements that do not fit their robot are refused with the cause that does, whatever the door they come by."""
+"""Measurements that do not fit their robot are refused with the cause that does, by every way in."""
 
 import json
 from dataclasses import replace

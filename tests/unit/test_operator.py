@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
-from cellcal.drivers.errors import BusyError, NobodyThereError, RefusedError
+from cellcal.drivers.errors import BusyError, NoOperatorError, RefusedError
 from cellcal.drivers.interfaces import Answer, Instruction, Question
 from cellcal.drivers.operator.scripted import ScriptedOperator
 from cellcal.drivers.operator.terminal import TerminalOperator
@@ -64,7 +64,7 @@ class TestTerminal:
 
     async def test_a_closed_terminal_gives_no_answer(self, terminal: PipeTerminal) -> None:
         terminal.hang_up()
-        with pytest.raises(NobodyThereError, match="the input was closed"):
+        with pytest.raises(NoOperatorError, match="the input was closed"):
             await terminal.operator.confirm(HOOK)
 
     async def test_enters_what_was_typed_and_shows_the_unit(self, terminal: PipeTerminal) -> None:
@@ -105,7 +105,7 @@ class TestTerminal:
             operator = TerminalOperator("anna", console=Console(file=io.StringIO()), descriptor=file.fileno())
             assert await operator.confirm(HOOK) == Answer("anna")
             assert await operator.ask_question(NUMBER) == Answer("anna", "F-104711")
-            with pytest.raises(NobodyThereError):
+            with pytest.raises(NoOperatorError):
                 await operator.confirm(HOOK)
 
 
@@ -116,7 +116,7 @@ class TestScript:
         assert await operator.ask_question(NUMBER) == Answer("demo", "F-1")
 
     async def test_never_guesses(self) -> None:
-        with pytest.raises(NobodyThereError, match="hook_wire"):
+        with pytest.raises(NoOperatorError, match="hook_wire"):
             await ScriptedOperator({}).confirm(HOOK)
 
     async def test_no_means_no_and_nothing_is_done(self) -> None:

@@ -42,7 +42,7 @@ class GaugeCase:
     heal: Callable[[FakeCellClient], Awaitable[None]]
     link_faults: tuple[Fault, ...]
     true_length_m: Callable[[Truth], float] = lambda truth: truth["reading_m"]
-    shelf: str = "gauges"  # of the cell file and of the door's truth
+    shelf: str = "gauges"  # of the cell file and of the control port's truth
     shift_m: float = 0.05  # a change within its range
     stranger: Any = None  # the serial of another one; None: the next number
     shown_serial: Callable[[Any], str] = lambda config: str(config.serial)

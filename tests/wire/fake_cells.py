@@ -36,7 +36,7 @@ async def run_cell(**fake: Any) -> AsyncIterator[FakeCell]:
 
 @asynccontextmanager
 async def behind_control_server(**fake: Any) -> AsyncIterator[ControlServer]:
-    """Run that cell with its control door."""
+    """Run that cell with its control port."""
     async with FakeCell(cell_document(**fake)) as cell, ControlServer(cell) as control_server:
         yield control_server
 

@@ -123,7 +123,7 @@ async def simulated_tracker() -> AsyncIterator[FakeTracker]:
 
 
 def _measure_both_ways(client: PeerClient) -> list[Any]:
-    """Set up as a program of another house would, and measure with and without covariances."""
+    """Set up as another maker's program would, and measure with and without covariances."""
     ask = client.command
     ask.Initialize()
     units = ces.SystemUnitsDataT()  # zeros are metre, radian, degree Celsius, millibar

@@ -1,4 +1,4 @@
-"""The cable of the fake controller, pulled and put back by several hands; the control door meanwhile."""
+"""The cable of the fake controller, pulled and put back by several clients; the control port meanwhile."""
 
 import asyncio
 import json
@@ -86,14 +86,14 @@ async def test_the_hand_that_was_last_at_the_cable_decides(
             assert await is_listening(robot)
 
 
-# the control door
+# the control port
 
 
 @asynccontextmanager
 async def control_server_of(
     robot: FakeUniversalRobot,
 ) -> AsyncIterator[Callable[..., Awaitable[dict[str, Any]]]]:
-    """Ask through one connection to a control door of a cell with this robot, which runs already."""
+    """Ask through one connection to a control port of a cell with this robot, which runs already."""
     cell = FakeCell({})
     cell.robots = [robot]
     async with ControlServer(cell) as control_server:

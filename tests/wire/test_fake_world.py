@@ -1,4 +1,4 @@
-"""The fake cell as a process and behind its control door."""
+"""The fake cell as a process and behind its control port."""
 
 import asyncio
 import json
@@ -121,7 +121,7 @@ async def test_an_unknown_driver_is_a_sentence():
     assert {"modbus_robot", "universal_robots", "draw_wire", "touch_probe", "laser_tracker"} <= set(FACTORIES)
 
 
-# the door
+# the control port
 
 
 async def test_the_truth_is_whole_and_finite():

@@ -20,7 +20,7 @@ DRIFT, RECOVERY = "drift_check", "mastering_recovery"
 
 @pytest.fixture
 async def restoring_client(fake_client: FakeCellClient) -> AsyncIterator[FakeCellClient]:
-    """The control door; the controller is switched off and on after the test, which ends every alarm raised here."""
+    """The control port; the controller is switched off and on after the test, which ends every alarm raised here."""
     yield fake_client
     await fake_client.inject_fault("power_off", device="fanuc")
     await fake_client.inject_fault("power_on", device="fanuc")

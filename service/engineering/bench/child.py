@@ -18,7 +18,7 @@ _REPEATS = 7
 def measure_time(work: Callable[[], Any]) -> tuple[float, Any]:
     """Return the least processor time of up to seven runs within two seconds, and the last result.
 
-    Everybody has one thread, so that this is what a run takes on a machine that does nothing else.
+    Each program has one thread, so that this is what a run takes on a machine that does nothing else.
     """
     best, begun = float("inf"), time.perf_counter()
     for _ in range(_REPEATS):

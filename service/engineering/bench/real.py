@@ -1,4 +1,4 @@
-"""Identification from measurements of a real robot: everybody fits the same rows, and is judged on the others."""
+"""Identification from measurements of a real robot: all programs fit the same rows, and are judged on the others."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -86,7 +86,7 @@ def read_series(path: Path, robot: str) -> MeasuredSeries:
 def run_real(
     seed: int, rounds: int, interpreters: Mapping[str, Path], series: tuple[MeasuredSeries, ...] = ()
 ) -> BenchTopic:
-    """Draw the rows to fit, the same for all, and judge everybody on the others."""
+    """Draw the rows to fit, the same for all, and judge each program on the others."""
     results: list[BenchResult] = []
     absent: dict[str, AbsentContestant] = {}
     for measured in series or load_shipped():
@@ -138,7 +138,7 @@ def judge_predictions(
 
 
 def _build_inputs(measured: MeasuredSeries, train: Rows, held_out: Rows) -> dict[str, Array]:
-    """Return what everybody is given; those who want a start get base and tool fitted to the nominal robot."""
+    """Return what each program is given; those that need a start get base and tool fitted to the nominal robot."""
     joints, positions = measured.joints_rad[train], measured.positions_m[train]
     count = len(train)
     observations = PointObservations(

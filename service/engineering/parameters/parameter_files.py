@@ -51,7 +51,7 @@ _REST_WORTH_SAYING = 1e-9  # m and rad
 
 
 class FileKind(StrEnum):
-    """Forms in which a calibrated arm leaves the house."""
+    """File forms in which a calibrated arm is exported."""
 
     TOML = "toml"
     URDF = "urdf"

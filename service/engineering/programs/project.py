@@ -258,7 +258,7 @@ def _read_frames(
 
 
 def _refuse_moved(pose: Array, place: str, what: str) -> None:
-    """Refuse another pose of what no controller lets anybody enter."""
+    """Refuse another pose of a frame that no controller lets a person change."""
     if not np.allclose(pose, np.eye(4), atol=1e-9):
         raise ProjectError(
             f"{place}: on this make of robot, that is the {what} itself, and nowhere else.",

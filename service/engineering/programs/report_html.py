@@ -125,7 +125,7 @@ class PictureSelection:
     rows: Rows
     drawn: DrawnPoints
     in_base: bool  # else each in its own user frame
-    placed_count: int  # of how many points anybody knows the place
+    placed_count: int  # the number of points whose place is known
 
 
 def points_to_draw(report: ProgramsReport, language: ReportLanguage = SCREEN) -> PictureSelection:

@@ -12,7 +12,7 @@ _DAMPING = 1e-12
 _MOST_STEPS = 20
 _LONGEST_RAD = 0.3
 _LOOSE = 1e-9  # of the normal matrix: a prior of metres and radians, for noise of hundredths of a mm
-_IDENTIFIED = 1e-6  # m, rad: below what anybody sees
+_IDENTIFIED = 1e-6  # m, rad: below every measurement
 
 
 def compensate(inputs: Mapping[str, NDArray[np.float64]], measure: Any) -> dict[str, object]:
