@@ -131,3 +131,34 @@ def test_searches_with_the_torch_and_moves_of_options_name_their_tool(
 def test_an_option_is_no_assignment(tmp_path: Path) -> None:
     moved = move(tmp_path, f"{IN.format('p10', 'wobj1')}\nUnknown\\Way:=p20,p10;")
     assert "copies" not in moved["points"]["p20"]["reason"]
+
+
+DISPLACED = IN.format("p30", "wobj1") + "\nPDispOff;"
+
+
+@pytest.mark.parametrize("offset", [ALONG, ABOUT_Z])
+@pytest.mark.parametrize(
+    ("before", "counts"),
+    [
+        ("PDispOn\\Rot\\ExeP:=p20,p10,tool1\\WObj:=wobj1;", False),
+        ("PDispOn\\ExeP:=p20,p10,tool1\\WObj:=wobj1;", False),
+        ("PDispOn p10,tool1\\WObj:=wobj1;", False),
+        (
+            "SearchL\\Stop,di1,pFound,p20,v100,tool1\\WObj:=wobj1;\nPDispOn\\ExeP:=pFound,p10,tool1\\WObj:=wobj1;",
+            False,
+        ),
+        ("GoHome;\nPDispOn p10,tool1\\WObj:=wobj1;", True),
+        ("IF di1=1 THEN\nGoHome;\nENDIF\nPDispOn p10,tool1\\WObj:=wobj1;", True),
+        ("p20:=CRobT();\nPDispOn\\ExeP:=p20,p10,tool1\\WObj:=wobj1;", True),
+        ("PDispOn\\ExeP:=p20,p10,tool1\\WObj:=wobj2;", True),
+        ("PDispOn\\ExeP:=p40,p10,tool1\\WObj:=wobj1;", True),
+    ],
+)
+def test_a_displacement_between_places_that_go_along_goes_along(
+    tmp_path: Path, before: str, counts: bool, offset: str
+) -> None:
+    more = f"  PERS robtarget p30:=[[340,60,300],{REST};\n  PERS robtarget p40:=[[340,60,290],{REST};\n"
+    more += f"  PERS robtarget pFound:=[[340,60,290],{REST};"
+    moved = move(tmp_path, BOTH + before + "\n" + DISPLACED, more, offset=offset)
+    assert {one["point"] for one in moved["findings"]} >= ({"p30"} if counts else set())
+    assert bool(moved["findings"]) == counts

@@ -148,12 +148,15 @@ def routine_calls(text: str, routines: Mapping[str, tuple[int, int]]) -> Iterato
             place = found.end()
             if found[0][0] in '!"':
                 continue
+            if found[0][-1] == ";":
+                leads = True
+                continue
             word = decode_name(found[0]).lower()
             opened = _OPENED.match(text, place)
             called = opened is not None and opened[1] is not None
             if word in known or (leads and word not in MOVES and _PASSES.match(text, place)):
                 yield _read_call(text, (opened.end() if opened and called else place, end), (scope, word))
-            leads = word[-1] == ";" or word in _LEADING
+            leads = word in _LEADING
 
 
 def _read_call(text: str, span: tuple[int, int], call: tuple[str, str]) -> RoutineCall:
