@@ -87,6 +87,17 @@ def test_a_copy_in_another_frame_is_named_with_what_it_costs(
     assert finding["distance_mm"] == pytest.approx(np.linalg.norm((belongs - goes)[:3, 3]), abs=1e-3)
 
 
+@pytest.mark.parametrize("offset", [ALONG, ABOUT_Z])
+def test_where_the_robot_began_is_named_in_another_frame(tmp_path: Path, offset: str) -> None:
+    begun = (*START, "PR[9]=LPOS", "L PR[9] 100mm/sec FINE", "PR[8]=LPOS")
+    assert move(tmp_path, listing(*begun, "L PR[8] 100mm/sec FINE"), offset)["code"] == ExitCode.PASS
+    other = tmp_path / "other"
+    other.mkdir()
+    moved = move(other, listing(*begun, "UFRAME_NUM=2", "L PR[8] 100mm/sec FINE"), offset)
+    assert moved["code"] == ExitCode.REFUSED
+    assert {one["point"] for one in moved["findings"]} == {"PR[8]"}
+
+
 def test_a_copy_in_a_parallel_frame_costs_nothing_where_the_work_does_not_turn(tmp_path: Path) -> None:
     lines = (*START, "PR[10]=P[1]", "UFRAME_NUM=3", "L PR[10] 100mm/sec FINE")
     assert move(tmp_path, listing(*lines), ALONG)["code"] == ExitCode.PASS

@@ -7,7 +7,7 @@ numbers brings it where it belongs.
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from cellcal.drivers.fanuc.program_files.ls_computed import match_assignment, places_named
 from cellcal.drivers.fanuc.program_files.ls_statements import Statement, motion_of, read_statements
@@ -21,6 +21,7 @@ _SELECTION = re.compile(rb"\b(?:UFRAME_NUM|BENUTZER_NUM)\b|MNUFRAMENUM", re.IGNO
 # Statements that the program may come to from elsewhere than from the line above.
 _JOINED = re.compile(rb"(?:LBL|MARKE|FOR|ENDFOR|WHILE|ENDWHILE|ELSE|ELSEIF|ENDIF)\b")
 _STANDS = re.compile(rb"\bLPOS\b")
+START = 0  # in place of a position: where the robot was before any
 Copies = frozenset[tuple[int, str]]  # positions, and the user frame whose numbers a register has
 
 
@@ -50,7 +51,7 @@ class _CopiedFrames:
         for register in motion.register_targets:
             some = self.copies.get(register, frozenset())
             found += [
-                (position, _copy_elsewhere(statement.line, register, frame))
+                (position, _copy_elsewhere((statement.line, register), position, own, frame))
                 for position, own in sorted(some)
                 for frame in sorted(self.frames - {own})
             ]
@@ -67,6 +68,7 @@ class _CopiedFrames:
         some |= {each for other in registers for each in self.copies.get(other, ())}
         if _STANDS.search(value):
             some |= {(each, frame) for each, taught in self.last for frame in self.frames or (taught,)}
+            some |= {(START, frame) for frame in self.frames if not self.last}
         self.copies[register] = frozenset(some)
 
     def join(self, others: Sequence["_CopiedFrames"]) -> None:
@@ -78,7 +80,7 @@ class _CopiedFrames:
 
 
 def copies_in_other_frames(positions: Positions, data: bytes) -> Iterator[tuple[int, ProgramShift]]:
-    """Yield, by position, the motions to its copy in another user frame than its own."""
+    """Yield, by position (or START), the motions to its copy in another user frame than its own."""
     if not _SELECTION.search(data):
         return
     taught = {
@@ -104,8 +106,11 @@ def copies_in_other_frames(positions: Positions, data: bytes) -> Iterator[tuple[
                 yield position, shift
 
 
-def _copy_elsewhere(line: int, register: int, frame: str) -> ProgramShift:
-    return ProgramShift(line, f"PR[{register}]", ShiftAxes.USER_FRAME, quaternion=None, other_frame=frame)
+def _copy_elsewhere(use: tuple[int, int], position: int, own: str, frame: str) -> ProgramShift:
+    """Return what the use of a register, by line and number, does in another frame than the position's own."""
+    name = f"PR[{use[1]}]"
+    shift = ProgramShift(use[0], name, ShiftAxes.USER_FRAME, quaternion=None, other_frame=frame)
+    return replace(shift, point=name, user_frame=own) if position == START else shift
 
 
 def _state_of_all(taught: Mapping[int, str], statements: Sequence[Statement]) -> _CopiedFrames:

@@ -12,7 +12,7 @@ from cellcal.drivers.fanuc.program_files.ls_computed import (
     is_computing,
     registers_of,
 )
-from cellcal.drivers.fanuc.program_files.ls_copied_frames import copies_in_other_frames
+from cellcal.drivers.fanuc.program_files.ls_copied_frames import START, copies_in_other_frames
 from cellcal.drivers.fanuc.program_files.ls_positions import REMOTE
 from cellcal.drivers.fanuc.program_files.ls_registers import UNSURE, registers_used
 from cellcal.drivers.fanuc.program_files.ls_shared_registers import shifts_by_other_programs
@@ -86,12 +86,13 @@ def with_motions(positions: Positions, data: bytes, external_uses: ExternalUses 
         if registers.camera & set(motion.shifting or found.conditions):
             why = make_message(_CAMERA, "Offset", motion.line)
             found.increments = {**dict.fromkeys(motion.targets, why), **found.increments}
+    elsewhere = list(copies_in_other_frames(positions, data))
     shifts = [
         *found.shifts,
         *_shifts_by_registers(found, registers),
         *_shifts_by_places(found, registers),
         *shifts_by_other_programs(data, registers, external_uses),
-        *copies_in_other_frames(positions, data),
+        *elsewhere,
     ]
     barred, conditions = dict(positions.barred), dict(positions.conditions)
     rows: dict[int, list[int]] = {}
@@ -113,6 +114,7 @@ def with_motions(positions: Positions, data: bytes, external_uses: ExternalUses 
     here = list(_shifts_of_places_here(data, found, registers))
     all_shifts = [
         *here,
+        *(shift for position, shift in elsewhere if position == START),
         *_pallet_places(data),
         *_absent_places(data, found, registers),
         *_with_rows(shifts, rows, positions),
