@@ -48,11 +48,19 @@ _LOADED: Mapping[str, Callable[[], ProgramBrand]] = {
     "yaskawa": _load_yaskawa,
 }
 SUFFIXES: Mapping[str, tuple[str, ...]] = {
-    "abb": (".mod", ".prg", ".sys"),
+    "abb": (".mod", ".prg", ".sys", ".modx", ".sysx"),
     "fanuc": (".ls",),
     "kuka": (".src", ".dat"),
     "universal_robots": (".script", ".urp", ".installation"),
     "yaskawa": (".jbi",),
+}
+
+_LOOKED_AT = 1 << 16  # bytes in which a program names itself
+_UTF16 = {  # how a text of UTF-16 begins: with its mark, or with a letter or a sign and a zero
+    BOM_UTF16_LE: "utf-16",
+    BOM_UTF16_BE: "utf-16",
+    **{f"{sign}".encode("utf-16-le"): "utf-16-le" for sign in "/ \r\n%mMlL&!"},
+    **{f"{sign}".encode("utf-16-be"): "utf-16-be" for sign in "/ \r\n%mMlL&!"},
 }
 
 
@@ -72,6 +80,15 @@ def brand_of(name: str, data: bytes) -> ProgramBrand | None:
     suffix = PurePath(name).suffix.lower()
     fitting = (brand_named(brand) for brand, suffixes in SUFFIXES.items() if suffix in suffixes)
     return next((brand for brand in fitting if brand.writes_program(data)), None)
+
+
+def is_resaved_program(name: str, data: bytes) -> bool:
+    """Tell whether a file is a program that an editor saved in an encoding that no controller reads."""
+    if data.startswith(BOM_UTF8):
+        return brand_of(name, data[len(BOM_UTF8) :]) is not None
+    text = data[:_LOOKED_AT]
+    encodings = [encoding for mark, encoding in _UTF16.items() if text.startswith(mark)]
+    return any(brand_of(name, text.decode(each, "ignore").encode("latin-1", "ignore")) for each in encodings)
 
 
 def read_program(name: str, data: bytes) -> ProgramFile:
@@ -137,13 +154,14 @@ def _read_alone(brand: ProgramBrand, name: str, data: bytes) -> ProgramFile | Pr
 def _unknown_program_error(name: str, data: bytes) -> ProgramFileError:
     """Return why a file is no program, an editor's marks of its encoding first."""
     if PurePath(name).suffix.lower() in (suffix for suffixes in SUFFIXES.values() for suffix in suffixes):
-        if data.startswith((BOM_UTF16_LE, BOM_UTF16_BE)):
+        is_resaved = is_resaved_program(name, data)
+        if data.startswith((BOM_UTF16_LE, BOM_UTF16_BE)) or (is_resaved and not data.startswith(BOM_UTF8)):
             return ProgramFileError(
                 name,
                 "an editor saved this program as Unicode (UTF-16); programs of controllers are plain text.",
                 remedy="Save it as plain text (ANSI), or take the controller's own file.",
             )
-        if data.startswith(BOM_UTF8) and brand_of(name, data[len(BOM_UTF8) :]) is not None:
+        if is_resaved:
             return ProgramFileError(
                 name,
                 "an editor put a byte order mark before this program; the controller's own files have none.",

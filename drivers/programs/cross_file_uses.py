@@ -5,16 +5,17 @@ files together (`BatchDeclarations`) give for each file how the others use its p
 """
 
 from collections import defaultdict
-from collections.abc import Mapping, Sequence, Set
+from collections.abc import Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import PurePath
 from typing import NamedTuple, Protocol, TypeAlias
 
 from cellcal.calibration.message import make_message
-from cellcal.drivers.programs.barred import MOVED_FRAMES, SEEN_FROM_FLANGE
+from cellcal.drivers.programs.barred import COMPUTED, MOVED_FRAMES, SEEN_FROM_FLANGE
 from cellcal.drivers.programs.call_graph import Marks, reached_missing, reached_settings
 from cellcal.drivers.programs.declared_poses import DeclaredPoses, Poses
+from cellcal.drivers.programs.routine_calls import RoutineCall, RoutineTargets
 
 Routine: TypeAlias = tuple[str, str]  # its file and name
 # By its name here: the module that declares a position, and its name there.
@@ -65,6 +66,8 @@ class FileDeclarations:
     tools: Poses = field(default_factory=dict)  # declared here for all
     bases: Poses = field(default_factory=dict)
     imports: Imports = field(default_factory=dict)  # for all files of its module
+    routine_targets: Mapping[str, RoutineTargets] = field(default_factory=dict)  # routines that get places
+    calls: tuple[RoutineCall, ...] = ()  # of routines that other files declare
     flat: bool = False  # a call means a program of this folder, and one that is not there may set anything
 
 
@@ -281,8 +284,12 @@ class BatchDeclarations:
 
     def _give_uses(self) -> None:
         """Find for every name that is used whose declaration it means."""
+        getting: dict[str, list[str]] = defaultdict(list)  # by routine: the files whose routine gets places
         for file, one in self._by_file.items():
-            for name, frames_of_moves in one.uses.items():
+            for routine in one.routine_targets:
+                getting[routine].append(file)
+        for file, one in self._by_file.items():
+            for name, frames_of_moves in (*one.uses.items(), *self._passed_uses(file, getting)):
                 bare = array_name_of(name)
                 owners, there = self.find_declarations(file, bare)
                 gone_to = frozenset(each for each in frames_of_moves if each.why != COPIED)
@@ -292,6 +299,18 @@ class BatchDeclarations:
                     self._uses[owner][there + name[len(bare) :]] += [
                         (move_frames, file) for move_frames in frames_of_moves
                     ]
+
+    def _passed_uses(
+        self, file: str, getting: Mapping[str, Sequence[str]]
+    ) -> Iterator[tuple[str, frozenset[MoveFrames]]]:
+        """Yield what routines of other files do to the places that a file's calls pass."""
+        for call in self._by_file[file].calls if getting else ():
+            for other in self._nearest_files(file, getting.get(call.routine, ())):
+                for name, tool, frame in self._by_file[other].routine_targets[call.routine].passed_uses(call):
+                    yield (
+                        name.lower(),
+                        frozenset([MoveFrames(tool, frame, "" if tool and frame else COMPUTED)]),
+                    )
 
     def _own_files(self, file: str) -> tuple[list[str], Imports]:
         """Return the other files that declare for a file's module, and what all of them import."""

@@ -41,6 +41,9 @@ class ProgramShift:
     quaternion: Quaternion | None = NO_TURN  # None: it may turn the point, by what only the controller knows
     each_time: bool = False  # it adds to a variable, once more for each time that the line runs
     sets: bool = False  # no shift: a part of the point is set to another value
+    other_frame: str = (
+        ""  # no shift: the motion takes the point's numbers in this user frame, which is not its own
+    )
     absent: str = ""  # no shift: the motion goes to a place that no file holds; what to do with it
 
     def to_matrix(self) -> Array:

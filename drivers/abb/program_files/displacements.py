@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from cellcal.drivers.abb.program_files.literals import NAME, NUMBER, W
-from cellcal.drivers.programs.shifts import NO_TURN, UNREADABLE, Quaternion, Triple
+from cellcal.drivers.programs.shifts import UNREADABLE, Quaternion, Triple
 
 WORDS = frozenset(("pdispset", "pdispon", "pdispoff", "eoffsset", "eoffson", "eoffsoff"))
 USED = re.compile(r"\b(?:PDisp|EOffs)(?:Set|On)\b", re.IGNORECASE)
@@ -22,6 +22,9 @@ _CONSTANT = re.compile(rf"\bCONST\s+pose\s+({NAME}){W}:={W}{_POSE}", re.ASCII | 
 _ARGUMENT = re.compile(rf"{W}({NAME}){W};", re.ASCII)
 _NAME_OF_ARGUMENT = re.compile(rf"{NAME}(?:\{{[^{{}}]*\}})?", re.ASCII)
 _ROT = re.compile(r"\\\s*Rot\b", re.IGNORECASE)
+_EXECUTED = re.compile(rf"\\{W}ExeP{W}:={W}(?:({NAME}){W}(?=[,\\]|\Z))?+", re.ASCII | re.IGNORECASE)
+_PLAIN_REFERENCE = re.compile(rf"({NAME}){W},", re.ASCII)
+_WORK_OBJECT = re.compile(rf"\\{W}WObj{W}:={W}({NAME}){W}\Z", re.ASCII | re.IGNORECASE)
 _CODE = re.compile(rf'![^\n]*+|"(?:[^"\n]++|"")*+"?+|{NAME}|[;\n]', re.ASCII)
 _OPENING = frozenset(("then", "for", "while", "test"))
 _CLOSING = frozenset(("endif", "endfor", "endwhile", "endtest"))
@@ -58,6 +61,10 @@ class DisplacementEvent(NamedTuple):
     scope: str
     translation_m: Triple
     quaternion: Quaternion | None
+    references: tuple[
+        str, ...
+    ] = ()  # of PDispOn: where the robot is, if that is named, and where it was taught
+    frame: str | None = None  # of PDispOn: the work object of both, None where it is computed
 
 
 class ActiveDisplacement(NamedTuple):
@@ -85,12 +92,38 @@ class Displacements:
         translation, quaternion = UNREADABLE, None
         if word == "pdispset":
             translation, quaternion = self._parse_pose(end)
+        references: tuple[str, ...] = ()
+        frame: str | None = None
         if word == "pdispon":
             names = _NAME_OF_ARGUMENT.findall(self.text[end:stop])
             self.references += [(name, scope) for name in names]
-        if word == "pdispon" and _ROT.search(self.text, end, stop) is None:
-            quaternion = NO_TURN
-        self.events.append(DisplacementEvent(end, word, spelled, scope, translation, quaternion))
+            references, frame = self._read_references(end, stop)
+        self.events.append(
+            DisplacementEvent(end, word, spelled, scope, translation, quaternion, references, frame)
+        )
+
+    def _read_references(self, place: int, end: int) -> tuple[tuple[str, ...], str | None]:
+        """Return the targets of PDispOn and its work object; no target where one is no plain name."""
+        arguments = self.text[place:end]
+        there = _EXECUTED.search(arguments)
+        rest = _EXECUTED.sub("", _ROT.sub("", arguments)).lstrip(" \t\r\n,")
+        taught = _PLAIN_REFERENCE.match(rest)
+        object_named = _WORK_OBJECT.search(rest)
+        if taught is None or (there is not None and there[1] is None):
+            return (), None
+        frame = "wobj0" if "\\" not in rest else object_named[1] if object_named else None
+        return (*([there[1]] if there else []), taught[1]), frame
+
+    def move_before(self, event: DisplacementEvent) -> TargetMove | None:
+        """Return the move that surely brought the robot to where an instruction is run; None where none did."""
+        begin, _ = self.routines.get(event.scope, (0, 0))
+        some = [move for move in self._moves_between(begin, event.place) if move.scope == event.scope]
+        if not some:
+            return None
+        words = list(self._iterate_words(some[-1].place, event.place))
+        scopes, others = self._called_scopes(some[-1].place, event.place)
+        calls = others or any(move.scope in scopes for move in self.moves)
+        return None if calls or _is_branching([word for word, _ in words]) else some[-1]
 
     def active_displacements(self) -> Iterator[ActiveDisplacement]:
         """Yield every displacement with the moves that it counts for."""

@@ -11,7 +11,7 @@ from cellcal.drivers.abb.program_files.instructions import COMPUTED, MoveTarget,
 from cellcal.drivers.abb.program_files.literals import NAME, NUMBER, W, after_blanks, decode_name
 from cellcal.drivers.abb.program_files.target_uses import TargetUses
 from cellcal.drivers.programs.barred import OVERWRITTEN
-from cellcal.drivers.programs.positions import CARTESIAN
+from cellcal.drivers.programs.positions import CARTESIAN, UNTAUGHT
 from cellcal.drivers.programs.shifts import NO_TURN, UNREADABLE, ProgramShift, Quaternion, ShiftAxes, Triple
 
 EXTERNAL_OFFSET = "an external axis is offset here, and the project does not know what it moves"
@@ -109,6 +109,7 @@ class FoundShifts:
             *(
                 shift
                 for displacement in self.displacements.active_displacements()
+                if not self._goes_along(displacement, collected, uses)
                 for shift in _shifts_of_displacement(displacement, collected, uses)
             ),
         )
@@ -124,6 +125,30 @@ class FoundShifts:
             if displacement.event.word.startswith("eoffs"):
                 for row in _rows_of(displacement, collected, uses):
                     uses.barred.setdefault(row, EXTERNAL_OFFSET)
+
+    def _goes_along(
+        self, displacement: ActiveDisplacement, collected: RapidPositions, uses: TargetUses
+    ) -> bool:
+        """Tell whether a displacement turns and moves with the work: both places it is taken from go along.
+
+        With F the change in the work object, PDispOn makes F D F^-1 of D, and F D p is where F p is displaced to.
+        """
+        event, frame = displacement.event, (displacement.event.frame or "").lower()
+        places = [(name, event.scope, -1) for name in event.references]
+        if len(places) == 1 and (before := self.displacements.move_before(event)) is not None:
+            places.append((before.name, before.scope, before.row))
+        if (
+            len(places) < 2 or displacement.others
+        ):  # what other routines go to may stand in another work object
+            return False
+        given = {name.lower() for name, _ in (*self.set_components, *self.overwritten)}
+        rows = [[row] if row >= 0 else uses.rows_of(name, scope) for name, scope, row in places]
+        return (
+            all((move.frame or "").lower() == frame for move in displacement.moves)
+            and all(rows)
+            and all(name.lower() not in given for name, _, _ in places)
+            and all(_is_used_in(row, collected, uses, frame) for its in rows for row in its)
+        )
 
     def _bar_references(self, collected: RapidPositions, uses: TargetUses) -> None:
         """Leave targets that displacements are taken from and no move goes to: nothing tells their work object."""
@@ -191,6 +216,17 @@ def _rows_of(
     for name, scope in {(move.name, move.scope) for move in displacement.moves if move.name}:
         rows |= set(uses.rows_of(name, scope))
     return _cartesian_rows(sorted(rows), collected)
+
+
+def _is_used_in(row: int, collected: RapidPositions, uses: TargetUses, frame: str) -> bool:
+    """Tell whether a target is moved to, and in one work object only."""
+    of_row = uses.of_row.get(row, ())
+    return (
+        collected.kinds[row] in (CARTESIAN, UNTAUGHT)
+        and row not in uses.barred
+        and bool(of_row)
+        and all((used or "").lower() == frame for _, used in of_row)
+    )
 
 
 def _along_axis(axis: str, size_m: float) -> Triple:

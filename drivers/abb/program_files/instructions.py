@@ -17,6 +17,7 @@ from cellcal.drivers.programs.spans import ProgramText
 
 # Where the tool stands, from the end of the arguments that are not optional.
 _LAST = "movel movej movec moveabsj triggl triggj triggc triggabsj arcl arcc arclstart arclend arcl1 arcl2 arccstart"
+_LAST += " arcmovel arcmovej arcmovec arcmoveabsj contactl fcpressl fcpressc search_1d search_part"
 _LAST += " arccend arcc1 arcc2 spotl spotj spotml spotmj searchl searchc displ dispc paintl paintc capl capc"
 MOVES = {
     **dict.fromkeys(_LAST.split(), -1),
@@ -37,12 +38,15 @@ _NEXT_STATEMENT = re.compile(
 _LENGTH = re.compile(rf"{W}([+-]?{W}(?:\d++(?:\.\d*+)?+|\.\d++)(?:[eE][+-]?\d++)?+){W}", re.ASCII)
 _INDEX = re.compile(r"\d+(?:,\d+)*")
 
-_CIRCLE = re.compile(r"(?:move|trigg|arc|disp|paint|cap)c")
+_CIRCLE = re.compile(r"(?:move|trigg|arc|arcmove|disp|paint|cap|fcpress)c")
 _PLACES_OF_SEARCH = {  # behind the signal: what is found, a point of the circle, where the search ends
     "searchl": range(1, 3),
     "searchj": range(1, 3),
     "searchc": range(1, 4),
+    "search_1d": range(1, 3),  # behind the result: where the search starts, and where it ends
+    "search_part": range(1, 3),
 }
+FINDS = frozenset(("searchl", "searchj", "searchc"))  # the first target gets what was found
 _MANY_SIGNS = re.compile(r'[\[({"!]')
 _MOST_ARGUMENTS = 40
 _SHIFTED = ("offset", "This target is shifted while the program runs.")
@@ -108,7 +112,7 @@ def read_instruction(source: ProgramText, word: str, place: int) -> MoveInstruct
 
 
 def _is_axis_move(word: str) -> bool:
-    return word in ("moveabsj", "triggabsj")
+    return word in ("moveabsj", "triggabsj", "arcmoveabsj")
 
 
 def _split_arguments(source: ProgramText, place: int, *, axes: bool) -> tuple[list[MoveArgument], int]:

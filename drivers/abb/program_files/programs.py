@@ -53,7 +53,7 @@ _LOOKED_AT = 1 << 16  # bytes in which a module names itself
 
 @dataclass(frozen=True, eq=False)
 class AbbFile:
-    """One .mod, .prg or .sys file."""
+    """One .mod, .prg, .sys, .modx or .sysx file."""
 
     source: ProgramText
     name: str
@@ -140,6 +140,8 @@ class AbbFile:
                 doubtful=uses.doubtful_frames(),
                 tools=module.frames.public_poses(module.frames.tools),
                 bases=module.frames.public_poses(module.frames.bases),
+                routine_targets=module.parameters.to_targets(uses),
+                calls=tuple(uses.calls_abroad),
             ),
             keys=tuple(found.names[row].lower() for row in order.tolist()),
             used=frozenset(k for k, row in enumerate(order.tolist()) if uses.of_row.get(row)),
@@ -264,7 +266,7 @@ def _changed_text(texts: Sequence[str] | None, k: int, old: str) -> str | None:
 
 
 def writes_program(data: bytes) -> bool:
-    """Tell whether a .mod, .prg or .sys file is a RAPID module: others use these suffixes, too."""
+    """Tell whether a .mod, .prg, .sys, .modx or .sysx file is a RAPID module: others use these suffixes, too."""
     return _MODULE.search(data, 0, _LOOKED_AT) is not None
 
 
@@ -279,7 +281,7 @@ def _with_configurations_that_count(positions: Positions, text: str) -> Position
 
 BRAND = ProgramBrand(
     brand="abb",
-    suffixes=(".mod", ".prg", ".sys"),
+    suffixes=(".mod", ".prg", ".sys", ".modx", ".sysx"),
     read=AbbFile.from_bytes,
     configurations=AbbConfigurations(),
     writes_program=writes_program,

@@ -11,6 +11,7 @@ from cellcal.drivers.abb.program_files.declared_frames import DeclaredFrames
 from cellcal.drivers.abb.program_files.displacements import USED, WORDS, Displacements, TargetMove
 from cellcal.drivers.abb.program_files.found_shifts import FoundShifts
 from cellcal.drivers.abb.program_files.instructions import (
+    FINDS,
     MOVES,
     STAR,
     MoveInstruction,
@@ -23,6 +24,11 @@ from cellcal.drivers.abb.program_files.literals import (
     TARGETS,
     W,
     decode_name,
+)
+from cellcal.drivers.abb.program_files.passed_targets import (
+    RoutineParameters,
+    pass_targets,
+    routine_calls,
 )
 from cellcal.drivers.abb.program_files.rapid_declarations import RapidDeclarations
 from cellcal.drivers.abb.program_files.target_uses import TargetUses
@@ -38,7 +44,6 @@ _ASSIGNED = re.compile(
 )
 _NAME = re.compile(rf"{W}({NAME})", re.ASCII)
 _PARAMETERS = re.compile(rf"{W}\(((?:[^()!]++|![^\n]*+){{0,1000}}+)\)", re.ASCII)
-_PARAMETER = re.compile(rf"({NAME}){W}(?:\{{[^{{}}]*+\}}{W})?+(?=[,\\|]|\Z)", re.ASCII)
 _FUNCTION_NAME = re.compile(rf"{W}[A-Za-z]\w*+{W}({NAME})", re.ASCII)
 _HOLDS_A_POSITION = re.compile(r"\[\s*\[\s*[-+.\d]")
 _REMARKED = {
@@ -78,9 +83,11 @@ class RapidModule(RapidDeclarations):
         default_factory=list
     )  # by what is neither read nor a copy
     looked_at: int = 0  # up to where the text was searched for positions inside other data
+    set_whole: list[tuple[str, str]] = field(default_factory=list)  # name, scope
     displaced: bool = False  # moves are noted one by one, for displacements
     routine_begins: int = 0
     set_names: set[str] = field(default_factory=set)  # what is assigned as a whole
+    parameters: RoutineParameters = field(default_factory=RoutineParameters)
     written: WrittenTargets = field(default_factory=lambda: WrittenTargets.without_rows(0))
 
     def read_module(self) -> None:
@@ -158,8 +165,15 @@ class RapidModule(RapidDeclarations):
                 text = _COPY_TEXT if place in self.copies else _ASSIGNED_TEXT
                 self.found.add_remark(place, "computed", make_message(text, name))
         self.frames.drop_ambiguous()
+        self._pass_targets()
         self.uses.resolve_uses(self.found)
         self.shifts.bar_targets(self.found, self.uses)
+
+    def _pass_targets(self) -> None:
+        kept = {(name.partition("{")[0].lower(), scope) for name, scope in self.set_whole}
+        self.parameters.routines |= {scope.partition("/")[2] for scope in self.shifts.displacements.routines}
+        calls = list(routine_calls(self.found.source.text, self.shifts.displacements.routines))
+        pass_targets(self.uses, self.parameters, calls, kept)
 
     def _take_word(self, word: str, start: int, end: int) -> int:
         """Take a word at statement level; return where to go on."""
@@ -174,11 +188,15 @@ class RapidModule(RapidDeclarations):
             self.shifts.take_word(word, (start, end), self.uses.scope)
             return end
         assigned = _ASSIGNED.match(self.found.source.text, end)
-        return end if assigned is None else self._take_assignment(start, end, assigned)
+        if assigned is None or self.found.source.text[start - 1 : start] == "\\":  # an option of a call
+            return end
+        return self._take_assignment(start, end, assigned)
 
     def _take_assignment(self, start: int, end: int, assigned: re.Match[str]) -> int:
         text = self.found.source.text
         bare = decode_name(text[start:end])
+        if not assigned[2]:
+            self.set_whole.append((bare, self.uses.scope))
         name = bare + (f"{{{''.join(assigned[1].split())}}}" if assigned[1] else "")
         if text[assigned.end() : assigned.end() + 1] == "[" and not assigned[2]:
             for kind in TARGETS:
@@ -214,7 +232,7 @@ class RapidModule(RapidDeclarations):
         instruction = read_instruction(self.found.source, word, end)
         for part, target in enumerate(instruction.targets):
             self._moved_to(instruction, part, target, start)
-        if word.startswith("search") and instruction.targets:  # its first target gets what was found
+        if word in FINDS and instruction.targets:
             self.assigned_here.append((instruction.targets[0].name.partition("{")[0], self.uses.scope))
         return instruction.end
 
@@ -257,8 +275,8 @@ class RapidModule(RapidDeclarations):
         parameters = _PARAMETERS.match(self.found.source.text, named.end())
         if parameters is None:
             return named.end()
-        for parameter in _PARAMETER.finditer(parameters[1]):
-            self.uses.declare_parameter(decode_name(parameter[1]))
+        for name in self.parameters.declare_routine(self.uses.scope, parameters[1]):
+            self.uses.declare_parameter(name)
         return parameters.end()
 
     def _take_local(self, word: str, end: int) -> int:

@@ -1,6 +1,7 @@
 """Which tool and work object a target is used with: what the moves of a file say of the names it declares."""
 
 from collections import defaultdict
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -10,6 +11,7 @@ from cellcal.drivers.programs.barred import MOVED_BY_UNIT, SEEN_FROM_FLANGE
 from cellcal.drivers.programs.conditions import ConditionalBar, ProjectNeed
 from cellcal.drivers.programs.cross_file_uses import COPIED, MoveFrames
 from cellcal.drivers.programs.positions import CARTESIAN
+from cellcal.drivers.programs.routine_calls import PARAMETER, RoutineCall
 
 ToolAndFrame = tuple[str | None, str | None]  # tool, work object; None where it is computed
 
@@ -63,6 +65,10 @@ class TargetUses:
     user_frames: dict[int, str] = field(default_factory=dict)
     tools: dict[int, str] = field(default_factory=dict)
     barred: dict[int, str] = field(default_factory=dict)  # rows whose tool or frame is not one, and why
+    of_parameters: dict[tuple[str, str], set[ToolAndFrame]] = field(
+        default_factory=dict
+    )  # by scope and parameter: how the routine's moves go to what is passed
+    calls_abroad: list[RoutineCall] = field(default_factory=list)  # of routines that other files declare
     of_modules: dict[str, list[int]] = field(
         default_factory=lambda: defaultdict(list)
     )  # seen from all routines
@@ -271,6 +277,48 @@ class TargetUses:
         return spelled
 
     def _visible_name(self, name: str | None) -> str | None:
-        return (
-            None if name is None or (self.scope, name.lower()) in self.parameters else self.spell_name(name)
-        )
+        return None if name is None else self.name_seen_from(self.scope, name)
+
+    def name_seen_from(self, scope: str, name: str) -> str:
+        """Return a tool or work object as a scope names it: as it was first written, or a parameter's name."""
+        if (scope, name.lower()) in self.parameters:
+            return PARAMETER + name.lower()
+        return self.spell_name(name)
+
+    def uses_in(self, scope: str, name: str) -> set[ToolAndFrame]:
+        """Return how the moves of a scope go to a name, or to elements of it."""
+        return {
+            use
+            for (where, target), some in self.used.items()
+            if where == scope and target.partition("{")[0].lower() == name
+            for use in some
+        }
+
+    def add_uses(self, scope: str, name: str, uses: set[ToolAndFrame]) -> bool:
+        """Note more uses of a name; tell whether there are new ones."""
+        if uses <= self.used.get((scope, name), set()):
+            return False
+        self.used[scope, name] |= uses
+        return True
+
+    def add_rows(self, scope: str, name: str, rows: Sequence[int]) -> bool:
+        """Note more targets that a name stands for; tell whether there are new ones."""
+        its = self.rows[scope, name]
+        new = [row for row in dict.fromkeys(rows) if row not in set(its)]
+        its += new
+        return bool(new)
+
+    def forget_parameters(self) -> None:
+        """Drop the moves to parameters, which count for what is passed, and tools that only a call could name."""
+        for scope, name in list(self.used):
+            parameter = scope, name.partition("{")[0].lower()
+            if parameter in self.parameters:
+                self.of_parameters.setdefault(parameter, set()).update(self.used.pop((scope, name)))
+        for key, some in self.used.items():
+            self.used[key] = {(_without_mark(tool), _without_mark(frame)) for tool, frame in some}
+        for row, uses in self.of_row.items():
+            self.of_row[row] = [(_without_mark(tool), _without_mark(frame)) for tool, frame in uses]
+
+
+def _without_mark(name: str | None) -> str | None:
+    return None if name is not None and name.startswith(PARAMETER) else name

@@ -3,6 +3,7 @@
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from itertools import accumulate
 from math import isnan, nan
 
 from cellcal.drivers.fanuc.program_files.ls_statements import MotionStatement, Statement, read_statements
@@ -18,9 +19,10 @@ _CHOSEN_REGISTER = re.compile(rb"PR(?<![A-Z]PR)\[ *+(?:GP *+1 *+: *+)?+[A-Za-z]{
 _CHOSEN_POSITION = re.compile(rb"P(?<![A-Za-z]P)\[ *+[A-Za-z]")
 _HERE = re.compile(rb"\b[LJ]P(?:OS|NT)\b")
 _ALONE = re.compile(rb"(?:PR?\[[^\]]*+\] *+|[LJ]P(?:OS|NT) *+(?:\([^)]*+\))?)")
-_ITSELF = re.compile(  # and something that is added
-    rb"PR\[ *+(?:GP *+1 *+: *+)?+(\d{1,5}+) *+, *+(\d) *+\] *+[+-](?!.*(?:PR?\[|[*/]))", re.DOTALL
-)
+_ELEMENT = re.compile(rb"PR\[ *+(?:GP *+1 *+: *+)?+(\d{1,5}+) *+, *+(\d) *+\]")
+_CONDITIONAL = re.compile(rb"(?:IF|WENN)\b")
+_BRACKETS = re.compile(rb"[()\[\],]")
+_OTHER_PLACE = re.compile(rb"(?<![A-Za-z])PR?\[")
 _NOTHING = re.compile(rb"(PR\[ *\d+ *\]|LPOS|JPOS) *- *\1")
 _NUMBER = re.compile(rb"\(? *+(-?+(?:\d++(?:\.\d*+)?+|\.\d++)) *+\)?")
 _BRANCHES = re.compile(
@@ -45,6 +47,7 @@ class ComputedRegisters:
     turned: set[int] = field(
         default_factory=set
     )  # registers whose W, P or R the program sets to other than zero
+    passed_on: set[int] = field(default_factory=set)  # registers that another one gets whole
     used: set[int] = field(default_factory=set)  # registers that an expression of another one uses
     here: set[int] = field(default_factory=set)  # registers that get where the robot was before any position
     altered_whole: set[int] = field(default_factory=set)  # registers of which any element may be computed
@@ -64,6 +67,7 @@ class ComputedRegisters:
             + len(self.camera)
             + len(self.here)
             + len(self.altered_whole)
+            + sum(map(len, self.copied.values()))
             + sum(map(len, self.added.values()))
             + sum(map(len, self.set_to.values()))
         )
@@ -82,7 +86,7 @@ def registers_of(assigned: Sequence[tuple[Statement, int | None]]) -> ComputedRe
     for _ in range(len(assigned) + 1):  # a register may get another one's that is assigned below
         before = found.found_count
         for statement, last in assigned:
-            match = _ASSIGNED.search(statement.text)
+            match = match_assignment(statement)
             _take_chosen(found, statement, certain=match is not None)
             if match is not None and match[2]:
                 _assign_element(found, match, statement.line)
@@ -122,7 +126,7 @@ def _take_chosen(found: ComputedRegisters, statement: Statement, *, certain: boo
 
 
 def _assign_element(found: ComputedRegisters, match: re.Match[bytes], line: int) -> None:
-    number, value = int(match[1]), match[3].strip()
+    number, value = int(match[1]), without_brackets(match[3])
     found.altered.setdefault(number, line)
     found.computed |= {int(each) for each in _POSITION.findall(value)}
     if not match[2].isdigit():  # a register chooses the element: any of them, with any value
@@ -130,28 +134,68 @@ def _assign_element(found: ComputedRegisters, match: re.Match[bytes], line: int)
         found.turned.add(number)
         return
     element = int(match[2])
-    itself = _ITSELF.match(value)
-    adds = itself is not None and (int(itself[1]), int(itself[2])) == (number, element)
+    adds = _adds_to(value, number, element)
     (found.added if adds else found.set_to).setdefault(number, set()).add(element)
     constant = _NUMBER.fullmatch(value)
     if element > _LENGTHS and (constant is None or float(constant[1])):
         found.turned.add(number)
 
 
+def match_assignment(statement: Statement) -> re.Match[bytes] | None:
+    """Return register, element and value that a statement assigns; behind the condition of an IF."""
+    start = 0
+    if _CONDITIONAL.match(statement.text):
+        depth = 0
+        for found in _BRACKETS.finditer(statement.text):
+            depth += (found[0] in b"([") - (found[0] in b")]")
+            if not depth and found[0] == b",":
+                start = found.end()
+                break
+    return _ASSIGNED.search(statement.text, start)
+
+
+def places_named(value: bytes) -> tuple[set[int], set[int]]:
+    """Return the positions and the whole registers that an expression names."""
+    return {int(each) for each in _POSITION.findall(value)}, {int(each) for each in _REGISTER.findall(value)}
+
+
+def without_brackets(value: bytes) -> bytes:
+    """Return an expression without brackets around all of it: mixed logic writes ``PR[1,3]=(PR[1,3]+50)``."""
+    value = value.strip()
+    while value.startswith(b"(") and value.endswith(b")"):
+        depths = list(accumulate((sign == ord("(")) - (sign == ord(")")) for sign in value))
+        if 0 in depths[:-1]:
+            break
+        value = value[1:-1].strip()
+    return value
+
+
+def _adds_to(value: bytes, number: int, element: int) -> bool:
+    """Tell whether an expression is an element of a register and something that is added to it."""
+    for itself in _ELEMENT.finditer(value):
+        before, after = value[: itself.start()].rstrip(), value[itself.end() :].lstrip()
+        is_term = before[-1:] in (b"", b"+") and after[:1] in (b"", b"+", b"-")
+        outside = before.count(b"(") == before.count(b")")
+        if is_term and outside and (int(itself[1]), int(itself[2])) == (number, element):
+            return (before + after).strip(b"+") != b"" and not _OTHER_PLACE.search(before + after)
+    return False
+
+
 def _assign_whole(found: ComputedRegisters, match: re.Match[bytes], line: int, last: int | None) -> None:
-    number, value = int(match[1]), match[3].strip()
-    positions = {int(each) for each in _POSITION.findall(value)}
-    registers = {int(each) for each in _REGISTER.findall(value)}
+    number, value = int(match[1]), without_brackets(match[3])
+    if _NOTHING.fullmatch(value):
+        return
+    positions, registers = places_named(value)
     origins = found.origins.setdefault(number, set())
     origins |= positions | {n for each in registers for n in found.origins.get(each, ())}
     if _HERE.search(value) and last is not None:
         origins.add(last)
     found.here |= {number} if (_HERE.search(value) and last is None) or registers & found.here else set()
-    found.used |= registers - {number}
     found.turned |= {number} if registers & found.turned else set()
     found.camera |= {number} if b"VR[" in value or registers & found.camera else set()
     if _ALONE.fullmatch(value) is not None:
-        for each in positions:
+        found.passed_on |= registers - {number}
+        for each in positions | {one for one, its in found.copied.items() if its & registers}:
             found.copied.setdefault(each, set()).add(number)
         if registers & found.altered.keys():
             found.altered.setdefault(number, line)
@@ -160,7 +204,8 @@ def _assign_whole(found: ComputedRegisters, match: re.Match[bytes], line: int, l
                 of_others = {element for each in registers for element in elements.get(each, ())}
                 if of_others:
                     elements.setdefault(number, set()).update(of_others)
-    elif not _NOTHING.fullmatch(value):
+    else:
+        found.used |= registers - {number}
         found.altered.setdefault(number, line)
         found.altered_whole.add(number)
         found.computed |= positions
@@ -177,10 +222,10 @@ class RegisterContents:
         """Take up a statement."""
         if _BRANCHES.search(statement.text) or _CHOSEN_REGISTER.search(statement.text):
             self.certain = False
-        match = _ASSIGNED.search(statement.text)
+        match = match_assignment(statement)
         if match is None:
             return
-        number, element, value = int(match[1]), match[2], match[3].strip()
+        number, element, value = int(match[1]), match[2], without_brackets(match[3])
         if element is None:
             nothing = _NOTHING.fullmatch(value) is not None
             for each in range(1, 7):
@@ -194,10 +239,11 @@ class RegisterContents:
 
     def shift_of_motion(self, motion: MotionStatement, turned: set[int]) -> tuple[Triple, Quaternion | None]:
         """Return the shift of a motion; NaN and None where it is not certain."""
-        quaternion = None if turned & set(motion.shifting) else NO_TURN
-        if not self.certain or len(motion.shifting) != 1:
+        registers = motion.offset_registers
+        quaternion = None if turned & set(registers) else NO_TURN
+        if not self.certain or len(registers) != 1:
             return UNREADABLE, quaternion
-        x, y, z = (self._length_m(motion.shifting[0], each) for each in (1, 2, 3))
+        x, y, z = (self._length_m(registers[0], each) for each in (1, 2, 3))
         return (x, y, z), quaternion
 
     def _length_m(self, register: int, element: int) -> float:

@@ -12,6 +12,7 @@ from cellcal.drivers.fanuc.program_files.ls_computed import (
     is_computing,
     registers_of,
 )
+from cellcal.drivers.fanuc.program_files.ls_copied_frames import START, copies_in_other_frames
 from cellcal.drivers.fanuc.program_files.ls_positions import REMOTE
 from cellcal.drivers.fanuc.program_files.ls_registers import UNSURE, registers_used
 from cellcal.drivers.fanuc.program_files.ls_shared_registers import shifts_by_other_programs
@@ -36,7 +37,7 @@ _AMOUNT = "the program computes with it and does not go there, so it may be a sh
 _WRITTEN_REMOTE = (
     "it is written with RX to RR, for a tool that stands in the cell; the listing does not say where"
 )
-_WORDS = (b"INC", b"COORD", b"RTCP", b"VR[", b"OFFSET", b"PR[", b"PAL_")
+_WORDS = (b"INC", b"COORD", b"RTCP", b"VR[", b"OFFSET", b"PR[", b"PAL_", b"SEARCH")
 _REST = (  # "home", "Home1", "HomePos", "GoHome", "Grundstellung" as words; not "SPARK", "PARKETT" or "HomeBin"
     rb"(?<![a-z\x80-\xff])(?:(?:go|rob|robot)?(?:home|perch|park)|parken|parking|grund|ruhe)"
     rb"(?:pos|posn|position|point|pkt|punkt|platz|st|stlg|stellung|lage)?(?![a-z\x80-\xff])"
@@ -85,11 +86,13 @@ def with_motions(positions: Positions, data: bytes, external_uses: ExternalUses 
         if registers.camera & set(motion.shifting or found.conditions):
             why = make_message(_CAMERA, "Offset", motion.line)
             found.increments = {**dict.fromkeys(motion.targets, why), **found.increments}
+    elsewhere = list(copies_in_other_frames(positions, data))
     shifts = [
         *found.shifts,
         *_shifts_by_registers(found, registers),
         *_shifts_by_places(found, registers),
         *shifts_by_other_programs(data, registers, external_uses),
+        *elsewhere,
     ]
     barred, conditions = dict(positions.barred), dict(positions.conditions)
     rows: dict[int, list[int]] = {}
@@ -108,19 +111,10 @@ def with_motions(positions: Positions, data: bytes, external_uses: ExternalUses 
         found.any_shift.append(
             ProgramShift(registers.any_position, "PR[...]=P[R[...]]", ShiftAxes.USER_FRAME, quaternion=None)
         )
-    shifted_here = [
-        ProgramShift(line, f"PR[{each}]", ShiftAxes.USER_FRAME, point=f"PR[{each}]")
-        for each, line in found.goes_to.items()
-        if each in registers.here and (each in registers.altered or each in found.shifted)
-    ]
-    set_here = [
-        replace(shift, point=f"PR[{each}]")
-        for each in sorted(registers.here & found.goes_to.keys())
-        for shift in _set_elements(each, registers)
-    ]
+    here = list(_shifts_of_places_here(data, found, registers))
     all_shifts = [
-        *shifted_here,
-        *set_here,
+        *here,
+        *(shift for position, shift in elsewhere if position == START),
         *_pallet_places(data),
         *_absent_places(data, found, registers),
         *_with_rows(shifts, rows, positions),
@@ -154,17 +148,42 @@ def _absent_places(
     }
     if found.any_register:
         lines["PR[R[...]]"] = found.any_register
-    frames = {use.line: use.user_frame for use in registers_used(data)} if lines else {}
+    frames = _frames_in_force(data) if lines else {}
     for point, line in lines.items():
-        frame = frames.get(line)
         yield ProgramShift(
             line,
             "PR[...]",
             ShiftAxes.USER_FRAME,
             point=point,
-            user_frame=None if frame == UNSURE else frame,
+            user_frame=frames.get(line),
             absent=_CARRY,
         )
+
+
+def _frames_in_force(data: bytes) -> dict[int, str | None]:
+    """Return by line the user frame in force where a register is used; None where it cannot be told."""
+    return {use.line: None if use.user_frame == UNSURE else use.user_frame for use in registers_used(data)}
+
+
+def _shifts_of_places_here(
+    data: bytes, found: _MotionFindings, registers: ComputedRegisters
+) -> Iterator[ProgramShift]:
+    """Yield what is added to, or set in, registers that got where the robot was before any position."""
+    places = {each: line for each, line in found.goes_to.items() if each in registers.here}
+    frames = _frames_in_force(data) if places else {}
+    for each, line in places.items():
+        point, frame = f"PR[{each}]", frames.get(line)
+        if each in registers.altered or each in found.shifted:
+            yield ProgramShift(
+                line,
+                point,
+                ShiftAxes.USER_FRAME,
+                point=point,
+                user_frame=frame,
+                translation_m=UNREADABLE if each in found.shifted else registers.added_to(each),
+                quaternion=None if each in registers.turned else NO_TURN,
+            )
+        yield from (replace(shift, point=point, user_frame=frame) for shift in _set_elements(each, registers))
 
 
 def bar_standing_tools(positions: Positions) -> Positions:
@@ -190,6 +209,8 @@ def _find_motions(data: bytes) -> _MotionFindings:
         motion = motion_of(statement)
         contents.follow_statement(statement)
         _take_targets(found, motion)
+        if motion.search:  # it goes along an axis of the touch sensor's frame, as far as it finds something
+            _add_shift(found, motion, ProgramShift(motion.line, motion.search, ShiftAxes.USER_FRAME))
         if motion.any_register and motion.is_place:
             found.any_register = found.any_register or motion.line
         if motion.offset or region:
@@ -200,11 +221,17 @@ def _find_motions(data: bytes) -> _MotionFindings:
             shift = ProgramShift(
                 motion.line, option, ShiftAxes.USER_FRAME, translation_m=amount, quaternion=quaternion
             )
-            found.shifts += [(number, shift) for number in motion.targets]
-            found.any_shift += [shift] if motion.any_target else []
+            _add_shift(found, motion, shift)
             found.shifted |= dict.fromkeys(motion.register_targets, motion.line)
         last = motion.targets[-1] if motion.targets else last
+        if motion.stored:
+            found.assigned.append((Statement(motion.stored, motion.line), last))
     return found
+
+
+def _add_shift(found: _MotionFindings, motion: MotionStatement, shift: ProgramShift) -> None:
+    found.shifts += [(number, shift) for number in motion.targets]
+    found.any_shift += [shift] if motion.any_target else []
 
 
 def _turned_registers(data: bytes) -> set[int]:
@@ -277,7 +304,8 @@ def _amount_reason(number: int, found: _MotionFindings, registers: ComputedRegis
     copies = registers.copied.get(number, set())
     if number in registers.computed:
         return _AMOUNT
-    if copies and (copies & found.amounts or copies & registers.used or not copies <= found.goes_to.keys()):
+    last = copies - registers.passed_on
+    if copies and (copies & found.amounts or copies & registers.used or not last <= found.goes_to.keys()):
         return _AMOUNT
     return ""
 

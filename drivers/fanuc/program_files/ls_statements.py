@@ -13,7 +13,7 @@ from cellcal.drivers.fanuc.program_files.ls_remarks import statements_of
 MACRO_WORDS = rb"[A-Za-z]\w*+(?:[ \t]++\w++)*+"
 MACRO_ARGUMENTS = rb"(?:\([^;\n]*\)[ \t]*+)?+"
 NO_MACRO = re.compile(
-    rb"(?:END|ENDE|ABORT|PAUSE|ELSE|ENDIF|ENDFOR|CONTINUE|COL|SOFTFLOAT|LOCK|UNLOCK|MONITOR|CALL|AUFRUF|RUN"
+    rb"(?:IF|WENN|WHILE|SELECT|TC_ONLINE|END|ENDE|ABORT|PAUSE|ELSE|ENDIF|ENDFOR|CONTINUE|COL|SOFTFLOAT|LOCK|UNLOCK|MONITOR|CALL|AUFRUF|RUN"
     rb"|Weave|Track|Arc|WAIT|WARTEN)\b"
 )
 _MACRO = re.compile(rb"(" + MACRO_WORDS + rb")[ \t]*+" + MACRO_ARGUMENTS)
@@ -23,6 +23,8 @@ _TARGET = re.compile(rb"P(?<![A-Za-z]P)\[ *+(?:(\d{1,5}+)|[A-Za-z])")
 _GOES_TO_REGISTER = re.compile(rb"(?:^[JLCAS][ \t]++|:[ \t]*+)PR\[ *+(?:GP\d *+: *+)?+(\d{1,5}+|[A-Za-z])")
 _CALLED = re.compile(rb"\b(?:CALL|AUFRUF|RUN)[ \t]++[^\s;,(]++(?:\([^;)]*+\))?")
 _SKIP = re.compile(rb"\bSkip\b[^;]*?(?:PR\[[^\]]*+\] *= *[A-Z]PO[SN]\b|$)", re.I)
+_STORED = re.compile(rb"PR\[[^\]]*+\] *+= *+[A-Z]PO[SN]\b", re.I)
+_SEARCH = re.compile(rb"\bSearch[ \t]*+\[[^\]]{0,20}+\]", re.I)
 _TOOL_OFFSET = re.compile(
     rb"\bTOOL_OFFSET\b(?:[ \t]*+,[ \t]*+PR\[[^\]]*+\](?:[ \t]*+,[ \t]*+UTOOL\[[^\]]*+\])?)?", re.I
 )
@@ -66,6 +68,9 @@ class MotionStatement:
     offset: bool  # a register shifts the motion along the axes of a frame
     tool_offset: bool  # a register shifts it along the axes of the tool
     shifting: tuple[int, ...]  # registers that shift the motion along axes of a frame or of the tool
+    offset_registers: tuple[int, ...]  # those of them that shift it along axes of a frame
+    search: str  # the option that lets it search along an axis of a frame of the touch sensor
+    stored: bytes  # the assignment by which the option Skip stores where the robot is stopped
 
     @property
     def is_place(self) -> bool:
@@ -93,6 +98,11 @@ def motion_of(statement: Statement) -> MotionStatement:
     along_tool = b" ".join(found[0] for found in _TOOL_OFFSET.finditer(rest))
     rest = _TOOL_OFFSET.sub(b" ", rest)
     targets = [found[1] for found in _TARGET.finditer(text)]
+    skip = _SKIP.search(statement.text)
+    stored = None if skip is None else _STORED.search(skip[0])
+    of_frame, of_tool = (
+        [int(found[1]) for found in _REGISTER.finditer(part) if found[1]] for part in (rest, along_tool)
+    )
     # another register on the line shifts the motion, in whatever language the option is printed
     offset = _OFFSET.search(rest) is not None or _REGISTER.search(rest) is not None
     return MotionStatement(
@@ -107,7 +117,10 @@ def motion_of(statement: Statement) -> MotionStatement:
         camera=_match_word(_CAMERA, rest),
         offset=offset,
         tool_offset=bool(along_tool),
-        shifting=tuple(int(found[1]) for found in _REGISTER.finditer(rest + b" " + along_tool) if found[1]),
+        shifting=(*of_frame, *of_tool),
+        offset_registers=tuple(of_frame),
+        search=_match_word(_SEARCH, rest),
+        stored=stored[0] if stored else b"",
     )
 
 

@@ -14,7 +14,7 @@ from cellcal.drivers.programs.brands import ProgramBrand
 from cellcal.drivers.programs.errors import ProgramFileError
 from cellcal.drivers.programs.positions import PositionChange, ProgramFile
 
-_PROGRAM = re.compile(rb"\s*+/PROG\b")
+_PROGRAM = re.compile(rb"\s*+/PROG\b", re.IGNORECASE)  # one in small letters is refused by name
 
 
 def _is_program(data: bytes) -> bool:

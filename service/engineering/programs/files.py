@@ -18,7 +18,7 @@ from cellcal.calibration.documents import DocumentError
 from cellcal.calibration.documents.plain_files import read_plain_bytes
 from cellcal.calibration.errors import CellError
 from cellcal.calibration.message import find_message, make_message
-from cellcal.drivers.program_registry import SUFFIXES, brand_of
+from cellcal.drivers.program_registry import SUFFIXES, brand_of, is_resaved_program
 from cellcal.drivers.programs.brands import DeclaringProgram
 from cellcal.drivers.programs.cross_file_uses import BatchDeclarations
 from cellcal.drivers.programs.errors import ProgramFileError
@@ -304,9 +304,13 @@ def _sources_below(folder: Path, out: Path | None, passed: list[Path]) -> list[P
 
 
 def _is_program(path: Path) -> bool:
-    """Tell whether a brand takes a file; one that cannot be read is a source, so that it is refused by name."""
+    """Tell whether a brand takes a file.
+
+    One that cannot be read, or that an editor saved in another encoding, is a source: it is refused by name.
+    """
     try:
-        return brand_of(path.name, read_bytes(path)) is not None
+        data = read_bytes(path)
+        return brand_of(path.name, data) is not None or is_resaved_program(path.name, data)
     except ProgramFileError:
         return True
 

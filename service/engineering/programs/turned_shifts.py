@@ -15,6 +15,7 @@ from cellcal.calibration.message import make_message
 from cellcal.drivers.programs.positions import ProgramFile
 from cellcal.drivers.programs.shifts import ProgramShift, ShiftAxes
 from cellcal.service.engineering.programs.cell_of_program import frame_of, name_in
+from cellcal.service.engineering.programs.copies_in_other_frames import find_copy
 from cellcal.service.engineering.programs.external.carried_points import CarriedChanges
 from cellcal.service.engineering.programs.program_points import ProgramPoints
 from cellcal.service.engineering.programs.result import PointFinding
@@ -106,17 +107,21 @@ def _findings_of(
                 )
                 found.append(_computed_finding(one, shift, route))
             continue
-        for row in shift.rows:
+        for row in _rows_that_go_along(points, shift, start):
             at = start + row
-            if points.reasons[at] or points.stays[at]:
-                continue  # it is named already, or does not go along
             turned = _turned_change(by_frame, program, points.user_frames[at], shift, route)
             if carried is not None:
                 turned = _carried_change(carried, at, shift)
             pose = points.frame_tip[at] if points.cartesian[at] else None
-            one = _shift_finding(shift, program.positions.names[row], row, pose, turned)
+            taken = None if carried is not None else find_copy(points, (at, row), shift, route)
+            one = taken or _shift_finding(shift, program.positions.names[row], row, pose, turned)
             found.append(_computed_finding(one, shift, route))
     return [one for one in found if one.text]
+
+
+def _rows_that_go_along(points: ProgramPoints, shift: ProgramShift, start: int) -> list[int]:
+    """Return the rows of a shift whose points are not named already and go along."""
+    return [row for row in shift.rows if not (points.reasons[start + row] or points.stays[start + row])]
 
 
 def _turned_change(

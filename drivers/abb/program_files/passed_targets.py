@@ -1,0 +1,194 @@
+"""Targets that a RAPID program passes to routines, whose moves to a parameter go to what is passed."""
+
+import re
+from collections.abc import Iterator, Mapping, Sequence, Set
+from dataclasses import dataclass, field
+
+from cellcal.drivers.abb.program_files.instructions import MOVES
+from cellcal.drivers.abb.program_files.literals import NAME, W, decode_name
+from cellcal.drivers.abb.program_files.target_uses import TargetUses
+from cellcal.drivers.programs.routine_calls import PARAMETER, RoutineCall, RoutineParameter, RoutineTargets
+
+_CODE = re.compile(rf'![^\n]*+|"(?:[^"\n]++|"")*+"?+|Move[LJC] [^;!"(]*+;|{NAME}|;', re.ASCII)
+_ARGUMENT = re.compile(r'![^\n]*+|"(?:[^"\n]++|"")*+"?+|[\[\](){},;\\]|[^\[\](){},;!"\\]++')
+_PARAMETER = re.compile(
+    rf"(?P<before>[,\\|]|\A){W}(?P<mode>(?:INOUT|VAR|PERS|REF|ALIAS)\b)?+{W}(?P<type>[A-Za-z]\w*+){W}(?P<name>{NAME})"
+    rf"{W}(?:\{{[^{{}}]*+\}}{W})?+(?=[,\\|]|\Z)",
+    re.ASCII | re.IGNORECASE,
+)
+_OPTION = re.compile(rf"{W}({NAME}){W}:=", re.ASCII)
+_PLACE = re.compile(  # a target, or one that a function of the language shifts
+    rf"{W}(?:(?:Offs|RelTool){W}\({W}){{0,4}}+({NAME}){W}(?:\{{([^{{}};]*+)\}}{W})?+(?:,[^;]*+)?+",
+    re.ASCII | re.IGNORECASE,
+)
+_INDEX = re.compile(r"\d+(?:,\d+)*")
+_OPENED = re.compile(rf"{W}(\()?+", re.ASCII)
+_HEADER = re.compile(rf"{W}\((?:[^()!]++|![^\n]*+){{0,1000}}+\)", re.ASCII)
+_COMMENT = re.compile(r"![^\n]*+")
+_PASSES = re.compile(rf"{W}[\\A-Za-z\x80-\xff]", re.ASCII)
+_LEADING = frozenset(  # a statement follows
+    ("then", "else", "do", "error", "undo", "endif", "endfor", "endwhile", "endtest")
+)
+_MOST_TOKENS = 400
+_MOST_ROUNDS = 20
+
+
+@dataclass
+class RoutineParameters:
+    """The parameters of a file's routines."""
+
+    of_scope: dict[str, list[RoutineParameter]] = field(default_factory=dict)
+    routines: set[str] = field(default_factory=set)  # all of the file, in small letters
+
+    def declare_routine(self, scope: str, parameters: str) -> list[str]:
+        """Note a routine's parameters; return their names as written."""
+        found = list(_PARAMETER.finditer(parameters))
+        self.of_scope[scope] = [
+            RoutineParameter(
+                decode_name(one["name"]).lower(),
+                one["before"] in ("\\", "|"),
+                one["type"].lower() == "robtarget",
+                one["mode"] is None,
+            )
+            for one in found
+        ]
+        return [decode_name(one["name"]) for one in found]
+
+    def to_targets(self, uses: TargetUses) -> dict[str, RoutineTargets]:
+        """Return by routine what it does to targets that other files pass."""
+        found = {}
+        for scope, parameters in self.of_scope.items():
+            of_target = {
+                one.name: frozenset(some)
+                for one in parameters
+                if one.is_target and (some := uses.of_parameters.get((scope, one.name)))
+            }
+            if of_target:
+                found[scope.partition("/")[2]] = RoutineTargets(tuple(parameters), of_target)
+        return found
+
+
+def pass_targets(
+    uses: TargetUses, parameters: RoutineParameters, calls: Sequence[RoutineCall], kept: Set[tuple[str, str]]
+) -> None:
+    """Count the moves of routines to their parameters for the targets that calls pass.
+
+    ``kept`` are names and scopes of parameters that a routine gives another value: what is passed by value stays.
+    """
+    called = [(call, scope) for call in calls if (scope := _routine_scope(parameters, call))]
+    uses.calls_abroad = [one for call in calls if (one := _call_abroad(uses, parameters, call)) is not None]
+    for _ in range(_MOST_ROUNDS):  # a routine may pass its parameter on
+        changes = [_pass_call(uses, parameters, one, kept) for one in called]
+        if not any(changes):
+            break
+    uses.forget_parameters()
+
+
+def _call_abroad(uses: TargetUses, parameters: RoutineParameters, call: RoutineCall) -> RoutineCall | None:
+    """Return a call of another file's routine, with what is seen there; None for one of this file, or of nothing."""
+
+    def name_abroad(name: str) -> str:
+        is_own = (call.scope, name.partition("{")[0].lower())
+        return "" if is_own in uses.parameters or is_own in uses.rows else name
+
+    if call.routine in parameters.routines:
+        return None
+    arguments = tuple(map(name_abroad, call.arguments))
+    options = {option: name_abroad(name) for option, name in call.options.items()}
+    return (
+        call._replace(arguments=arguments, options=options) if any((*arguments, *options.values())) else None
+    )
+
+
+def _routine_scope(parameters: RoutineParameters, call: RoutineCall) -> str:
+    """Return the scope of the routine that a call means: its own module's, then another's; "" for none."""
+    own = f"{call.scope.partition('/')[0]}/{call.routine}"
+    some = [scope for scope in parameters.of_scope if scope.partition("/")[2] == call.routine]
+    return own if own in some else "".join(some[:1])
+
+
+def _pass_call(
+    uses: TargetUses, parameters: RoutineParameters, one: tuple[RoutineCall, str], kept: Set[tuple[str, str]]
+) -> bool:
+    """Take up what one call passes; tell whether that is more than was known."""
+    call, scope = one
+    its, more = parameters.of_scope[scope], False
+    for parameter in its:
+        passed = call.argument_for(its, parameter.name) if parameter.is_target else ""
+        if not passed:
+            continue
+        some = {
+            (_frame_passed(uses, tool, (call, its)), _frame_passed(uses, frame, (call, its)))
+            for tool, frame in uses.uses_in(scope, parameter.name)
+        }
+        more |= uses.add_uses(call.scope, passed, some)
+        if not (parameter.by_value and (parameter.name, scope) in kept):
+            more |= uses.add_rows(scope, parameter.name, uses.rows_of(passed, call.scope))
+    return more
+
+
+def _frame_passed(
+    uses: TargetUses, name: str | None, called: tuple[RoutineCall, Sequence[RoutineParameter]]
+) -> str | None:
+    """Return the tool or work object that a routine uses when it is called so; None where it cannot be told."""
+    if name is None or not name.startswith(PARAMETER):
+        return name
+    call, parameters = called
+    passed = call.argument_for(parameters, name.removeprefix(PARAMETER))
+    return uses.name_seen_from(call.scope, passed) if passed and "{" not in passed else None
+
+
+def routine_calls(text: str, routines: Mapping[str, tuple[int, int]]) -> Iterator[RoutineCall]:
+    """Yield the calls of routines that pass something."""
+    known = {scope.partition("/")[2] for scope in routines}
+    for scope, (begin, end) in routines.items():
+        header = _HEADER.match(text, begin, end)
+        place, leads = header.end() if header else begin, True
+        while (found := _CODE.search(text, place, end)) is not None:
+            place = found.end()
+            if found[0][0] in '!"':
+                continue
+            if found[0][-1] == ";":
+                leads = True
+                continue
+            word = decode_name(found[0]).lower()
+            opened = _OPENED.match(text, place)
+            called = opened is not None and opened[1] is not None
+            if word in known or (leads and word not in MOVES and _PASSES.match(text, place)):
+                yield _read_call(text, (opened.end() if opened and called else place, end), (scope, word))
+            leads = word in _LEADING
+
+
+def _read_call(text: str, span: tuple[int, int], call: tuple[str, str]) -> RoutineCall:
+    arguments: list[str] = []
+    options: dict[str, str] = {}
+    for is_option, part in _split_arguments(text, span):
+        named = _OPTION.match(part) if is_option else None
+        if named is not None:
+            options[decode_name(named[1]).lower()] = _passed_name(part[named.end() :])
+        elif not is_option:
+            arguments.append(_passed_name(part))
+    return RoutineCall(*call, tuple(arguments), options)
+
+
+def _passed_name(part: str) -> str:
+    """Return the name of the data that an argument is, Offs and RelTool of it included; "" for anything else."""
+    place = _PLACE.fullmatch(part)
+    if place is None:
+        return ""
+    index = "".join((place[2] or "").split())
+    return decode_name(place[1]) + (f"{{{index}}}" if _INDEX.fullmatch(index) else "")
+
+
+def _split_arguments(text: str, span: tuple[int, int]) -> Iterator[tuple[bool, str]]:
+    """Yield the arguments of a call, and whether each is an option, up to its closing sign."""
+    start, is_option, depth = span[0], False, 0
+    for count, found in enumerate(_ARGUMENT.finditer(text, *span)):
+        if not depth and found[0] in (",", ";", ")", "\\"):
+            part = _COMMENT.sub(" ", text[start : found.start()])
+            if part.strip():
+                yield is_option, part
+            if found[0] in ";)" or count > _MOST_TOKENS:
+                return
+            start, is_option = found.end(), found[0] == "\\"
+        depth += (found[0] in "[({") - (found[0] in "])}")

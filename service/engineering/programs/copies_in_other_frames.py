@@ -1,0 +1,59 @@
+"""What a change costs where a motion takes a point's numbers in another user frame than the point's own.
+
+The work asks for E u2 p, with p the point and u2 the frame that the motion takes it in. The changed program goes to
+u2' u1'^-1 E u1 p, because the numbers are changed as the point's own frame u1 asks.
+"""
+
+import math
+
+import numpy as np
+
+from cellcal.calibration.geometry import Array, inverse_transform, log_rotation
+from cellcal.calibration.message import make_message
+from cellcal.drivers.programs.shifts import ProgramShift
+from cellcal.service.engineering.programs.cell_of_program import frame_of
+from cellcal.service.engineering.programs.program_points import ProgramPoints
+from cellcal.service.engineering.programs.result import PointFinding
+from cellcal.service.engineering.programs.transfer_route import TransferRoute
+
+_OTHER_FRAME = (
+    "{what} takes the numbers of {point} in user frame {frame}, which is not its own: the point then misses by "
+    "{distance} mm and {turn} deg. Teach the point there."
+)
+_LEAST_M, _LEAST_RAD = 1e-5, math.radians(0.005)  # what a pendant shows of a place and an orientation
+
+
+def find_copy(
+    points: ProgramPoints, place: tuple[int, int], shift: ProgramShift, route: TransferRoute
+) -> PointFinding | None:
+    """Return what it costs at a point, given by its row of all and of its program; without a text where nothing.
+
+    None where the shift is none of these, or a frame is not known.
+    """
+    at, row = place
+    program = points.programs[points.of[at]]
+    if not (shift.other_frame and points.cartesian[at]):
+        return None
+    poses: list[Array] = []
+    for frame in (points.user_frames[at], shift.other_frame):
+        before = frame_of(route.source, program, frame)
+        after = frame_of(route.target, program, frame, at_home=route.source is route.target)
+        if before is None or after is None:
+            return None
+        poses += [before, after]
+    own, own_after, other, other_after = poses
+    expected = route.change @ other @ points.frame_tip[at]
+    reached = other_after @ inverse_transform(own_after) @ route.change @ own @ points.frame_tip[at]
+    distance = float(np.linalg.norm(expected[:3, 3] - reached[:3, 3]))
+    turn = float(np.linalg.norm(log_rotation(expected[:3, :3].T @ reached[:3, :3])))
+    name = program.positions.names[row]
+    text = make_message(
+        _OTHER_FRAME,
+        what=shift.what,
+        point=name,
+        frame=shift.other_frame,
+        distance=f"{distance * 1000.0:.2f}",
+        turn=f"{math.degrees(turn):.2f}",
+    )
+    costs = distance > _LEAST_M or turn > _LEAST_RAD
+    return PointFinding(shift.line, name, shift.what, turn, distance, turn, text if costs else "", row)

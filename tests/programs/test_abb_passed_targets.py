@@ -1,0 +1,164 @@
+"""RAPID targets that a program passes to routines, of its own module and of others, and options of instructions."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from cellcal.service.cli.app import run_command_line
+from cellcal.service.exit_codes import ExitCode
+
+PROJECT = (
+    'format = 1\nname = "a"\n[robot]\nserial = "A1"\nmodel = "abb_irb6700_200_260"\nsmallest_sigma = 0.001\n'
+)
+REST = "[0,0,1,0],[0,0,-1,0],[9E9,9E9,9E9,9E9,9E9,9E9]]"
+MODULE = f"""MODULE M1
+  PERS tooldata tool1:=[TRUE,[[0,0,200],[1,0,0,0]],[1,[0,0,10],[1,0,0,0],0,0,0]];
+  PERS wobjdata wobj1:=[FALSE,TRUE,"",[[1200,0,300],[0.984807753,0,0,0.173648178]],[[0,0,0],[1,0,0,0]]];
+  PERS wobjdata wobj2:=[FALSE,TRUE,"",[[1190,20,310],[0.984807753,0,0,0.173648178]],[[0,0,0],[1,0,0,0]]];
+  PERS robtarget p10:=[[300,0,300],{REST};
+  PERS robtarget p20:=[[350,80,250],{REST};
+  PERS pose peX:=[[0,0,0],[1,0,0,0]];
+  PROC main()
+{{}}
+  ENDPROC
+{{}}
+ENDMODULE
+"""
+ALONG, ABOUT_Z = "10,20,0,0,0,0", "0,0,0,0,0,5"
+IN = "MoveL {},v100,fine,tool1\\WObj:={};"
+BOTH = f"{IN.format('p10', 'wobj1')}\n{IN.format('p20', 'wobj1')}\n"
+
+
+def pick(body: str, parameters: str = "robtarget p") -> str:
+    return f"  PROC Pick({parameters})\n    {body}\n  ENDPROC"
+
+
+def move(tmp_path: Path, body: str, more: str = "", *, abroad: str = "", offset: str = ABOUT_Z) -> dict:
+    source = tmp_path / "src"
+    source.mkdir()
+    (source / "M1.mod").write_text(MODULE.format(body, more), encoding="ascii")
+    if abroad:
+        (source / "R.mod").write_text(f"MODULE R\n{abroad}\nENDMODULE\n", encoding="ascii")
+    (tmp_path / "project.toml").write_text(PROJECT, encoding="utf-8")
+    words = [
+        "program",
+        "move",
+        str(source),
+        "--project",
+        str(tmp_path / "project.toml"),
+        f"--offset={offset}",
+    ]
+    code = run_command_line([*words, "--out", str(tmp_path / "out"), "--json", str(tmp_path / "r.json")])
+    programs = json.loads((tmp_path / "r.json").read_text())["programs"]
+    points = {one["point"]: one for program in programs for one in program["points"]}
+    return {
+        "code": code,
+        "points": points,
+        "findings": [one for each in programs for one in each["findings"]],
+    }
+
+
+@pytest.mark.parametrize("elsewhere", [False, True])
+@pytest.mark.parametrize(
+    ("call", "parameters", "move_there", "status"),
+    [
+        ("Pick p10;", "robtarget p", IN.format("p", "wobj2"), "left"),
+        ("Pick p10;", "robtarget p", IN.format("p", "wobj1"), "changed"),
+        ("Pick\\q:=p10,p20;", "\\robtarget q,robtarget p", IN.format("q", "wobj2"), "left"),
+        ("Pick\\q:=p10,p20;", "\\robtarget q,robtarget p", IN.format("q", "wobj1"), "changed"),
+        ("Pick p10,wobj2;", "robtarget p,PERS wobjdata w", IN.format("p", "w"), "left"),
+        ("Pick p10,wobj1;", "robtarget p,PERS wobjdata w", IN.format("p", "w"), "changed"),
+        ("Pick p20\\w:=wobj2,p10;", "robtarget o\\PERS wobjdata w,robtarget p", IN.format("p", "w"), "left"),
+    ],
+)
+def test_moves_to_a_parameter_go_to_what_is_passed(
+    tmp_path: Path, call: str, parameters: str, move_there: str, status: str, elsewhere: bool
+) -> None:
+    routine = pick(move_there, parameters)
+    moved = move(tmp_path, BOTH + call, "" if elsewhere else routine, abroad=routine if elsewhere else "")
+    assert moved["points"]["p10"]["status"] == status, moved["points"]["p10"]
+    assert moved["code"] == (ExitCode.REFUSED if status == "left" else ExitCode.PASS)
+
+
+def test_a_target_that_only_a_routine_moves_to_is_moved(tmp_path: Path) -> None:
+    chain = "  PROC Go(robtarget q)\n    Pick q;\n  ENDPROC\n" + pick(IN.format("p", "wobj1"))
+    assert move(tmp_path, "Go p10;\nPick p20;", chain)["code"] == ExitCode.PASS
+
+
+@pytest.mark.parametrize(("offset", "counts"), [(ALONG, False), (ABOUT_Z, True)])
+@pytest.mark.parametrize(
+    ("call", "move_there"),
+    [
+        ("Pick p10;", IN.format("Offs(p,50,0,0)", "wobj1")),
+        ("Pick Offs(p10,50,0,0);", IN.format("p", "wobj1")),
+        ("Pick p10;", "p.trans.x:=p.trans.x+50;\n" + IN.format("p", "wobj1")),
+    ],
+)
+def test_a_shift_of_a_parameter_is_one_of_what_is_passed(
+    tmp_path: Path, call: str, move_there: str, offset: str, counts: bool
+) -> None:
+    moved = move(tmp_path, BOTH + call, pick(move_there), offset=offset)
+    assert [one["point"] for one in moved["findings"]] == ["p10"] * counts
+    assert moved["code"] == (ExitCode.REFUSED if counts else ExitCode.PASS)
+
+
+@pytest.mark.parametrize(("mode", "status"), [("", "changed"), ("INOUT ", "left")])
+def test_a_value_that_a_routine_gives_counts_where_it_comes_back(
+    tmp_path: Path, mode: str, status: str
+) -> None:
+    routine = pick("p:=CRobT(\\Tool:=tool1\\WObj:=wobj1);\n" + IN.format("p", "wobj1"), mode + "robtarget p")
+    moved = move(tmp_path, BOTH + "Pick p10;", routine)
+    assert moved["points"]["p10"]["status"] == status
+
+
+@pytest.mark.parametrize(
+    "instruction",
+    [
+        "Search_1D peX,p10,p20,v200,tool1\\WObj:=wobj1;",
+        "Search_1D\\NotOff,peX,p10,p20,v200,tool1\\WObj:=wobj1\\PrePDisp:=peX;",
+        "Search_Part bFound,p10,p20,v200,tool1\\WObj:=wobj1;",
+        "ArcMoveC p10,p20,v100,fine,tool1\\WObj:=wobj1;",
+        "ContactL\\DesiredTorque:=0.5,p10,v100\\Zone:=z10,tool1\\WObj:=wobj1;\nFCPressL p20,v100,50,z10,tool1\\WObj:=wobj1;",
+    ],
+)
+def test_searches_with_the_torch_and_moves_of_options_name_their_tool(
+    tmp_path: Path, instruction: str
+) -> None:
+    assert move(tmp_path, instruction)["code"] == ExitCode.PASS
+
+
+def test_an_option_is_no_assignment(tmp_path: Path) -> None:
+    moved = move(tmp_path, f"{IN.format('p10', 'wobj1')}\nUnknown\\Way:=p20,p10;")
+    assert "copies" not in moved["points"]["p20"]["reason"]
+
+
+DISPLACED = IN.format("p30", "wobj1") + "\nPDispOff;"
+
+
+@pytest.mark.parametrize("offset", [ALONG, ABOUT_Z])
+@pytest.mark.parametrize(
+    ("before", "counts"),
+    [
+        ("PDispOn\\Rot\\ExeP:=p20,p10,tool1\\WObj:=wobj1;", False),
+        ("PDispOn\\ExeP:=p20,p10,tool1\\WObj:=wobj1;", False),
+        ("PDispOn p10,tool1\\WObj:=wobj1;", False),
+        (
+            "SearchL\\Stop,di1,pFound,p20,v100,tool1\\WObj:=wobj1;\nPDispOn\\ExeP:=pFound,p10,tool1\\WObj:=wobj1;",
+            False,
+        ),
+        ("GoHome;\nPDispOn p10,tool1\\WObj:=wobj1;", True),
+        ("IF di1=1 THEN\nGoHome;\nENDIF\nPDispOn p10,tool1\\WObj:=wobj1;", True),
+        ("p20:=CRobT();\nPDispOn\\ExeP:=p20,p10,tool1\\WObj:=wobj1;", True),
+        ("PDispOn\\ExeP:=p20,p10,tool1\\WObj:=wobj2;", True),
+        ("PDispOn\\ExeP:=p40,p10,tool1\\WObj:=wobj1;", True),
+    ],
+)
+def test_a_displacement_between_places_that_go_along_goes_along(
+    tmp_path: Path, before: str, counts: bool, offset: str
+) -> None:
+    more = f"  PERS robtarget p30:=[[340,60,300],{REST};\n  PERS robtarget p40:=[[340,60,290],{REST};\n"
+    more += f"  PERS robtarget pFound:=[[340,60,290],{REST};"
+    moved = move(tmp_path, BOTH + before + "\n" + DISPLACED, more, offset=offset)
+    assert {one["point"] for one in moved["findings"]} >= ({"p30"} if counts else set())
+    assert bool(moved["findings"]) == counts
