@@ -34,7 +34,9 @@ DECL FDAT FP{n}={{TOOL_NO 2,BASE_NO 2,IPO_FRAME #BASE,POINT2[] " ",TQ_STATE FALS
 """
 
 
-def move_module(folder: Path, body: str, points: int = 0, offset: str = SHIFTED) -> tuple[int, dict[str, Any]]:
+def move_module(
+    folder: Path, body: str, points: int = 0, offset: str = SHIFTED
+) -> tuple[int, dict[str, Any]]:
     """Move a module of a program and its data list; return the exit code and the report."""
     (folder / "work.src").write_text(f"DEF work( )\n{INI}{body}END\n")
     data = "".join(POINT.format(n=n, x=90 + 10 * n) for n in range(1, points + 1))

@@ -57,9 +57,7 @@ CALLS_NOTHING = frozenset(("EXT", "EXTFCT", "SPLINE", "PTP_SPLINE"))  # declared
 _SYSTEM_CALLS = (  # of the inline forms and of INI: they set no tool and no base, and move nothing
     "SET_CD_PARAMS", "IR_STOPM", "ARCMAINNG", "ARCGETDELAY", "ARCGETPATH",
 )  # fmt: skip
-KNOWN_CALLS = frozenset(
-    ("BAS", "IF", "WHILE", "UNTIL", "SWITCH", "NOT", "AND", "OR", "FOR", *_SYSTEM_CALLS)
-)
+KNOWN_CALLS = frozenset(("BAS", "IF", "WHILE", "UNTIL", "SWITCH", "NOT", "AND", "OR", "FOR", *_SYSTEM_CALLS))
 LOOPS = frozenset(("LOOP", "REPEAT"))
 LANDINGS = frozenset(("ENDLOOP", "UNTIL"))
 SENSOR = "TS_BC"  # TouchSense: corrections from what was found
