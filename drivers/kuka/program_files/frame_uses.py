@@ -109,7 +109,7 @@ class KrlRoutine:
 
     def straight(self, use: FrameUse, place: int) -> str | None:
         """Return the number that holds at a place where the routine runs from top to bottom and calls nothing."""
-        if self.calls or self.resets or self.jumps.first is not None or self.jumps.landings:
+        if self.calls or self.jumps.first is not None or self.jumps.landings:
             return None  # a LOOP comes back to what stands above a set
         return use.last_before(place)
 

@@ -17,6 +17,7 @@ from cellcal.drivers.kuka.program_files.lines import (
     KrlLine,
     point_key,
     skip_blanks,
+    without_field_names,
     without_strings,
 )
 from cellcal.drivers.kuka.program_files.literals import KrlLiteral
@@ -159,7 +160,7 @@ class KrlMotions:
             self._use_match(name, place, "", taken)
 
     def _use_all_words(self, code: str, place: int, why: str) -> None:
-        for name in patterns.WORD.finditer(code):
+        for name in patterns.WORD.finditer(without_field_names(code)):
             self._use_match(name, place, why)
 
     def _use_match(self, name: re.Match[str], place: int, why: str, data: str = "") -> None:

@@ -29,6 +29,7 @@ from cellcal.drivers.kuka.program_files.lines import (
     first_word,
     line_at,
     point_key,
+    without_field_names,
     without_strings,
 )
 from cellcal.drivers.kuka.program_files.literals import KrlLiteral
@@ -254,7 +255,7 @@ class KrlProgram(KrlMotions):
         if ":" in value and name.name[0] != "$":
             self.shifts.note_operators(value, name.value or line.start, self.types, None)
         to = point_key(name.name, name.index)
-        for source in patterns.WORD.finditer(value):
+        for source in patterns.WORD.finditer(without_field_names(value)):
             self.note_use(source[1], source[2], line.start, COPIED)
             self.points.copies.setdefault(point_key(source[1], source[2]), set()).add(to)
 

@@ -19,6 +19,8 @@ DECLARING = frozenset(
     ("DECL", "GLOBAL", "PUBLIC", "CONST", "E6POS", "POS", "E6AXIS", "AXIS", "FRAME", "FDAT")
 )  # words that a declaration of a position begins with
 _STRING = re.compile(r'"[^"\n]*+"?+')
+_STRUCT = re.compile(r"\{[^{}]*+\}")
+_FIELD = re.compile(rf"(?<=[{{,]){_B}*+(?:\w++{_B}*+:)?+{_B}*+\w++(?:\[\])?+(?={_B})", re.ASCII)
 
 
 class KrlLine(NamedTuple):
@@ -75,6 +77,13 @@ def find_item(text: str, place: int, end: int) -> NamedItem | None:
 def without_strings(code: str) -> str:
     """Return code with blanks in place of its strings, so that nothing in them is taken for code."""
     return _STRING.sub(lambda found: " " * len(found[0]), code) if '"' in code else code
+
+
+def without_field_names(code: str) -> str:
+    """Return code with blanks in place of the names of components in braces: ``{X 5,Y dy}`` names ``dy`` only."""
+    if "{" not in code:
+        return code
+    return _STRUCT.sub(lambda struct: _FIELD.sub(lambda name: " " * len(name[0]), struct[0]), code)
 
 
 def point_key(name: str, index: str | None) -> str:

@@ -54,7 +54,10 @@ MOST_TARGETS = 3  # a circle has two
 MOST_DIGITS = 9
 DEEPEST = 30  # branches inside each other
 CALLS_NOTHING = frozenset(("EXT", "EXTFCT", "SPLINE", "PTP_SPLINE"))  # declared, or functions of the language
-KNOWN_CALLS = frozenset(("BAS", "IF", "WHILE", "UNTIL", "SWITCH", "NOT", "AND", "OR", "FOR"))
+_SYSTEM_CALLS = (  # of the inline forms and of INI: they set no tool and no base, and move nothing
+    "SET_CD_PARAMS", "IR_STOPM", "ARCMAINNG", "ARCGETDELAY", "ARCGETPATH",
+)  # fmt: skip
+KNOWN_CALLS = frozenset(("BAS", "IF", "WHILE", "UNTIL", "SWITCH", "NOT", "AND", "OR", "FOR", *_SYSTEM_CALLS))
 LOOPS = frozenset(("LOOP", "REPEAT"))
 LANDINGS = frozenset(("ENDLOOP", "UNTIL"))
 SENSOR = "TS_BC"  # TouchSense: corrections from what was found

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from cellcal.calibration.message import make_message
 from cellcal.drivers.programs.positions import Remark
+from cellcal.drivers.universal_robots.program_files.script_frames import settle_assigned_frames
 from cellcal.drivers.universal_robots.program_files.script_numbers import LARGEST_RAD, without_comments
 from cellcal.drivers.universal_robots.program_files.script_text import ScriptLiteral, ScriptStatements
 
@@ -57,11 +58,17 @@ class ScriptPlace(NamedTuple):
         literal = self.pose or self.joints
         return literal.start if literal else 0
 
+    @property
+    def reached_offset(self) -> int:
+        """Return where a move first goes to it: points declared at the top come behind the way to them."""
+        return min(self.used, default=self.start_offset)
+
 
 class PositionFinder:
     """Sorts the literals of a program."""
 
     def __init__(self, found: ScriptStatements, lines: NDArray[np.intp], text: str) -> None:
+        self.moves_to = settle_assigned_frames(found, text)  # literals that another name stands for in moves
         self.found = found
         self.lines = lines  # offsets of line feeds
         self.literals_by_name: dict[str, list[ScriptLiteral]] = {}
@@ -91,7 +98,7 @@ class PositionFinder:
         return int(np.searchsorted(self.lines, offset)) + 1
 
     def list_places(self) -> list[ScriptPlace]:
-        """Return the recorded positions in the order of the text."""
+        """Return the recorded positions in the order in which the text goes to them."""
         found: list[ScriptPlace] = []
         literals = self.found.literals
         i = 0
@@ -107,7 +114,7 @@ class PositionFinder:
                 found.append(place)
             i += 1
         found += [self._unread_place(literal) for literal in self._not_read()]
-        return self._unique_places(sorted(found, key=lambda place: place.start_offset))
+        return self._unique_places(sorted(found, key=lambda place: place.reached_offset))
 
     def _not_read(self) -> Iterator[ScriptLiteral]:
         """Yield literals that are positions, and that no move goes to in a way that is understood."""
@@ -317,9 +324,8 @@ class PositionFinder:
 
     def _in_frame(self, literal: ScriptLiteral) -> ScriptPlace | None:
         if literal.name in self.frame_names:
-            return ScriptPlace(
-                f"line {self.line_of(literal.start)}", literal, None, literal.name, (literal.start,)
-            )
+            used = self.moves_to.get(literal.start, (literal.start,))
+            return ScriptPlace(f"line {self.line_of(literal.start)}", literal, None, literal.name, used)
         self.steps.append(literal)
         return None
 

@@ -14,6 +14,9 @@ ELEMENT_SET = "the program sets an element of it while it runs"
 _B = r"[ \t]*+"
 _ARGUMENT = rf"((?!p\[)[A-Za-z_]\w*+(?!\())?{_B}(p\[{SIX}\])?"
 _BOTH = re.compile(rf"\({_B}{_ARGUMENT}{_B}(?:,{_B}{_ARGUMENT}{_B}(\))?)?", re.ASCII)
+_TO_WHERE_IT_STANDS = re.compile(  # what is added to the place where the robot is
+    rf"\({_B}get_(?:actual|target)_tcp_pose{_B}\({_B}\){_B},{_B}{_ARGUMENT}{_B}\)", re.ASCII
+)
 _ADDED = re.compile(
     rf"(?P<name>[A-Za-z_]\w*+){_B}\[{_B}(?P<index>\w++){_B}\]{_B}(?:"
     rf"(?P<sign>[-+])={_B}(?P<more>[^\r\n#]*+)"
@@ -116,6 +119,11 @@ class ScriptShifts:
                 yield self._sum_shift(offset, function, sign)
 
     def _sum_shift(self, offset: int, function: str, sign: float) -> ProgramShift:
+        relative = _TO_WHERE_IT_STANDS.match(self.text, offset)
+        if relative is not None and (relative[1] or relative[2]):
+            six = self._six_numbers(relative[2], relative[1])
+            added = UNREADABLE if six is None else _place_of(six, sign)
+            return self._make_shift(offset, function, COMPUTED_PLACE, added)
         found = _BOTH.match(self.text, offset)
         if found is None or found[5] is None:
             point = (found and (found[1] or found[3])) or COMPUTED_PLACE
@@ -189,14 +197,22 @@ class ScriptShifts:
             offsets = [offset for offset, role, _ in uses if role in ("target", "in_frame", "near")]
             if not offsets or self.finder.is_known(name) or name in self.parameters:
                 continue
-            values = self._assigned_values(name)
-            follows = all(_FOLLOWS.match(value) or _PLAIN.fullmatch(value) for value in values)
-            if not values or not follows:
+            if not self._follows_the_work(name):
                 yield self._make_shift(offsets[0], "the program", name, UNREADABLE, None)
 
+    def _follows_the_work(self, name: str) -> bool:
+        """Tell whether all that a variable gets goes along with the poses of the program, or is noted as a shift."""
+        values = list(self._assignments_of(name))
+        return bool(values) and all(
+            _FOLLOWS.match(self.text, value.start("value")) or _PLAIN.fullmatch(value["value"])
+            for value in values
+        )
+
     def _assigned_values(self, name: str) -> list[str]:
-        pattern = re.compile(_VALUE.format(name), re.ASCII | re.MULTILINE)
-        return [found["value"] for found in pattern.finditer(self.text)]
+        return [found["value"] for found in self._assignments_of(name)]
+
+    def _assignments_of(self, name: str) -> Iterator[re.Match[str]]:
+        return re.finditer(_VALUE.format(name), self.text, re.ASCII | re.MULTILINE)
 
     def _end_of_line(self, offset: int) -> int:
         end = self.text.find("\n", offset)

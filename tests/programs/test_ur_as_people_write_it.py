@@ -1,0 +1,89 @@
+"""URScript as people write it: points at the top, frames given a name first, steps from where the robot stands."""
+
+from pathlib import Path
+
+import pytest
+
+from cellcal.service.exit_codes import ExitCode
+from tests.programs.test_field_cases import MovedProgram, move_program
+
+SHIFTED, TURNED = "15,-12,8,0,0,0", "15,-12,8,1,-2,12"
+HOME = "movej([0.3, -1.4, 1.9, -2.0, -1.57, 0.1])"
+TOOL = "set_tcp(p[0, 0, 0.1, 0, 0, 0])"
+PICK, PLACE = "p[-0.45,-0.20,0.25,0,3.1415,0]", "p[-0.40,-0.25,0.25,0,3.1415,0]"
+PLANE = "plane = p[-0.5,-0.3,0.1,0,0,0.5]"
+IN_PLANE = "p[0.05,0.05,0.1,0,3.1415,0]"
+
+
+def move_script(folder: Path, *lines: str, offset: str = TURNED, joints: str = "keep") -> MovedProgram:
+    """Move a script of these statements."""
+    text = "\n  ".join(("def work():", *lines)) + "\nend\nwork()\n"
+    return move_program(folder, "ur", "component_assignment.script", offset=offset, text=text, joints=joints)
+
+
+def statuses_of(moved: MovedProgram) -> dict[str, str]:
+    return {one["point"]: one["status"] for one in moved.report["points"]}
+
+
+def test_points_declared_above_the_way_to_them_have_its_posture(tmp_path: Path) -> None:
+    lines = (f"pick = {PICK}", f"place = {PLACE}", TOOL, HOME, "movel(pick)", "movel(place)")
+    moved = move_script(tmp_path, *lines)
+    assert moved.code == ExitCode.PASS
+    assert statuses_of(moved) == {"pick": "changed", "place": "changed", "line 5": "unchanged"}
+
+
+@pytest.mark.parametrize(
+    "lines",
+    [
+        (f"over = pose_trans(plane, {IN_PLANE})", "movel(over)"),
+        (f"over = pose_trans(plane, {IN_PLANE})  # above the part", "movej(get_inverse_kin(over))"),
+        (f"at = {IN_PLANE}", "global over = pose_trans(plane, at)", "movel(over)"),
+        (f"at = pose_trans(plane, {IN_PLANE})", "over = pose_trans(at, p[0,0,-0.05,0,0,0])", "movel(over)"),
+    ],
+    ids=["literal", "by joints", "variable", "step"],
+)
+def test_a_pose_that_is_brought_into_a_frame_and_gone_to_by_name_moves(
+    tmp_path: Path, lines: tuple[str, ...]
+) -> None:
+    moved = move_script(tmp_path, PLANE, TOOL, HOME, *lines, f"movel(pose_trans(plane, {IN_PLANE}))")
+    assert moved.code == ExitCode.PASS
+    assert sorted(statuses_of(moved).values()) == ["changed", "changed", "unchanged"]
+    assert moved.lines[1] == moved.before[1]  # the frame itself stays
+
+
+def test_it_has_the_tool_of_the_move_and_not_of_the_line_that_computes_it(tmp_path: Path) -> None:
+    other = "set_tcp(p[0, 0, 0.2, 0, 0, 0])"
+    lines = (PLANE, TOOL, HOME, f"over = pose_trans(plane, {IN_PLANE})", other, "movel(over)")
+    moved = move_script(tmp_path, *lines, f"movel(pose_trans(plane, {IN_PLANE}))")
+    assert moved.code == ExitCode.PASS
+    assert moved.lines[4].partition("pose_trans")[2] == moved.lines[7].partition("pose_trans")[2][:-1]
+
+
+def test_a_frame_with_a_computed_pose_in_it_is_left_and_named(tmp_path: Path) -> None:
+    lines = (PLANE, TOOL, HOME, "over = pose_trans(plane, p[0.02 * i,0.05,0.1,0,3.1415,0])", "movel(over)")
+    moved = move_script(tmp_path, *lines)
+    assert moved.code == ExitCode.REFUSED
+    assert statuses_of(moved)["plane"] == "left"
+
+
+@pytest.mark.parametrize("function", ["get_actual_tcp_pose", "get_target_tcp_pose"])
+def test_a_step_from_where_the_robot_stands_costs_nothing_in_a_shift(tmp_path: Path, function: str) -> None:
+    step = f"movel(pose_add({function}(), p[0, 0, 0.1, 0, 0, 0]))"
+    moved = move_script(tmp_path, TOOL, HOME, f"movel({PICK})", step, offset=SHIFTED)
+    assert moved.code == ExitCode.PASS
+    assert not moved.list_findings()
+
+
+def test_it_costs_what_a_turn_makes_of_it(tmp_path: Path) -> None:
+    step = "movel(pose_add(get_actual_tcp_pose(), p[0.1, 0, 0, 0, 0, 0]))"
+    moved = move_script(tmp_path, TOOL, HOME, f"movel({PICK})", step, offset="0,0,0,0,0,90")
+    assert moved.code == ExitCode.REFUSED
+    ((line, _, distance),) = moved.list_findings()
+    assert (line, distance) == (5, pytest.approx(141.42, abs=0.01))
+
+
+def test_joints_of_a_pose_over_several_lines_are_no_finding(tmp_path: Path) -> None:
+    lines = ("q = get_inverse_kin(p[-0.45,-0.20,", "    0.25,0,3.1415,0])", "movej(q)")
+    moved = move_script(tmp_path, TOOL, HOME, *lines)
+    assert moved.code == ExitCode.PASS
+    assert not moved.list_findings()
