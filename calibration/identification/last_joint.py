@@ -7,7 +7,7 @@ import numpy as np
 from cellcal.calibration.arm.kinematics import RobotModel
 from cellcal.calibration.identification.lints import Lint
 from cellcal.calibration.identification.misfit import fit_quickly
-from cellcal.calibration.identification.observations import Observations, PointObservations
+from cellcal.calibration.identification.observations import Observations, PointObservations, PoseObservations
 from cellcal.calibration.identification.quick_fit import spread_rows
 
 DIRECTION = "direction"
@@ -20,8 +20,15 @@ _TURNED_RAD = float(np.deg2rad(10.0))  # a joint that hardly turned has no direc
 
 
 def last_joint_note(model: RobotModel, observations: Observations) -> list[Lint]:
-    """Return a note where the last joint fits alike in both directions, so that its direction cannot be seen."""
-    if not isinstance(observations, PointObservations) or len(observations) < _FEWEST:
+    """Return a note where the last joint fits alike in both directions, so that its direction cannot be seen.
+
+    Attitudes show it wherever the target sits.
+    """
+    if (
+        not isinstance(observations, PointObservations)
+        or isinstance(observations, PoseObservations)
+        or len(observations) < _FEWEST
+    ):
         return []
     some = observations.select_rows(spread_rows(len(observations), _MOST_ROWS))
     name = model.joint_names[-1]

@@ -14,15 +14,27 @@ SPREAD_WORDS = {
 }  # fmt: skip
 
 
+_GLUED_BEFORE = "pos|p|t|m|meas|act|cmd|nom|ref|real"  # Mx, measX
+_GLUED_BEHIND = "pos|act|actual|cmd|meas|measured|nom|nominal|ref|real|mm|cm|inch|[a-dmrt]"  # Xact, xmm, Xa
+
+
 def find_triples(
     names: Sequence[str], plain: Mapping[str, str], axes: Sequence[str]
 ) -> dict[tuple[str, str], tuple[str, ...]]:
-    """Return the columns that spell one word for each of the axes, by what surrounds it."""
+    """Return the columns that spell one word for each of the axes, by what surrounds it.
+
+    Words may be glued to the axis. Columns such as Mx, My, Mz are moments where forces Fx, Fy, Fz stand beside them.
+    """
+    has_forces = {"fx", "fy", "fz"} <= {plain[name] for name in names}
     families: dict[tuple[str, str], dict[str, str]] = {}
     for name in names:
         for axis in axes:
-            match = re.match(rf"^(?P<before>(?:.*_)?(?:pos|p|t)?){axis}(?P<after>\d*(?:_.*)?)$", plain[name])
-            if match:
+            match = re.match(
+                rf"^(?P<before>(?:.*_)?(?:{_GLUED_BEFORE})?){axis}"
+                rf"(?P<after>(?:{_GLUED_BEHIND})?\d*(?:_.*)?)$",
+                plain[name],
+            )
+            if match and not (has_forces and match["before"].endswith("m")):
                 families.setdefault((match["before"], match["after"]), {}).setdefault(axis, name)
     return {
         key: tuple(found[axis] for axis in axes) for key, found in families.items() if len(found) == len(axes)

@@ -8,6 +8,7 @@ from cellcal.calibration.message import make_message
 from cellcal.service.engineering.measured.column_words import CONTROLLER_WORDS, SPREAD_WORDS, find_triples
 from cellcal.service.engineering.measured.headings import plain_name, unit_of
 from cellcal.service.engineering.measured.joint_columns import find_joints
+from cellcal.service.engineering.measured.matrix_columns import find_matrix
 from cellcal.service.engineering.measured.table import MeasurementError
 from cellcal.service.engineering.measured.typed_columns import TypedColumn, parse_columns
 from cellcal.service.engineering.measured.units import ANGLE_UNITS, LENGTH_UNITS
@@ -62,6 +63,8 @@ class TableLayout:
     turn_fields: tuple[str, ...] = ()  # what the attitude's columns are called, without prefixes
     length: str = ""
     controller: tuple[str, ...] = ()  # the controller's own x, y, z
+    further: tuple[tuple[str, ...], ...] = ()  # other places of a row, of which no name says what they are
+    is_named: bool = True  # a name or the user says that the position was measured
     temperature: str = ""
     group: str = ""
     units: Mapping[str, str] = field(default_factory=dict)  # meaning -> unit
@@ -102,10 +105,14 @@ def detect_layout(
     plain = {name: plain_name(name) for name in names}
     joints = typed_names.get("joints") or find_joints(names, plain, joint_names, slides, numeric)
     rest = [name for name in names if name not in joints]
-    length = "".join(typed_names.get("length", ())) or _find_length(rest, plain)
-    measured, controller = _find_positions(rest, plain, has_length=bool(length))
-    measured = typed_names.get("position") or measured
-    controller = typed_names.get("controller") or controller
+    length = "".join(typed_names.get("length", ()))
+    if not length and not typed_names.get("position"):
+        length = _find_length(rest, plain)
+    places = _find_positions(rest, plain, has_length=bool(length))
+    measured = typed_names.get("position") or places.measured
+    controller = typed_names.get("controller") or (places.controller if places.controller != measured else ())
+    place, matrix = ((), ()) if length else find_matrix(rest, plain)
+    measured = measured or place
     if length:
         measured = ()
     if not measured and not length:
@@ -114,6 +121,8 @@ def detect_layout(
             remedy="Name it: `--columns position=X,Y,Z` or `--columns length=L`; numbers count the columns from 1.",
         )
     turn, fields = _find_rotation(rest, plain, measured) if measured else ((), ())
+    if matrix and not turn and measured == (place or places.measured):
+        turn, fields = matrix, matrix
     chosen = typed_names.get("rotation") or turn
     sliding = slides or (False,) * len(joints)
     layout = {
@@ -132,6 +141,8 @@ def detect_layout(
         turn_fields=fields if chosen == turn else tuple(plain[name] for name in chosen),
         length=length,
         controller=controller,
+        further=tuple(found for found in places.further if found not in (measured, controller)),
+        is_named=places.is_named or bool(typed_names.get("position")),
         temperature=next((n for n in rest if "temp" in plain[n]), ""),
         group="".join(typed_names.get("group", ())) or next((n for n in rest if plain[n] in _GROUP), ""),
         units={
@@ -215,10 +226,20 @@ def _is_place(key: tuple[str, str]) -> bool:
     return not _key_words(key) & (SPREAD_WORDS | _DIFFERENCE | _ATTITUDE)
 
 
-def _find_positions(
-    names: Sequence[str], plain: Mapping[str, str], *, has_length: bool
-) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Return measured and controller positions: called a measurement, else not called a command."""
+@dataclass(frozen=True, slots=True)
+class _Places:
+    measured: tuple[str, ...] = ()
+    controller: tuple[str, ...] = ()
+    further: tuple[tuple[str, ...], ...] = ()
+    is_named: bool = True
+
+
+def _find_positions(names: Sequence[str], plain: Mapping[str, str], *, has_length: bool) -> _Places:
+    """Return measured and controller positions: called a measurement, else not called a command.
+
+    Of places that are alike in name, such as those of several targets, the first is the measured one, and no
+    other is the controller's.
+    """
     triples = {key: names for key, names in find_triples(names, plain, "xyz").items() if _is_place(key)}
     measured = [found for key, found in triples.items() if _key_words(key) & _MEASURED]
     controller_triples = [
@@ -232,10 +253,12 @@ def _find_positions(
     actual = {found for key, found in triples.items() if _key_words(key) & {"actual", "act"}}
     neutral.sort(key=lambda found: found not in actual)
     if has_length:
-        return (), (*controller_triples, *neutral, ())[0]
-    if not measured:
-        measured, neutral = neutral[:1], neutral[1:]
-    return (*measured, ())[0], (*controller_triples, *neutral, ())[0]
+        return _Places(controller=(*controller_triples, *neutral, ())[0])
+    is_named = bool(measured) or any(found in actual for found in neutral)
+    chosen, *others = [*measured, *neutral] or [()]
+    unnamed = [found for found in others if found not in measured]
+    controller = (*controller_triples, *(unnamed if is_named else ()), ())[0]
+    return _Places(chosen, controller, tuple(found for found in others if found != controller), is_named)
 
 
 def _find_length(names: Sequence[str], plain: Mapping[str, str]) -> str:

@@ -4,6 +4,12 @@ from cellcal.service.engineering.measured.headings import heading_words
 
 _LOOKED_AT = 200_000  # bytes, where the encoding is not plain
 _EAST = ("gb18030", "cp932", "big5", "cp949")
+_EUROPE = (  # encodings of one byte, and parts of headings that only they make
+    ("cp1251", ("ось", "сустав", "шарнир", "точка", "измер", "задан", "номинал", "координат", "град")),
+    ("cp866", ("ось", "сустав", "шарнир", "точка", "измер", "задан", "номинал", "координат", "град")),
+    ("koi8_r", ("ось", "сустав", "шарнир", "точка", "измер", "задан", "номинал", "координат", "град")),
+    ("cp1250", ("oś", "złącz", "współrz", "měřen", "souřad")),
+)
 _PLAIN_HANZI = range(0xB0, 0xD8)  # first byte of the common characters of GB 2312
 _GB_MARKS = range(0xA1, 0xA4)  # of its punctuation
 _BOMS = ((b"\xff\xfe\x00\x00", "utf-32"), (b"\xff\xfe", "utf-16"), (b"\xfe\xff", "utf-16"))
@@ -34,6 +40,10 @@ def _of_a_country(data: bytes) -> str:
         except UnicodeDecodeError:
             continue
         if any(word in text for word in words):
+            return name
+    for name, parts in _EUROPE:
+        text = high.decode(name, errors="replace").lower()
+        if any(part in text for part in parts):
             return name
     return "gb18030" if _looks_like_gb(high) else "cp1252"
 

@@ -19,7 +19,9 @@ _UNIT_NAMES = {
     "grado": "deg", "radianes": "rad", "bogenmaß": "rad", "milímetros": "mm", "metros": "m",
     "毫米": "mm", "米": "m", "厘米": "cm", "公厘": "mm", "公分": "cm", "度": "deg", "角度": "deg", "弧度": "rad",
     "英寸": "inch", "英吋": "inch", "英尺": "ft", "微米": "um", "ミリ": "mm", "ミリメートル": "mm", "ラジアン": "rad",
-    "インチ": "inch",
+    "インチ": "inch", "град": "deg", "градус": "deg", "градусы": "deg", "рад": "rad", "мм": "mm", "см": "cm",
+    "м": "m", "мкм": "um", "дюйм": "inch", "millimetri": "mm", "gradi": "deg", "radianti": "rad", "graus": "deg",
+    "degrés": "deg", "degré": "deg", "stopnie": "deg",
 }  # fmt: skip
 # What a word of a heading means, in the words that columns are told by; the longer first where one holds another.
 _WORDS: Sequence[tuple[str, str]] = (
@@ -56,7 +58,22 @@ _WORDS: Sequence[tuple[str, str]] = (
     ("incertidumbre", "uncertainty"), ("temperatura", "temperature"), ("articulación", "joint"),
     ("articulacion", "joint"), ("eje", "axis"), ("longitud", "length"), ("distancia", "distance"),
     ("punto", "point"), ("grupo", "group"), ("mesuré", "measured"), ("mesurée", "measured"), ("écart", "deviation"),
-    ("théorique", "nominal"), ("axe", "axis"), ("longueur", "length"),
+    ("théorique", "nominal"), ("axe", "axis"), ("longueur", "length"), ("articulation", "joint"),
+    ("mesure", "measured"), ("réel", "actual"), ("réelle", "actual"),
+    ("giunto", "joint"), ("asse", "axis"), ("misurato", "measured"), ("misurata", "measured"), ("misura", "measured"),
+    ("nominale", "nominal"), ("teorico", "nominal"), ("teorica", "nominal"), ("scostamento", "deviation"),
+    ("effettivo", "actual"), ("effettiva", "actual"), ("junta", "joint"), ("eixo", "axis"), ("desvio", "deviation"),
+    ("ось", "axis"), ("оси", "axis"), ("сустав", "joint"), ("шарнир", "joint"), ("точка", "point"),
+    ("измеренный", "measured"), ("измеренная", "measured"), ("измеренное", "measured"), ("измеренные", "measured"),
+    ("измерено", "measured"),
+    ("измерение", "measured"), ("изм", "measured"), ("фактическое", "actual"), ("факт", "actual"),
+    ("заданный", "nominal"), ("заданная", "nominal"), ("заданное", "nominal"), ("заданные", "nominal"),
+    ("задано", "nominal"),
+    ("номинал", "nominal"), ("номинальное", "nominal"), ("отклонение", "deviation"), ("погрешность", "error"),
+    ("температура", "temperature"), ("длина", "length"), ("координата", ""), ("угол", "angle"), ("группа", "group"),
+    ("oś", "axis"), ("przegub", "joint"), ("zmierzony", "measured"), ("zmierzona", "measured"), ("osa", "axis"),
+    ("kloub", "joint"), ("změřeno", "measured"), ("měřeno", "measured"), ("eksen", "axis"), ("eklem", "joint"),
+    ("ölçülen", "measured"), ("gewricht", "joint"), ("gemeten", "measured"),
 )  # fmt: skip
 
 
@@ -66,20 +83,35 @@ def _is_cjk(text: str) -> bool:
 
 _INSIDE = [(word, meaning) for word, meaning in _WORDS if _is_cjk(word)]
 _WHOLE = {word: meaning for word, meaning in _WORDS if not _is_cjk(word)}
+_COMMA_UNIT = re.compile(r",\s*(?P<unit>[^\s,]+)\s*$")  # J1, deg
+_WORD_AND_NUMBER = re.compile(r"([^\W\d_]+)(\d+)")
 _GLUED = re.compile(r"(?<=[a-z])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])")  # MeasX, XNominal
 _NUMBER_FIRST = re.compile(r"(?<![a-z\d])(\d)_?(axis|joint)(?![a-z])_?(?!\d)")
 
 
 def plain_name(name: str) -> str:
     """Return a name in one spelling: lower case, words joined by underscores, without its unit, in English."""
-    text = _GLUED.sub("_", _UNIT.sub(_inside_brackets, name).strip()).lower()
+    text = _GLUED.sub("_", _UNIT.sub(_inside_brackets, _without_comma_unit(name)).strip()).lower()
     for word, meaning in _INSIDE:
         text = text.replace(word, f"_{meaning}_")
     text = re.sub(r"[\s.\-/:'+#\uff0c、\uff1a]+", "_", text)
     text = re.sub(r"_{2,}", "_", text).strip("_")
-    text = "_".join(_WHOLE.get(word, word) for word in text.split("_"))
+    text = "_".join(_meaning_of(word) for word in text.split("_"))
     text = _NUMBER_FIRST.sub(r"\2_\1", text)
     return _TRAILING_UNIT.sub("", text)
+
+
+def _meaning_of(word: str) -> str:
+    """Return what a word means, with the number that is glued to it: ``giunto1`` is ``joint1``."""
+    numbered = _WORD_AND_NUMBER.fullmatch(word)
+    if word in _WHOLE or numbered is None or numbered[1] not in _WHOLE:
+        return _WHOLE.get(word, word)
+    return f"{_WHOLE[numbered[1]]}{numbered[2]}"
+
+
+def _without_comma_unit(name: str) -> str:
+    comma = _COMMA_UNIT.search(name)
+    return name[: comma.start()] if comma and unit_named(comma["unit"]) else name
 
 
 def without_unit(name: str) -> str:
@@ -100,6 +132,9 @@ def unit_of(name: str) -> str:
         unit = unit_named(bracket["unit"])
         if unit:
             return unit
+    comma = _COMMA_UNIT.search(name)
+    if comma and (unit := unit_named(comma["unit"])):
+        return unit
     trailing = _TRAILING_UNIT.search(re.sub(r"[\s.\-]+", "_", name.strip().lower()))
     return unit_named(trailing[1]) if trailing else ""
 

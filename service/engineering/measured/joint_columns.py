@@ -160,10 +160,11 @@ def _joints_remedy(names: Sequence[str], plain: Mapping[str, str], joint_names: 
             count=count,
         )
     if numbered:
-        joints = ",".join(str(at + 1) for at in range(count))
-        reading = f"position={count + 1},{count + 2},{count + 3}"
-        if len(plain) < count + 3:
-            reading = f"length={count + 1}"
+        at = [list(plain).index(name) + 1 for name in names]
+        joints = ",".join(map(str, at[:count]))
+        reading = f"position={','.join(map(str, at[count : count + 3]))}"
+        if len(names) < count + 3:
+            reading = f"length={at[count]}"
         return (
             f"It has no heading: say which columns are which by their numbers, such as `--columns joints={joints}` "
             f"`--columns {reading}`."

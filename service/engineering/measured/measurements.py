@@ -1,7 +1,7 @@
 """Measurements from a file, in SI: joints, what the device read, and every guess that was made on the way."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -24,8 +24,10 @@ from cellcal.calibration.orientation import CONVENTIONS, rotation_from
 from cellcal.service.engineering.measured.columns import TableLayout, detect_layout
 from cellcal.service.engineering.measured.joint_coupling import controller_joints
 from cellcal.service.engineering.measured.joint_units import joint_units, refuse_typed_zeros
+from cellcal.service.engineering.measured.matrix_columns import MATRIX_FORMULAS, matrices_of
 from cellcal.service.engineering.measured.nest_readings import find_nest_readings
 from cellcal.service.engineering.measured.no_readings import no_readings, usable_without
+from cellcal.service.engineering.measured.place_choice import better_places, further_places_note
 from cellcal.service.engineering.measured.row_words import (
     refuse_no_angles,
     refuse_other_headings,
@@ -51,6 +53,7 @@ _ENOUGH_ROWS = 20_000  # to tell a unit by
 _UNBELIEVABLE = 1e9  # in any unit that instruments write
 _EQUAL = 1.001
 _NO_NUMBER = ", which is no number"
+_MATRIX = 9  # numbers of an attitude
 _DISTINCT = 0.5  # the best orientation convention must be twice as consistent as the next
 
 
@@ -106,9 +109,7 @@ def read_measurements(path: Path, model: RobotModel, options: ReadOptions | None
         The file, its columns or its numbers cannot be understood; the remedy names the option that helps.
     """
     options = options or ReadOptions()
-    table = read_table(path, sheet=options.sheet)
-    slides = () if model.sliding is None else model.sliding.tolist()
-    layout = detect_layout(table.names, model.joint_names, options.columns, slides, table.numeric_names())
+    table, layout = _read_columns(path, model, options)
     names = [name for name in (*layout.joints, *layout.position, *layout.turn, layout.length) if name]
     numbers = {name: table.column_values(name) for name in (*names, *layout.spread, *layout.controller)}
     refuse_other_headings(table, names)
@@ -122,6 +123,9 @@ def read_measurements(path: Path, model: RobotModel, options: ReadOptions | None
     if model.sliding is None:
         refuse_no_angles(layout.joints, raw, unit)
     joints = controller_joints(_as_typed(raw * unit, layout, model), model, options.joint_coupling)
+    if better := _find_better_columns(table, layout, good, (model, joints, _steps_of(raw) * unit)):
+        return read_measurements(path, model, replace(options, columns={**options.columns, **better}))
+    guesses += filter(None, [further_places_note(layout.further)])
     good, joints, silent = _with_readings(table, good, joints, (layout, numbers, model))
     _refuse_none(path, good, (*rejected, *silent))
     good, joints, again = _without_repeats(table, good, joints, [numbers[name] for name in names])
@@ -139,7 +143,7 @@ def read_measurements(path: Path, model: RobotModel, options: ReadOptions | None
         rows=rows,
         read=len(table),
         rejected=rejected,
-        joint_step_rad=np.array([find_resolution(column) for column in raw.T]) * unit,
+        joint_step_rad=_steps_of(raw) * unit,
         controller_m=controller,
         controller_step_m=controller_step,
         value_step_m=value_step,
@@ -151,6 +155,32 @@ def read_measurements(path: Path, model: RobotModel, options: ReadOptions | None
         convention=units.used.get("convention", ""),
         targets=target_column(table, rows, used),
     )
+
+
+def _read_columns(
+    path: Path, model: RobotModel, options: ReadOptions
+) -> tuple[MeasurementTable, TableLayout]:
+    table = read_table(path, sheet=options.sheet)
+    slides = () if model.sliding is None else model.sliding.tolist()
+    return table, detect_layout(
+        table.names, model.joint_names, options.columns, slides, table.numeric_names()
+    )
+
+
+def _find_better_columns(
+    table: MeasurementTable,
+    layout: TableLayout,
+    good: np.typing.NDArray[np.bool_],
+    arm: tuple[RobotModel, Array, Array],
+) -> dict[str, tuple[str, ...]]:
+    """Return columns of measured and controller's places where the numbers show others than the headings."""
+    places = (layout.position, layout.controller, *layout.further, (layout.length,))
+    values = {name: table.column_values(name)[good] for names in places for name in names if name}
+    return better_places(*arm, layout, values)
+
+
+def _steps_of(columns: Array) -> Array:
+    return np.array([find_resolution(column) for column in columns.T])
 
 
 def _read_temperature(table: MeasurementTable, name: str, rows: Rows) -> Array | None:
@@ -336,12 +366,14 @@ class _NumberSource:
             )
             return points
         self.units.used["convention"] = best
-        self.units.guesses.append(f"attitude ({written}) read as {best}: {CONVENTIONS[best].formula}")
+        self.units.guesses.append(f"attitude ({written}) read as {best}: {_formula_of(best)}")
         return pose_from_points(points, read[best], np.full(len(points), _SIGMA_RAD))
 
     def _read_rotations(self) -> Mapping[str, Array]:
         """Return the attitudes (N, 3, 3) by every convention that they may be written in."""
         turns, convention = self.stack_columns(self.layout.turn), self.options.convention
+        if len(self.layout.turn) == _MATRIX and convention in ("", *MATRIX_FORMULAS):
+            return matrices_of(turns, convention)
         if convention and convention not in CONVENTIONS:
             raise MeasurementError(
                 f"no orientation is called {convention!r}.",
@@ -378,6 +410,10 @@ def _read_groups(table: MeasurementTable, name: str, rows: Rows) -> Rows | None:
     codes = np.unique([cells[row] for row in rows], return_inverse=True)[1].reshape(-1)
     count = int(codes.max()) + 1
     return codes if 2 < count <= len(rows) // 2 else None
+
+
+def _formula_of(convention: str) -> str:
+    return MATRIX_FORMULAS.get(convention) or CONVENTIONS[convention].formula
 
 
 def _expected_attitudes(model: RobotModel, points: PointObservations) -> Array:

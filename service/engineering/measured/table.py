@@ -27,7 +27,8 @@ from cellcal.service.engineering.measured.encodings import encoding_of
 from cellcal.service.engineering.measured.errors import (
     MeasurementError as MeasurementError,  # noqa: PLC0414  # readers of tables import it from here
 )
-from cellcal.service.engineering.measured.summary_rows import summary_rows
+from cellcal.service.engineering.measured.summary_rows import calculated_rows, summary_rows
+from cellcal.service.engineering.measured.table_forms import refuse_divided_numbers, refuse_lying_table
 from cellcal.service.engineering.measured.table_heads import (
     doubled_name,
     heading_names,
@@ -207,6 +208,8 @@ def _build_table(path: Path, cells: Iterable[list[float | str]], dialect: str) -
     names = heading_names(head[:first], _filled_width(head[first]))
     has_heading = names is not None
     if names is None:
+        refuse_divided_numbers(path, head[:first], head[first:])
+        refuse_lying_table(path, head[first:])
         remarks = [",".join(str(cell) for cell in row) for row in head[:first]]
         names = names_without_heading(head[first][: _filled_width(head[first])], remarks)
     if twice := doubled_name(names):
@@ -254,7 +257,7 @@ def _fill_table(
 
 def _without_summaries(table: MeasurementTable) -> MeasurementTable:
     """Return a table without the rows that sum others up; its dialect names them."""
-    found = summary_rows(table.texts, len(table))
+    found = {**calculated_rows(table.numbers), **summary_rows(table.texts, len(table))}
     if not found:
         return table
     kept = [row for row in range(len(table)) if row not in found]

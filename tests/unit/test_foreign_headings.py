@@ -1,0 +1,128 @@
+"""Headings, summaries and forms of tables of further countries and programs."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cellcal.calibration.arm.kinematics import load_model
+from cellcal.calibration.identification.last_joint import last_joint_note
+from cellcal.calibration.identification.observations import PointObservations
+from cellcal.service.engineering.measured.measurements import read_measurements
+from cellcal.service.engineering.measured.table import MeasurementError, read_table
+from tests.unit.helpers.simulated_arm import tracker_poses
+
+MODEL = load_model("abb_irb120")
+POSES = tracker_poses("abb_irb120", 40)
+DEG = np.rad2deg(POSES.observations.joints_rad)
+MM = POSES.observations.positions_m * 1e3
+ROWS = np.column_stack([DEG, MM])
+HEADING = [*(f"J{i}" for i in range(1, 7)), "X", "Y", "Z"]
+
+
+def write_table(path: Path, lines: list[str], encoding: str = "utf-8") -> Path:
+    path.write_bytes("\n".join([*lines, ""]).encode(encoding))
+    return path
+
+
+def text_rows(rows: np.ndarray, separator: str = ",", mark: str = ".", digits: int = 4) -> list[str]:
+    return [separator.join(f"{cell:.{digits}f}".replace(".", mark) for cell in row) for row in rows]
+
+
+@pytest.mark.parametrize(
+    ("joint", "place", "encoding"),
+    [
+        ("Ось {}, град", "{}, мм", "cp1251"),
+        ("Сустав{}", "Измеренное {}", "cp1251"),
+        ("ось {} [град]", "Измерено {} [мм]", "koi8_r"),
+        ("Ось {}", "{} изм", "cp866"),
+        ("oś {}", "zmierzony {}", "cp1250"),
+        ("Giunto {}", "{} misurato", "cp1252"),
+        ("Asse{}", "{}", "utf-8"),
+        ("Junta {} (graus)", "{} medido", "cp1252"),
+        ("Eixo {}", "{} (mm)", "utf-8"),
+        ("Articulation {}", "{} mesuré", "cp1252"),
+        ("J{}, deg", "{}, mm", "utf-8"),
+        ("j{}deg", "{}mm", "utf-8"),
+    ],
+)
+def test_headings_of_further_languages(tmp_path: Path, joint: str, place: str, encoding: str) -> None:
+    heading = [*(joint.format(i) for i in range(1, 7)), *(place.format(axis) for axis in "XYZ")]
+    path = write_table(tmp_path / "rows.csv", [";".join(heading), *text_rows(ROWS, ";", ",")], encoding)
+    found = read_measurements(path, MODEL)
+    assert found.layout.joints == tuple(heading[:6])
+    assert np.allclose(found.observations.positions_m * 1e3, MM, atol=1e-3)
+
+
+@pytest.mark.parametrize(
+    "word",
+    ["Ecart-type", "ecart type", "Среднее", "Максимум", "平均値", "標準偏差", "평균", "Média", "Massimo"],
+)
+def test_summaries_of_further_languages_are_no_readings(tmp_path: Path, word: str) -> None:
+    rows = [f"P{i}," + text for i, text in enumerate(text_rows(ROWS))]
+    numbers = text_rows(np.full((1, 9), 3.0))[0]
+    table = read_table(
+        write_table(tmp_path / "rows.csv", [",".join(["Point", *HEADING]), *rows, f"{word},{numbers}"])
+    )
+    assert len(table) == len(ROWS)
+    assert word in table.dialect
+
+
+@pytest.mark.parametrize(
+    "statistics",
+    [
+        [np.mean],
+        [np.mean, lambda rows, axis: np.std(rows, axis=axis, ddof=1)],
+        [np.min, np.max, np.mean, np.std],
+        [np.median, np.ptp],
+    ],
+)
+@pytest.mark.parametrize("digits", [2, 4])
+def test_rows_that_nothing_names_but_sum_others_up_are_no_readings(
+    tmp_path: Path, statistics, digits: int
+) -> None:
+    last = np.array([of(ROWS, axis=0) for of in statistics])
+    lines = [",".join(HEADING), *text_rows(ROWS), *text_rows(last, digits=digits)]
+    table = read_table(write_table(tmp_path / "rows.csv", lines))
+    assert len(table) == len(ROWS)
+    assert "summaries of rows left out" in table.dialect
+
+
+def test_a_posture_in_the_middle_of_all_joints_is_a_reading(tmp_path: Path) -> None:
+    middle = np.concatenate([DEG.mean(axis=0), MM[3]])
+    lines = [",".join(HEADING), *text_rows(ROWS), *text_rows(middle[None])]
+    assert len(read_table(write_table(tmp_path / "rows.csv", lines))) == len(ROWS) + 1
+
+
+def test_decimal_commas_among_commas_are_told(tmp_path: Path) -> None:
+    path = write_table(tmp_path / "rows.csv", [",".join(HEADING), *text_rows(ROWS, ",", ",")])
+    with pytest.raises(MeasurementError, match="line 1 names 9 columns, and the rows hold 18") as refused:
+        read_measurements(path, MODEL)
+    assert "semicolons" in refused.value.remedy
+
+
+def test_a_table_that_lies_on_its_side_is_told(tmp_path: Path) -> None:
+    lines = [f"{name},{text}" for name, text in zip(HEADING, text_rows(ROWS.T), strict=True)]
+    with pytest.raises(MeasurementError, match="first column") as refused:
+        read_measurements(write_table(tmp_path / "rows.csv", lines), MODEL)
+    assert "transposed" in refused.value.remedy
+
+
+def test_columns_by_number_are_those_that_hold_numbers(tmp_path: Path) -> None:
+    lines = [f"A,Main,P{i},{text}" for i, text in enumerate(text_rows(ROWS))]
+    path = write_table(tmp_path / "rows.txt", ["// SpatialAnalyzer", *lines])
+    with pytest.raises(MeasurementError) as refused:
+        read_measurements(path, MODEL)
+    assert "joints=4,5,6,7,8,9" in refused.value.remedy
+    assert "position=10,11,12" in refused.value.remedy
+
+
+def test_attitudes_show_which_way_the_last_joint_turns() -> None:
+    poses = POSES.observations
+    place = MODEL.base_flange(poses.joints_rad) @ np.array([0.0, 0.0, 0.1, 1.0])
+    points = PointObservations(poses.joints_rad, place[:, :3], poses.sigma_m, poses.mounting)
+    assert last_joint_note(MODEL, points)
+    on_axis = type(poses)(
+        poses.joints_rad, place[:, :3], poses.sigma_m, poses.mounting, poses.rotations, poses.sigma_rad
+    )
+    assert not last_joint_note(MODEL, on_axis)
