@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Literal, Self
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from cellcal.drivers.interfaces import RobotCapabilities
+from cellcal.drivers.wire.link_errors import bracket_host
 
 if TYPE_CHECKING:
     from cellcal.drivers.opc_ua.robot import OpcUaRobot
@@ -90,7 +91,7 @@ class OpcUaConfig(BaseModel):
         from cellcal.drivers.opc_ua.robot import OpcUaOptions, OpcUaRobot  # noqa: PLC0415  the library loads slowly
         from cellcal.drivers.opc_ua.server_link import ServerLink  # noqa: PLC0415  as above
 
-        url = f"opc.tcp://{self.address}:{self.port}{self.path}"
+        url = f"opc.tcp://{bracket_host(self.address)}:{self.port}{self.path}"
         link = ServerLink(self.name, url, self._make_access(), deadline_s=_REQUEST_SHARE * self.deadline_s)
         options = OpcUaOptions(
             self.serial, self.motion_device, self.axes, self.capabilities, self.deadline_s, self.still_s

@@ -1,5 +1,7 @@
 """Errors of a network connection to a controller that cannot be made or is lost."""
 
+import os
+
 from cellcal.calibration.message import make_message
 from cellcal.drivers.errors import UnreachableError, WireProtocolError
 
@@ -8,9 +10,7 @@ def no_connection_error(device: str, address: str, error: OSError, remedy: str) 
     """Return that a connection cannot be made."""
     return UnreachableError(
         device,
-        make_message(
-            "no connection to {address}: {strerror}.", address=address, strerror=error.strerror or error
-        ),
+        make_message("no connection to {address}: {strerror}.", address=address, strerror=find_reason(error)),
         remedy=remedy,
     )
 
@@ -28,3 +28,23 @@ def unreadable_answer_error(device: str, what: str, remedy: str, frame: str) -> 
     return WireProtocolError(
         device, make_message("an answer cannot be read: {what}.", what=what), remedy=remedy, frame=frame
     )
+
+
+def find_reason(error: BaseException) -> str:
+    """Return the system's words for why a connection failed, from behind the words of libraries around it."""
+    waiting: list[BaseException | None] = [error]
+    seen: set[int] = set()
+    while waiting:
+        each = waiting.pop(0)
+        if each is None or id(each) in seen:
+            continue
+        seen.add(id(each))
+        if isinstance(each, OSError) and each.errno is not None:
+            return os.strerror(each.errno) if each.errno > 0 else str(each.strerror)
+        waiting += [*getattr(each, "exceptions", ()), each.__cause__, each.__context__]
+    return str(error) or type(error).__name__
+
+
+def bracket_host(host: str) -> str:
+    """Write a host as it stands in an address with a port: IPv6 in brackets."""
+    return f"[{host}]" if ":" in host else host

@@ -1,9 +1,12 @@
 """What a FANUC controller knows and writes into its files: one state, from which every file is made when it is read.
 
 Imitates
-    An R-30iB Plus controller with one six-axis robot, and a positioner as a second group where wanted.
+    An R-30iB Plus controller with one six-axis robot; where wanted on a rail as axis 7, and with
+    a positioner as a second group.
 Source
-    The files of a public backup (R-1000iA/80F, V9.40), read for their layout and relations.
+    The files of public backups, read for their layout and relations: R-1000iA/80F, V9.40; R-2000iC/210L on a rail,
+    V9.30P/17 (axis 7: $ENCSCALES are counts per mm, $GEAR_RATIO mm per motor turn, CURPOS.DG shows EXTAXS);
+    M-900iB/700 with a servo gun as group 2, V9.30P/15 (AXIS.DG repeats its tables for each group, from J1).
 Modelled
     Counts from the joints that the pendant shows (motor signs, J3 counted from J2, wrist coupling), mastering,
     frames, tools, active alarms, programs, the clock; SPC_COUNT that follows the counts.
@@ -58,6 +61,11 @@ class FanucCabinet:
     servo_on: bool = False
     positioner_counts: list[int] | None = None  # of a second group with one axis
     positioner_ratio: float = 121.0
+    positioner_mastered: bool = True
+    rail_count_at_zero: int | None = None  # of axis 7, which slides
+    rail_mm: float = -1444.07
+    rail_mm_per_turn: float = 6.896
+    rail_state: int = 2
     stale: "FanucCabinet | None" = None  # what its files say in place of what is so
     moves_counts_each_reading: int = 0
     stands_after_readings: int | None = None  # of AXIS.DG, by when it has come to rest
@@ -105,6 +113,12 @@ class FanucCabinet:
             readings = min(readings, self.stands_after_readings)
         drift = self.moves_counts_each_reading * readings
         return [round(count + turned) + drift for count, turned in zip(zero, moved, strict=True)]
+
+    def rail_pulses(self) -> list[int]:
+        """Return what the encoder of the rail reads; nothing where there is no rail."""
+        if self.rail_count_at_zero is None:
+            return []
+        return [self.rail_count_at_zero + round(self.rail_mm / self.rail_mm_per_turn * COUNTS_PER_TURN)]
 
     def shown_deg(self) -> list[float]:
         """Return the joints as the pendant shows them, also while a drifting robot moves."""

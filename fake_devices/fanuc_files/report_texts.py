@@ -1,6 +1,7 @@
 """The .DG and .LS files of the fake controller: AXIS, CURPOS, VERSION, ERRACT and the programs."""
 
 import math
+from collections.abc import Sequence
 
 from cellcal.fake_devices.fanuc_files.cabinet import FanucCabinet
 
@@ -9,9 +10,16 @@ _MONTHS = ("JAN", "FEB", "MAR", "APR", "MAY", "JUN", "JUL", "AUG", "SEP", "OCT",
 
 def axis_text(cabinet: FanucCabinet) -> str:
     """Return AXIS.DG."""
-    pulses = cabinet.pulses()
+    lines = _heading_lines(cabinet)
+    for pulses in ([*cabinet.pulses(), *cabinet.rail_pulses()], cabinet.positioner_counts):
+        lines += _axis_tables(pulses, ready="ON " if cabinet.servo_on else "OFF") if pulses else []
+    return "\n".join([*lines, ""])
+
+
+def _axis_tables(pulses: Sequence[int], *, ready: str) -> list[str]:
+    """Return every table of one motion group; its axes are numbered from 1."""
     names = [f"J{axis}" for axis in range(1, len(pulses) + 1)]
-    lines = [*_heading_lines(cabinet), "AXIS STATUS1:", "      Flag Bits 1/2          History    "]
+    lines = ["AXIS STATUS1:", "      Flag Bits 1/2          History    "]
     for name in names:
         lines += [f" {name}: 0100000000001000 (0100000000001110)", "     0000001000010000 (0100001000010000)"]
     lines += ["", "AXIS STATUS2:", "      Alarm Status     History          "]
@@ -25,9 +33,6 @@ def axis_text(cabinet: FanucCabinet) -> str:
     lines += [
         f" {name} :         0 {pulse:>11}           0" for name, pulse in zip(names, pulses, strict=True)
     ]
-    for axis, count in enumerate(cabinet.positioner_counts or [], len(pulses) + 1):
-        lines += [f" J{axis} :         0 {count:>11}           0"]
-    ready = "ON " if cabinet.servo_on else "OFF"
     lines += [
         "",
         "AXIS MONITOR:",
@@ -41,7 +46,7 @@ def axis_text(cabinet: FanucCabinet) -> str:
         "       Flag Bits 1      Flag Bits 2     ",
         " P1 : 0000000000000000 0000000000000000 ",
     ]
-    return "\n".join([*lines, ""])
+    return lines
 
 
 def curpos_text(cabinet: FanucCabinet) -> str:
@@ -55,6 +60,8 @@ def curpos_text(cabinet: FanucCabinet) -> str:
     ]
     for axis, angle in enumerate(cabinet.shown_deg(), 1):
         lines += [f"Joint   {axis}: {_cut_angle(angle) if cabinet.knows_position else '*********'}"]
+    if cabinet.rail_count_at_zero is not None:
+        lines += [f"EXTAXS: 1: {cabinet.rail_mm:>9.2f}"]
     lines += ["", "", "Frame #:   3  Tool #:   1", "CURRENT USER FRAME POSITION:", "CFG: F U T, 0, 0, 0"]
     lines += [
         "X:    466.50",
@@ -66,7 +73,14 @@ def curpos_text(cabinet: FanucCabinet) -> str:
         "",
     ]
     if cabinet.positioner_counts is not None:
-        lines += ["Group #:  2", " ", "CURRENT JOINT POSITION:", f"Joint   1: {_cut_angle(0.0)}", ""]
+        lines += [
+            "CURRENT ROBOT POSITION::",
+            "Group #:  2",
+            " ",
+            "CURRENT JOINT POSITION:",
+            f"Joint   1: {_cut_angle(0.0)}",
+            "",
+        ]
     return "\n".join([*lines, ""])
 
 

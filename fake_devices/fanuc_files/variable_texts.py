@@ -1,6 +1,7 @@
 """The .VA files of the fake controller: SYSMAST, SYMOTN and SYSFRAME, as its file system writes them when read."""
 
 from collections.abc import Iterable, Sequence
+from typing import TypeVar
 
 from cellcal.fake_devices.fanuc_files.cabinet import (
     COUNTS_PER_TURN,
@@ -11,6 +12,7 @@ from cellcal.fake_devices.fanuc_files.cabinet import (
 )
 
 _NINE = 9
+_Value = TypeVar("_Value", int, float)
 _FIELD = "     Field: "
 
 
@@ -19,10 +21,16 @@ def sysmast_text(cabinet: FanucCabinet) -> str:
     groups = 1 if cabinet.positioner_counts is None else 2
     lines = [f"[*SYSTEM*]$DMR_GRP  Storage: SHADOW  Access: RW  : ARRAY[{groups}] OF DMR_GRP_T"]
     lines += _mastering_lines(
-        1, cabinet.master_done, cabinet.counts_at_zero, cabinet.axis_states, cabinet.pulses()
+        1,
+        cabinet.master_done,
+        [*cabinet.counts_at_zero, *_rail(cabinet, cabinet.rail_count_at_zero)],
+        [*cabinet.axis_states, *_rail(cabinet, cabinet.rail_state)],
+        [*cabinet.pulses(), *cabinet.rail_pulses()],
     )
     if cabinet.positioner_counts is not None:
-        lines += _mastering_lines(2, True, cabinet.positioner_counts, [2], cabinet.positioner_counts)
+        done = cabinet.positioner_mastered
+        states = [2 if done else 0]
+        lines += _mastering_lines(2, done, cabinet.positioner_counts, states, cabinet.positioner_counts)
     return _joined([*lines, "", "[*SYSTEM*]$MASTER_ENB  Storage: CMOS  Access: RW  : INTEGER = 0", ""])
 
 
@@ -35,7 +43,8 @@ def symotn_text(cabinet: FanucCabinet) -> str:
     matrix = cabinet.link_matrix()
     rows = [[f"{matrix[i, j]:.6e}" for j in range(cabinet.axes)] for i in range(cabinet.axes)]
     signs = [sign > 0 for sign in MOTOR_SIGNS[: cabinet.axes]]
-    lines += _drive_lines(1, cabinet.ratios, signs, rows)
+    turns_per_mm = [1 / length for length in _rail(cabinet, cabinet.rail_mm_per_turn)]
+    lines += _drive_lines(1, cabinet.ratios, signs, rows, turns_per_mm)
     if cabinet.states_coupling:
         lines += _coupling_lines(1, cabinet.third_follows_second)
     if cabinet.positioner_counts is not None:
@@ -64,6 +73,11 @@ def sysframe_text(cabinet: FanucCabinet) -> str:
     return _joined(lines)
 
 
+def _rail(cabinet: FanucCabinet, value: _Value | None) -> list[_Value]:
+    """Return a value of the rail; nothing where there is no rail."""
+    return [] if cabinet.rail_count_at_zero is None or value is None else [value]
+
+
 def _mastering_lines(
     group: int, done: bool, counts: Sequence[int], states: Sequence[int], pulses: Sequence[int]
 ) -> list[str]:
@@ -83,18 +97,29 @@ def _mastering_lines(
 
 
 def _drive_lines(
-    group: int, ratios: Sequence[float], positive: Sequence[bool], rows: Sequence[Sequence[str]]
+    group: int,
+    ratios: Sequence[float],
+    positive: Sequence[bool],
+    rows: Sequence[Sequence[str]],
+    turns_per_mm: Sequence[float] = (),
 ) -> list[str]:
+    """Return the drives of a group; ``turns_per_mm`` are of the axes that slide, which follow those that turn."""
     head = f"{_FIELD}$PARAM_GROUP[{group}].$"
     scales = [f"{COUNTS_PER_TURN * ratio / 360:.6e}" for ratio in ratios]
+    scales += [f"{COUNTS_PER_TURN * turns:.6e}" for turns in turns_per_mm]
+    ratio_texts = [f"{1 / ratio:.6e}" for ratio in (*ratios, *turns_per_mm)]
     limits = [f"{limit:.6e}" for limit in SPEED_LIMITS_DEG_S[: len(ratios)]]
     lines = [
         f"{head}BELT_ENABLE Access: RW: BOOLEAN = FALSE",
         *_array(f"{head}ENCSCALES", "REAL", _nine(scales, "0.000000e+00")),
         *_array(f"{head}JNTVELLIM", "REAL", _nine(limits, "0.000000e+00")),
         *_array(f"{head}MASTER_POS", "REAL", ["0.000000e+00"] * _NINE),
-        *_array(f"{head}MOSIGN", "BOOLEAN", _nine([str(each).upper() for each in positive], "FALSE")),
-        *_array(f"{head}GEAR_RATIO", "REAL", _nine([f"{1 / ratio:.6e}" for ratio in ratios], "0.000000e+00")),
+        *_array(
+            f"{head}MOSIGN",
+            "BOOLEAN",
+            _nine([str(each).upper() for each in (*positive, *(True for _ in turns_per_mm))], "FALSE"),
+        ),
+        *_array(f"{head}GEAR_RATIO", "REAL", _nine(ratio_texts, "0.000000e+00")),
         f"{head}INTERACTION  ARRAY[9] OF INTERACT_T",
     ]
     for row in range(1, _NINE + 1):

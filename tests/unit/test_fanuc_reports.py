@@ -101,6 +101,15 @@ def test_joints_that_are_no_numbers_or_missing_are_refused(old: str, new: str) -
         read_position_report(CURPOS.replace(old, new, 1).encode())
 
 
+def test_extended_axes_follow_the_joints_of_the_arm() -> None:
+    shown = CURPOS.replace("Joint   2:       .25\n", "Joint   2:       .25\nEXTAXS: 1:  -1444.07\n", 1)
+    after_pose = shown.replace("X:    466.50\n", "X:    466.50\nEXTAXS: 1:  -1444.07\n", 1)
+    for text in (shown, after_pose):
+        assert read_position_report(text.encode()).groups[0].joints_deg == (-35.0, 0.25, -1444.07)
+    with pytest.raises(ProgramFileError):
+        read_position_report(shown.replace("-1444.07", "nan").encode())
+
+
 def test_active_alarms() -> None:
     head = "ERRACT.LS      Robot Name R 01 27-AUG-26 13:14:06  \n\n"
     line = '4428" 27-AUG-26 12:02:10 " SRVO-062 BZAL alarm (Group:1 Axis:3)   " " SERVO   00110110" \n'
@@ -147,6 +156,20 @@ def test_dates_and_addresses() -> None:
     assert str(parse_address("robot1")) == "robot1"
     assert str(parse_address("ftp://10.0.0.9:2121/")) == "10.0.0.9:2121"
     assert str(parse_address("[fe80::1]:21")) == "[fe80::1]"
-    for text in ("", "a b", "host:0", "host:70000", "user@host", "../x", "host:21:22"):
+    assert str(parse_address("fe80::1")) == "[fe80::1]"
+    assert str(parse_address("fanuc://10.0.0.9")) == "10.0.0.9"
+    wrong = (
+        "",
+        "a b",
+        "host:0",
+        "host:70000",
+        "user@host",
+        "../x",
+        "host:21:22",
+        "10.0.0.300",
+        "10.0.0",
+        "[::g]",
+    )
+    for text in wrong:
         with pytest.raises(CellError):
             parse_address(text)

@@ -15,6 +15,7 @@ import httpx
 from cellcal.calibration.message import make_message
 from cellcal.drivers.abb.robot_web_services.dialects import Dialect, FirstDialect, SecondDialect
 from cellcal.drivers.errors import RefusedError, UnreachableError
+from cellcal.drivers.wire.link_errors import bracket_host, find_reason
 
 _LOG = logging.getLogger(__name__)
 _HTTP, _HTTPS = 80, 443
@@ -34,7 +35,7 @@ class ServiceAddress:
     def url(self, scheme: str) -> str:
         """Return the address with its scheme and port."""
         port = self.port or (_HTTPS if scheme == "https" else _HTTP)
-        return f"{scheme}://{self.host}:{port}"
+        return f"{scheme}://{bracket_host(self.host)}:{port}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,6 +45,14 @@ class FoundService:
     dialect: Dialect
     base_url: str
     tls: ssl.SSLContext | bool
+
+
+@dataclass(frozen=True, slots=True)
+class _Answer:
+    """What a server asks for before it lets anybody in; "" and the reason where it is not Robot Web Services."""
+
+    challenge: str = ""
+    reason: str = ""
 
 
 async def find_service(address: ServiceAddress, limit_s: float) -> FoundService:
@@ -57,17 +66,29 @@ async def find_service(address: ServiceAddress, limit_s: float) -> FoundService:
         The controller shows another certificate than the one of the cell file, or the file is none.
     """
     tls = _make_tls_context(address)
-    if await _ask_challenge(address.url("http"), ssl.create_default_context(), limit_s) == "digest":
+    first = await _ask_challenge(address.url("http"), ssl.create_default_context(), limit_s)
+    if first.challenge == "digest":
         return FoundService(FirstDialect(), address.url("http"), tls=True)
-    if await _ask_challenge(address.url("https"), tls, limit_s, address.device) == "basic":
+    second = await _ask_challenge(address.url("https"), tls, limit_s, address.device)
+    if second.challenge == "basic":
         if address.certificate is None:
             _LOG.warning("%s: its certificate is not compared; name it in the cell file", address.device)
         return FoundService(SecondDialect(), address.url("https"), tls)
-    raise UnreachableError(address.device, "no connection to the controller, or it was lost.", remedy=CABLE)
+    raise UnreachableError(
+        address.device,
+        make_message(
+            "no Robot Web Services at {first_url}: {first}; at {second_url}: {second}.",
+            first_url=address.url("http"),
+            first=first.reason,
+            second_url=address.url("https"),
+            second=second.reason,
+        ),
+        remedy=CABLE,
+    )
 
 
-async def _ask_challenge(url: str, tls: ssl.SSLContext, limit_s: float, device: str = "") -> str:
-    """Return the first word of the challenge in lower case; "" where nothing, or something else, answers."""
+async def _ask_challenge(url: str, tls: ssl.SSLContext, limit_s: float, device: str = "") -> _Answer:
+    """Return the first word of the challenge in lower case, or why there is none."""
     accept = SecondDialect.accept if url.startswith("https") else FirstDialect.accept
     try:
         async with httpx.AsyncClient(verify=tls, timeout=limit_s / _ATTEMPTS, trust_env=False) as client:
@@ -79,13 +100,17 @@ async def _ask_challenge(url: str, tls: ssl.SSLContext, limit_s: float, device: 
                 "the controller does not show the certificate of the cell file.",
                 remedy="Check the address; after a change of the certificate save the new one and name it.",
             ) from error
-        return ""
-    except (httpx.HTTPError, httpx.InvalidURL):
-        return ""
-    if response.status_code != httpx.codes.UNAUTHORIZED:
-        return ""
-    challenge = str(response.headers.get("www-authenticate", ""))
-    return challenge.partition(" ")[0].lower()
+        return _Answer(reason=find_reason(error))
+    except httpx.TimeoutException:
+        return _Answer(reason=make_message("no answer within {limit_s:.1f} s", limit_s=limit_s / _ATTEMPTS))
+    except httpx.RemoteProtocolError as error:
+        return _Answer(reason=make_message("what answers is no web server ({error})", error=error))
+    except (httpx.HTTPError, httpx.InvalidURL) as error:
+        return _Answer(reason=find_reason(error))
+    challenge = str(response.headers.get("www-authenticate", "")).partition(" ")[0].lower()
+    refused = response.status_code == httpx.codes.UNAUTHORIZED
+    reason = make_message("a web server answers that is none (status {status})", status=response.status_code)
+    return _Answer(challenge if refused else "", reason)
 
 
 def _make_tls_context(address: ServiceAddress) -> ssl.SSLContext:

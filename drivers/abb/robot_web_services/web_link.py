@@ -12,6 +12,7 @@ import httpx
 
 from cellcal.calibration.documents.errors import DocumentError
 from cellcal.calibration.documents.json_text import parse_json
+from cellcal.calibration.message import make_message
 from cellcal.drivers.abb.robot_web_services.dialects import Dialect
 from cellcal.drivers.abb.robot_web_services.generation import (
     CABLE,
@@ -27,7 +28,7 @@ from cellcal.drivers.errors import (
     WireProtocolError,
 )
 from cellcal.drivers.wire.deadline import answer_deadline, timeout_error
-from cellcal.drivers.wire.link_errors import unreadable_answer_error
+from cellcal.drivers.wire.link_errors import find_reason, unreadable_answer_error
 from cellcal.drivers.wire.trace import FrameTrace
 
 _MOST_OCTETS = 4_000_000
@@ -181,7 +182,7 @@ class WebLink:
         except httpx.HTTPError as error:
             raise UnreachableError(
                 self.device,
-                "no connection to the controller, or it was lost.",
+                make_message("the connection was lost: {reason}.", reason=find_reason(error)),
                 remedy=CABLE,
             ) from error
         self.trace.add_frame("<", f"{response.status_code} {response.text[:500]}")

@@ -7,6 +7,7 @@
 
     CURRENT JOINT POSITION:
     Joint   1:    -35.00
+    EXTAXS: 1:  -1444.07
 
     Frame #:   3  Tool #:   1
     CURRENT USER FRAME POSITION:
@@ -27,12 +28,17 @@ _JOINTS = re.compile(r"\s*CURRENT\s+JOINT\s+POSITION", re.IGNORECASE)
 _OTHER_SECTION = re.compile(r"\s*(?:CURRENT\s+(?!JOINT)|FRAME\s*#|TOOL\s*#)", re.IGNORECASE)
 _JOINT = re.compile(r"\s*(?:JOINT|J)\s*(\d+)\s*[:=]\s*(\S+)", re.IGNORECASE)
 _SELECTED = re.compile(r"\s*FRAME\s*#\s*:\s*(\d+)\s+TOOL\s*#\s*:\s*(\d+)", re.IGNORECASE)
+_EXTENDED = re.compile(r"\s*EXTAXS\s*:(.*)", re.IGNORECASE)
+_EXTENDED_AXIS = re.compile(r"\s*(\d)\s*:\s*(\S+)")
 _ANGLE = re.compile(r"[+-]?(?:\d{1,6}(?:\.\d{0,6})?|\.\d{1,6})\Z")
 
 
 @dataclass(frozen=True, slots=True)
 class GroupPosition:
-    """Where one motion group stands; a joint is None where the controller shows no number."""
+    """Where one motion group stands; a joint is None where the controller shows no number.
+
+    Extended axes follow the joints of the arm; one that slides is in millimetres.
+    """
 
     group: int
     joints_deg: tuple[float | None, ...]
@@ -56,6 +62,7 @@ class PositionReport:
 class _OpenGroup:
     group: int
     joints: dict[int, float | None] = field(default_factory=dict)
+    extended: dict[int, float | None] = field(default_factory=dict)
     frame: int | None = None
     tool: int | None = None
 
@@ -90,21 +97,28 @@ def read_position_report(data: bytes, file: str = "curpos.dg") -> PositionReport
 
 
 def _take_joint(group: _OpenGroup, line: str, file: str, number: int) -> None:
+    extended = _EXTENDED.match(line)
+    for axis, text in _EXTENDED_AXIS.findall(extended[1]) if extended else ():
+        _take_value(group.extended, int(axis), text, file, number)
     found = _JOINT.match(line)
-    if found is None:
-        return
-    axis, text = int(found[1]), found[2]
-    if axis in group.joints:
+    if found is not None:
+        _take_value(group.joints, int(found[1]), found[2], file, number)
+
+
+def _take_value(values: dict[int, float | None], axis: int, text: str, file: str, number: int) -> None:
+    if axis in values:
         raise damaged_report_error(file, f"joint {axis} is there a second time.", number)
     unknown = set(text) == {"*"}
     if not unknown and not _ANGLE.match(text):
         raise damaged_report_error(file, f"{text[:40]!r} is no angle.", number)
-    group.joints[axis] = None if unknown else float(text)
+    values[axis] = None if unknown else float(text)
 
 
 def _close_group(group: _OpenGroup, file: str) -> GroupPosition:
-    if sorted(group.joints) != list(range(1, len(group.joints) + 1)):
-        axes = ", ".join(map(str, sorted(group.joints)))
+    last = max(group.joints, default=0)
+    values = {**group.joints, **{last + axis: value for axis, value in group.extended.items()}}
+    if sorted(values) != list(range(1, len(values) + 1)):
+        axes = ", ".join(map(str, sorted(values)))
         raise damaged_report_error(file, f"joints {axes} are there; one between is missing.")
-    joints = tuple(group.joints[axis] for axis in sorted(group.joints))
+    joints = tuple(values[axis] for axis in sorted(values))
     return GroupPosition(group.group, joints, group.frame, group.tool)

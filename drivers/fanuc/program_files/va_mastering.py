@@ -17,6 +17,7 @@ from cellcal.calibration.errors import CalibrationError
 from cellcal.calibration.mastering.counts import DriveTrain
 from cellcal.calibration.mastering.shown_joints import JointConvention
 from cellcal.calibration.message import make_message
+from cellcal.drivers.fanuc.program_files.va_further_axes import FurtherAxis, read_further_axes
 from cellcal.drivers.fanuc.program_files.va_spots import (
     ValueSpot,
     damaged_file_error,
@@ -106,6 +107,7 @@ class GroupMastering:
     drives: GroupDrives | None  # None without SYMOTN.VA, and for groups of other than turning axes
     findings: tuple[str, ...]  # what does not fit, as sentences; empty where all agrees
     pulse_counts: tuple[int, ...] = ()  # $SPC_COUNT; empty where the file does not hold it
+    further_axes: tuple[FurtherAxis, ...] = ()  # what follows the arm and does not turn; no record has them
 
     @property
     def is_valid(self) -> bool:
@@ -147,7 +149,8 @@ def read_mastering(master: VaFile, motion: VaFile | None) -> dict[int, GroupMast
         mastering = _read_group(data, group, axes or _count_axes(data, group), drive)
         if mastering is not None:
             extra = (why,) if why else ()
-            found[group] = _with_findings(mastering, extra)
+            further = read_further_axes(drives, data, group, axes) if drives is not None and drive else ()
+            found[group] = _with_findings(replace(mastering, further_axes=further), extra)
     return found
 
 
@@ -291,6 +294,12 @@ def _with_findings(group: GroupMastering, extra: tuple[str, ...]) -> GroupMaster
         if state != MASTERED:
             word = _STATES.get(state, f"in a state {state} that is not known")
             findings.append(f"group {group.group}, axis {axis} was {word} ($EACHMST_DON is {state})")
+    findings += [
+        f"group {group.group}, axis {each.axis} was {_STATES.get(each.state, 'in an unknown state')} "
+        f"($EACHMST_DON is {each.state})"
+        for each in group.further_axes
+        if each.state != MASTERED
+    ]
     if not group.reference_done:
         findings.append(f"group {group.group} has no quick-master reference ($REF_DONE is FALSE)")
     elif group.drives is not None and group.stale_axes():

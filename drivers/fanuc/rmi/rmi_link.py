@@ -34,7 +34,10 @@ _CABLE = "Check that the controller is switched on, the network cable plugged in
 _OCCUPIED = (
     "End the other client of the Remote Motion Interface; one that hangs keeps it until it is switched off."
 )
-_REPORT = "Report this with the log of the wire."
+_REPORT = (
+    "Check that address and port are those of this controller's Remote Motion Interface; if they are, report this "
+    "with the log of the wire."
+)
 Packet = Mapping[str, Any]
 
 

@@ -1,9 +1,7 @@
 """What differs between a controller's files and its newest record: a loss, mastering, frames, programs."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Mapping, Sequence
 from datetime import datetime
-from enum import StrEnum
 
 import numpy as np
 
@@ -12,6 +10,8 @@ from cellcal.calibration.message import make_message
 from cellcal.drivers.fanuc.controller_files.controller_files import ControllerFiles
 from cellcal.drivers.fanuc.program_files.va_backup import MASTERING
 from cellcal.drivers.fanuc.program_files.va_mastering import GroupMastering
+from cellcal.service.engineering.controller_files.file_change import ChangeKind, FileChange
+from cellcal.service.engineering.controller_files.other_axes import compare_other_axes
 from cellcal.service.engineering.controller_files.record_checks import (
     ControllerRecordError,
     check_angles,
@@ -30,33 +30,16 @@ from cellcal.service.engineering.controller_files.stored_records import (
 _MOST_NAMES = 8
 
 
-class ChangeKind(StrEnum):
-    """What a change means; the order is that of their gravity."""
-
-    LOSS = "loss"
-    OTHER_ROBOT = "other robot"
-    CONTRADICTION = "contradiction"
-    OLD_BACKUP = "old backup"
-    MASTERING = "mastering"
-    FRAME = "frame"
-    TOOL = "tool"
-    PROGRAM = "program"
-    SOFTWARE = "software"
-    CLOCK = "clock"
-
-
-@dataclass(frozen=True, slots=True)
-class FileChange:
-    """One difference, with its figures."""
-
-    kind: ChangeKind
-    text: str
-
-
 def compare_files(
-    files: ControllerFiles, last: StoredRecord, earlier: Sequence[StoredRecord] = ()
+    files: ControllerFiles,
+    last: StoredRecord,
+    earlier: Sequence[StoredRecord] = (),
+    recorded_groups: Collection[int] = (),
 ) -> tuple[FileChange, ...]:
-    """Return what differs from the newest record; ``earlier`` are older records of the same robot."""
+    """Return what differs from the newest record; ``earlier`` are older records of the same robot.
+
+    Groups in ``recorded_groups`` have records of their own: their axes are compared with those.
+    """
     if files.serial and files.serial != last.record.robot_serial:
         text = f"controller {files.serial} answers, the record is of {last.record.robot_serial}"
         return (FileChange(ChangeKind.OTHER_ROBOT, text),)
@@ -68,6 +51,11 @@ def compare_files(
     found = [
         *_find_losses(files, mastering),
         *_compare_counts(mastering, last, earlier),
+        *compare_other_axes(
+            last.controller.other_axes,
+            now.other_axes,
+            set(recorded_groups) - {last.controller.group},
+        ),
         *_find_contradiction(files, mastering),
         *_compare_frames(ChangeKind.FRAME, last.controller.frames, now.frames),
         *_compare_frames(ChangeKind.TOOL, last.controller.tools, now.tools),

@@ -11,14 +11,12 @@ from cellcal.calibration.errors import CellError
 from cellcal.calibration.message import make_message
 from cellcal.drivers.fanuc.controller_files.controller_address import parse_address
 from cellcal.drivers.fanuc.controller_files.controller_files import ControllerFiles, read_controller_files
-from cellcal.drivers.fanuc.controller_files.file_sources import FileSource, FolderSource
+from cellcal.drivers.fanuc.controller_files.file_sources import FileSource
 from cellcal.drivers.fanuc.controller_files.ftp_source import FtpLogin, FtpSource
 from cellcal.drivers.programs.errors import ProgramFileError
-from cellcal.service.engineering.controller_files.file_changes import (
-    ChangeKind,
-    FileChange,
-    compare_files,
-)
+from cellcal.service.engineering.controller_files.backup_folder import open_backup_folder, refuse_file
+from cellcal.service.engineering.controller_files.file_change import ChangeKind, FileChange
+from cellcal.service.engineering.controller_files.file_changes import compare_files
 from cellcal.service.engineering.controller_files.stored_records import StoredRecord, list_records
 from cellcal.service.exit_codes import ExitCode
 
@@ -78,8 +76,9 @@ _GRAVITY = (ExitCode.OUT_OF_TOLERANCE, ExitCode.UNREACHABLE, ExitCode.REFUSED, E
 def open_source(text: str, login: FtpLogin) -> Iterator[FileSource]:
     """Open a folder that is there, or else the controller at an address."""
     if Path(text).is_dir():
-        yield FolderSource(text)
+        yield open_backup_folder(Path(text))
         return
+    refuse_file(Path(text))
     with FtpSource(parse_address(text), login) as source:
         yield source
 
@@ -142,9 +141,10 @@ def compare_with_records(
         return WatchedController(address, WatchState.NO_RECORD, files.serial)
     changes: list[FileChange] = []
     compared_with = ""
-    for group in sorted({each.controller.group for each in ours}):
+    groups = {each.controller.group for each in ours}
+    for group in sorted(groups):
         *earlier, last = [each for each in ours if each.controller.group == group]
-        changes += compare_files(files, last, earlier)
+        changes += compare_files(files, last, earlier, groups)
         compared_with = max(compared_with, last.day)
     unique = tuple(dict.fromkeys(changes))
     state = WatchState.CHANGED if unique else WatchState.UNCHANGED

@@ -22,6 +22,15 @@ _DIGITS_DEG = 5e-4  # seven printed digits of a scale, over a whole turn
 _SRVO = 11_000
 _POSITION_KINDS = frozenset(("lost", "index", "encoder"))
 _SIX_AXES = 6
+_DISAGREE = (
+    "Nothing was recorded. Let the robot stand still and read again; if it stays so, the mastering data were changed "
+    "without CALIBRATE, or the files are of different times."
+)
+_DISAGREE_WITH_POWER = (  # seen in a public backup of an R-2000iC/210L under power: J2 by -0.086, J3 by +0.112 deg
+    "Nothing was recorded. Switch the drives off at standstill and read again: under power some controllers hold J2 "
+    "and J3 beside the angles that they show. If it stays so, the mastering data were changed without CALIBRATE, or "
+    "the files are of different times."
+)
 _READ_AGAIN = "Let the robot stand still, then read it once more."
 
 
@@ -94,7 +103,10 @@ def choose_mastering(files: ControllerFiles, group: int | None) -> GroupMasterin
     chosen = next(iter(groups), 1) if group is None else group
     if chosen not in groups:
         raise ControllerRecordError(
-            files.device, f"group {chosen} has no axes; there is {listed or 'none'}.", code="usage"
+            files.device,
+            f"group {chosen} has no axes; there is {listed or 'none'}.",
+            remedy="Give the number of a group that has axes with --group.",
+            code="usage",
         )
     return groups[chosen]
 
@@ -211,8 +223,7 @@ def check_angles(
         raise ControllerRecordError(
             files.device,
             f"the angles from the counts are not those that {POSITION} shows: {listed}.",
-            remedy="Nothing was recorded. Let the robot stand still and read again; if it stays so, the mastering "
-            "data were changed without CALIBRATE, or the files are of different times.",
+            remedy=_DISAGREE_WITH_POWER if files.axes and files.axes.servo_ready else _DISAGREE,
         )
     expected = _expected_coupling(files, drives)
     convention = next(
@@ -251,7 +262,7 @@ def _pulses_of_group(
         raise ControllerRecordError(
             files.device,
             f"{AXES} shows {found} axes, which do not fit the motion groups of {MASTERING}.",
-            remedy="Send both files to us: this form of the table is not known.",
+            remedy="Give the files of one backup, whole. Where they are, send both to us: this form is not known.",
         )
     row = rows[list(groups).index(mastering.group)]
     pulses = [pulse for pulse in row if pulse is not None]

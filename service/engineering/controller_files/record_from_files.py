@@ -13,6 +13,7 @@ from cellcal.drivers.fanuc.controller_files.controller_files import (
 from cellcal.drivers.fanuc.program_files.va_backup import FRAMES, MASTERING
 from cellcal.drivers.fanuc.program_files.va_mastering import GroupMastering
 from cellcal.procedures.recovery.record_seal import seal_record
+from cellcal.service.engineering.controller_files.other_axes import find_other_axes, name_axis
 from cellcal.service.engineering.controller_files.record_checks import (
     AngleCheck,
     ControllerRecordError,
@@ -177,4 +178,7 @@ def _list_findings(
     differs = bool(mastering.pulse_counts) and mastering.pulse_counts != pulses
     if differs and files.axes is not None and files.axes.servo_ready is False:
         found.append(f"{MASTERING} holds other counts than {AXES} ($SPC_COUNT), although the drives are off")
+    if other := find_other_axes(files, mastering.group):
+        counts = [f"{name_axis(name)} ({count})" for name, (count, _) in other.items()]
+        found.append(f"not in this record, the watch compares their master counts alone: {', '.join(counts)}")
     return tuple(found)

@@ -17,6 +17,7 @@ from cellcal.drivers.fanuc.controller_files.controller_files import ControllerFi
 from cellcal.drivers.fanuc.program_files.va_positions import CARTESIAN, VaPosition
 from cellcal.drivers.fanuc.program_files.va_spots import parse_real
 from cellcal.procedures.recovery.record_seal import seal_of
+from cellcal.service.engineering.controller_files.other_axes import OtherAxis, find_other_axes
 from cellcal.service.engineering.controller_files.record_from_files import FilesRecord
 from cellcal.service.engineering.parameters.mastering_files import FORMAT, RecordFileError
 from cellcal.service.files import SHARED_FILE, make_private_folder, replace_file
@@ -48,6 +49,9 @@ class ControllerContent(BaseModel):
     frames: dict[str, Numbers] = {}
     tools: dict[str, Numbers] = {}
     programs: dict[str, str] | None = None
+    other_axes: dict[str, OtherAxis] | None = (
+        None  # of no record, by "group.axis"; None: from before they were kept
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,6 +82,7 @@ def controller_content(files: ControllerFiles, group: int) -> ControllerContent:
         frames=_numbers_of(files.variables.frame_positions, group),
         tools=_numbers_of(files.variables.tool_positions, group),
         programs=None if files.programs is None else dict(files.programs),
+        other_axes=find_other_axes(files, group),
     )
 
 

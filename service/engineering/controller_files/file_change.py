@@ -1,0 +1,27 @@
+"""One difference between a controller's files and its newest record."""
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+
+class ChangeKind(StrEnum):
+    """What a change means; the order is that of their gravity."""
+
+    LOSS = "loss"
+    OTHER_ROBOT = "other robot"
+    CONTRADICTION = "contradiction"
+    OLD_BACKUP = "old backup"
+    MASTERING = "mastering"
+    FRAME = "frame"
+    TOOL = "tool"
+    PROGRAM = "program"
+    SOFTWARE = "software"
+    CLOCK = "clock"
+
+
+@dataclass(frozen=True, slots=True)
+class FileChange:
+    """One difference, with its figures."""
+
+    kind: ChangeKind
+    text: str

@@ -1,0 +1,84 @@
+"""A rail, and groups without a record: the watch sees what happens to their mastering."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from cellcal.fake_devices.fanuc_files.cabinet import COUNTS_PER_TURN, FanucCabinet
+from cellcal.fake_devices.fanuc_files.ftp_server import FanucFtpServer
+from cellcal.service.engineering.controller_files.stored_records import list_records
+from cellcal.service.exit_codes import ExitCode
+from tests.wire.fanuc_ftp import address_of, ftp_controllers
+from tests.wire.test_fanuc_record import take_record
+from tests.wire.test_fanuc_watch import watched
+
+RAIL_COUNT = 60_956_492
+UNCHANGED: tuple[int, dict[str, str]] = (ExitCode.PASS, {})
+
+
+@pytest.fixture
+def on_rail() -> Iterator[FanucFtpServer]:
+    with ftp_controllers(FanucCabinet(rail_count_at_zero=RAIL_COUNT)) as servers:
+        yield servers[0]
+
+
+@pytest.fixture
+def with_positioner() -> Iterator[FanucFtpServer]:
+    with ftp_controllers(FanucCabinet(positioner_counts=[70_000])) as servers:
+        yield servers[0]
+
+
+def test_a_robot_on_a_rail_is_recorded_and_the_rail_is_named(
+    on_rail: FanucFtpServer, tmp_path: Path, capsys
+) -> None:
+    assert take_record(address_of(on_rail), tmp_path) == ExitCode.PASS
+    said = " ".join(capsys.readouterr().err.split())
+    assert f"the watch compares their master counts alone: axis 7 of group 1 ({RAIL_COUNT})" in said
+    assert len(list_records(tmp_path)[0].record.counts_at_zero) == 6
+    assert watched(on_rail, tmp_path, capsys) == UNCHANGED
+
+
+def test_a_rail_that_was_mastered_anew_is_told(on_rail: FanucFtpServer, tmp_path: Path, capsys) -> None:
+    take_record(address_of(on_rail), tmp_path)
+    on_rail.cabinet.rail_count_at_zero = RAIL_COUNT - COUNTS_PER_TURN
+    code, changes = watched(on_rail, tmp_path, capsys)
+    assert code == ExitCode.OUT_OF_TOLERANCE
+    assert "axis 7 of group 1" in changes["mastering"]
+    assert "-524288 counts" in changes["mastering"]
+
+
+def test_a_rail_that_lost_its_mastering_is_a_loss(on_rail: FanucFtpServer, tmp_path: Path, capsys) -> None:
+    take_record(address_of(on_rail), tmp_path)
+    on_rail.cabinet.rail_state = 0
+    assert watched(on_rail, tmp_path, capsys)[1] == {"loss": "axis 7 of group 1 is no longer mastered"}
+
+
+def test_a_rail_that_is_not_mastered_is_noted_in_the_record(
+    on_rail: FanucFtpServer, tmp_path: Path, capsys
+) -> None:
+    on_rail.cabinet.rail_state = 0
+    assert take_record(address_of(on_rail), tmp_path) == ExitCode.PASS
+    assert "group 1, axis 7 was lost" in " ".join(capsys.readouterr().err.split())
+    assert watched(on_rail, tmp_path, capsys) == UNCHANGED
+
+
+def test_a_group_without_a_record_is_watched(with_positioner: FanucFtpServer, tmp_path: Path, capsys) -> None:
+    take_record(address_of(with_positioner), tmp_path, "--group", "1")
+    assert watched(with_positioner, tmp_path, capsys) == UNCHANGED
+    with_positioner.cabinet.positioner_counts = [70_001]
+    assert "axis 1 of group 2" in watched(with_positioner, tmp_path, capsys)[1]["mastering"]
+    with_positioner.cabinet.positioner_counts = [70_000]
+    with_positioner.cabinet.positioner_mastered = False
+    assert watched(with_positioner, tmp_path, capsys)[1]["loss"] == "axis 1 of group 2 is no longer mastered"
+
+
+def test_a_group_with_its_own_record_is_named_once(
+    with_positioner: FanucFtpServer, tmp_path: Path, capsys
+) -> None:
+    for group in ("1", "2"):
+        take_record(address_of(with_positioner), tmp_path, "--group", group)
+    with_positioner.cabinet.positioner_counts = [70_001]
+    mastering = watched(with_positioner, tmp_path, capsys)[1]["mastering"]
+    assert "J1 by +1 counts" in mastering
+    assert "group 2" not in mastering
