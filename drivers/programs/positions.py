@@ -23,7 +23,7 @@ UNREAD = "unread"  # numbers of a position that stand in the file and are not ch
 
 @dataclass(frozen=True, slots=True)
 class Positions:
-    """N recorded positions in the order of the file.
+    """N recorded positions in the order of the file; of a URScript in the order of its moves.
 
     ``frame_tip`` is NaN where a position is not Cartesian, ``joints`` where it holds none; a UR waypoint holds both.
     Joints are what the controller shows, in its own coupling [rad, or m for a linear axis].
