@@ -102,7 +102,7 @@ def plain_name(name: str) -> str:
 
 
 def _meaning_of(word: str) -> str:
-    """Return what a word means, with the number that is glued to it: ``giunto1`` is ``joint1``."""
+    """Return what a word means, with the number that is glued to it: "giunto1" is "joint1"."""
     numbered = _WORD_AND_NUMBER.fullmatch(word)
     if word in _WHOLE or numbered is None or numbered[1] not in _WHOLE:
         return _WHOLE.get(word, word)
