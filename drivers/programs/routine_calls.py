@@ -30,6 +30,13 @@ class RoutineCall(NamedTuple):
             return "".join(self.arguments[required.index(name) :][:1])
         return self.options.get(name, "")
 
+    def frame_for(self, parameters: Sequence[RoutineParameter], name: str | None) -> str | None:
+        """Return the tool or frame that a routine's ``name`` stands for; None where that cannot be told."""
+        if name is None or not name.startswith(PARAMETER):
+            return name
+        passed = self.argument_for(parameters, name.removeprefix(PARAMETER))
+        return passed if passed and "{" not in passed else None
+
 
 class RoutineTargets(NamedTuple):
     """What a routine does to places that it gets as parameters."""
@@ -42,10 +49,4 @@ class RoutineTargets(NamedTuple):
         for name, some in self.uses.items():
             passed = call.argument_for(self.parameters, name)
             for tool, frame in some if passed else ():
-                yield passed, self._given(tool, call), self._given(frame, call)
-
-    def _given(self, name: str | None, call: RoutineCall) -> str | None:
-        if name is None or not name.startswith(PARAMETER):
-            return name
-        passed = call.argument_for(self.parameters, name.removeprefix(PARAMETER))
-        return passed if passed and "{" not in passed else None
+                yield passed, call.frame_for(self.parameters, tool), call.frame_for(self.parameters, frame)

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from cellcal.drivers.abb.program_files.instructions import MOVES
 from cellcal.drivers.abb.program_files.literals import NAME, W, decode_name
 from cellcal.drivers.abb.program_files.target_uses import TargetUses
-from cellcal.drivers.programs.routine_calls import PARAMETER, RoutineCall, RoutineParameter, RoutineTargets
+from cellcal.drivers.programs.routine_calls import RoutineCall, RoutineParameter, RoutineTargets
 
 _CODE = re.compile(rf'![^\n]*+|"(?:[^"\n]++|"")*+"?+|Move[LJC] [^;!"(]*+;|{NAME}|;', re.ASCII)
 _ARGUMENT = re.compile(r'![^\n]*+|"(?:[^"\n]++|"")*+"?+|[\[\](){},;\\]|[^\[\](){},;!"\\]++')
@@ -131,11 +131,9 @@ def _frame_passed(
     uses: TargetUses, name: str | None, called: tuple[RoutineCall, Sequence[RoutineParameter]]
 ) -> str | None:
     """Return the tool or work object that a routine uses when it is called so; None where it cannot be told."""
-    if name is None or not name.startswith(PARAMETER):
-        return name
     call, parameters = called
-    passed = call.argument_for(parameters, name.removeprefix(PARAMETER))
-    return uses.name_seen_from(call.scope, passed) if passed and "{" not in passed else None
+    passed = call.frame_for(parameters, name)
+    return passed if passed is None or passed == name else uses.name_seen_from(call.scope, passed)
 
 
 def routine_calls(text: str, routines: Mapping[str, tuple[int, int]]) -> Iterator[RoutineCall]:
