@@ -4,7 +4,7 @@ import re
 from collections.abc import Collection, Iterator, Mapping
 
 from cellcal.drivers.programs.barred import OVERWRITTEN
-from cellcal.drivers.programs.cross_file_uses import MoveFrames, array_name_of
+from cellcal.drivers.programs.file_declarations import MoveFrames, array_name_of
 from cellcal.drivers.programs.shifts import ProgramShift, ShiftAxes
 from cellcal.drivers.programs.spans import ProgramText
 

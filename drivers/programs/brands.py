@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from cellcal.calibration.arm.kinematics import RobotModel
 from cellcal.calibration.geometry import Array
-from cellcal.drivers.programs.cross_file_uses import ExternalUses, FileDeclarations
 from cellcal.drivers.programs.errors import ProgramFileError
+from cellcal.drivers.programs.file_declarations import ExternalUses, FileDeclarations
 from cellcal.drivers.programs.positions import PositionChange, ProgramFile
 
 

@@ -7,7 +7,7 @@ from pathlib import PurePath
 from cellcal.calibration.message import make_message
 from cellcal.drivers.programs.barred import MOVED_FRAMES, SEEN_FROM_FLANGE
 from cellcal.drivers.programs.conditions import ConditionalBar, ProjectNeed
-from cellcal.drivers.programs.cross_file_uses import (
+from cellcal.drivers.programs.file_declarations import (
     COPIED,
     ExternalUses,
     MoveFrames,

@@ -9,7 +9,7 @@ from cellcal.calibration.message import make_message
 from cellcal.drivers.abb.program_files.collected_positions import RapidPositions
 from cellcal.drivers.programs.barred import MOVED_BY_UNIT, SEEN_FROM_FLANGE
 from cellcal.drivers.programs.conditions import ConditionalBar, ProjectNeed
-from cellcal.drivers.programs.cross_file_uses import COPIED, MoveFrames
+from cellcal.drivers.programs.file_declarations import COPIED, MoveFrames
 from cellcal.drivers.programs.positions import CARTESIAN
 from cellcal.drivers.programs.routine_calls import PARAMETER, RoutineCall
 

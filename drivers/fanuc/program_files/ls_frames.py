@@ -13,7 +13,7 @@ from cellcal.drivers.fanuc.program_files.ls_computed import computed_places
 from cellcal.drivers.fanuc.program_files.ls_remarks import statements_of
 from cellcal.drivers.fanuc.program_files.ls_statements import MACRO_ARGUMENTS, MACRO_WORDS, NO_MACRO
 from cellcal.drivers.programs.barred import COMPUTED, LATER, SEVERAL
-from cellcal.drivers.programs.cross_file_uses import ExternalUses, RoutineEffects
+from cellcal.drivers.programs.file_declarations import ExternalUses, RoutineEffects
 from cellcal.drivers.programs.positions import CARTESIAN, Positions
 
 _WORDS = {

@@ -24,7 +24,7 @@ from cellcal.drivers.fanuc.program_files.ls_statements import (
     read_statements,
 )
 from cellcal.drivers.programs.conditions import ConditionalBar, ProjectNeed
-from cellcal.drivers.programs.cross_file_uses import ExternalUses
+from cellcal.drivers.programs.file_declarations import ExternalUses
 from cellcal.drivers.programs.positions import CARTESIAN, JOINTS, Positions
 from cellcal.drivers.programs.shifts import NO_TURN, UNREADABLE, ProgramShift, ShiftAxes
 

@@ -35,8 +35,9 @@ from cellcal.drivers.fanuc.program_files.ls_positions import positions_of
 from cellcal.drivers.fanuc.program_files.ls_records import ListingFile
 from cellcal.drivers.fanuc.program_files.ls_remarks import remarks_of
 from cellcal.drivers.fanuc.program_files.ls_selection import with_selections
-from cellcal.drivers.programs.cross_file_uses import BatchDeclarations, ExternalUses, FileDeclarations
+from cellcal.drivers.programs.cross_file_uses import BatchDeclarations
 from cellcal.drivers.programs.errors import ProgramFileError
+from cellcal.drivers.programs.file_declarations import ExternalUses, FileDeclarations
 from cellcal.drivers.programs.positions import PositionChange, Positions, ProgramFile, ProgramFrames, Remark
 
 _SECTION = re.compile(rb"/(PROG|ATTR|APPL|MN|POS|END)\b[^\n]*+")

@@ -11,7 +11,7 @@ from pathlib import PurePath
 
 from cellcal.drivers.fanuc.program_files.ls_computed import ADDED, ANY_PLACE, ComputedRegisters
 from cellcal.drivers.fanuc.program_files.ls_statements import Statement, macro_of, motion_of, read_statements
-from cellcal.drivers.programs.cross_file_uses import ExternalUses
+from cellcal.drivers.programs.file_declarations import ExternalUses
 from cellcal.drivers.programs.shifts import NO_TURN, ProgramShift, Quaternion, ShiftAxes
 
 _FILLED = re.compile(rb"PR\[ *+(?:GP *+1 *+: *+)?+(\d{1,5}+) *+\] *+=")

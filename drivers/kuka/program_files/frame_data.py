@@ -9,7 +9,7 @@ from typing import Protocol
 from cellcal.drivers.kuka.program_files.patterns import B
 from cellcal.drivers.kuka.program_files.point_uses import EXTERNAL_TOOL, data_of
 from cellcal.drivers.programs.barred import COMPUTED
-from cellcal.drivers.programs.cross_file_uses import ExternalUses, MoveFrames
+from cellcal.drivers.programs.file_declarations import ExternalUses, MoveFrames
 
 _TOOL_OF = re.compile(rf"\$TOOL{B}*+={B}*+STOOL2?{B}*+\({B}*+(\w++)", re.ASCII | re.IGNORECASE)
 _BASE_OF = re.compile(rf"\$BASE{B}*+={B}*+SBASE{B}*+\({B}*+(\w++)", re.ASCII | re.IGNORECASE)

@@ -5,7 +5,7 @@ from collections.abc import Iterable
 
 from cellcal.calibration.message import make_message
 from cellcal.drivers.kuka.program_files.collected_positions import KrlPositions
-from cellcal.drivers.programs.cross_file_uses import Imports
+from cellcal.drivers.programs.file_declarations import Imports
 
 _IMPORT = re.compile(
     r"^[ \t]*+IMPORT[ \t]++(?:E6POS|POS|E6AXIS|AXIS|FRAME)[ \t]++(?P<own>[A-Za-z_]\w*+)(?:[ \t]*+\[[^\[\]\n]*+\])?+"

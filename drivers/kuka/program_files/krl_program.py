@@ -36,7 +36,7 @@ from cellcal.drivers.kuka.program_files.literals import KrlLiteral
 from cellcal.drivers.kuka.program_files.point_uses import PointUses
 from cellcal.drivers.kuka.program_files.usual import TAUGHT_MOVE
 from cellcal.drivers.programs.barred import OVERWRITTEN
-from cellcal.drivers.programs.cross_file_uses import COPIED
+from cellcal.drivers.programs.file_declarations import COPIED
 from cellcal.drivers.programs.spans import ProgramText
 
 

@@ -17,7 +17,7 @@ from cellcal.drivers.kuka.program_files.frame_uses import (
 )
 from cellcal.drivers.programs.barred import TURNED_BASE
 from cellcal.drivers.programs.conditions import ConditionalBar, ProjectNeed
-from cellcal.drivers.programs.cross_file_uses import COPIED, MoveFrames, RoutineEffects, array_name_of
+from cellcal.drivers.programs.file_declarations import COPIED, MoveFrames, RoutineEffects, array_name_of
 from cellcal.drivers.programs.positions import CARTESIAN, ProgramFrames
 
 FRAME_DATA = "FDAT "  # before the name of a point's frame data, which stands in the data list

@@ -23,9 +23,9 @@ from cellcal.drivers.programs.absent_places import absent_places
 from cellcal.drivers.programs.barred import COMPUTED
 from cellcal.drivers.programs.brands import ProgramBrand
 from cellcal.drivers.programs.columns import gets_only_a_pose, part_of
-from cellcal.drivers.programs.cross_file_uses import ExternalUses, FileDeclarations
 from cellcal.drivers.programs.declared_poses import Poses, with_declared
 from cellcal.drivers.programs.errors import ProgramFileError
+from cellcal.drivers.programs.file_declarations import ExternalUses, FileDeclarations
 from cellcal.drivers.programs.positions import (
     CARTESIAN,
     PositionChange,

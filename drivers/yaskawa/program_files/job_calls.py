@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from pathlib import PurePath
 
 from cellcal.calibration.message import make_message
-from cellcal.drivers.programs.cross_file_uses import FileDeclarations
+from cellcal.drivers.programs.file_declarations import FileDeclarations
 
 _JOB = re.compile(r"^//NAME[ \t]+(\S+).*?^//INST(.*?)(?=^/JOB|\Z)", re.MULTILINE | re.DOTALL)
 _CALLED = re.compile(r"\bJOB:[ \t]*(\S+)")

@@ -7,8 +7,8 @@ import numpy as np
 
 from cellcal.calibration.geometry import Array, Pose
 from cellcal.calibration.message import make_message
-from cellcal.drivers.programs.cross_file_uses import ExternalUses, FileDeclarations
 from cellcal.drivers.programs.errors import ProgramFileError
+from cellcal.drivers.programs.file_declarations import ExternalUses, FileDeclarations
 from cellcal.drivers.programs.positions import (
     CARTESIAN,
     JOINTS,

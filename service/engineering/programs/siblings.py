@@ -6,7 +6,8 @@ from typing import cast
 from cellcal.calibration.errors import CellError
 from cellcal.drivers.program_registry import SUFFIXES, brand_named, brand_of, read_programs
 from cellcal.drivers.programs.brands import DeclaringProgram
-from cellcal.drivers.programs.cross_file_uses import BatchDeclarations, FileDeclarations
+from cellcal.drivers.programs.cross_file_uses import BatchDeclarations
+from cellcal.drivers.programs.file_declarations import FileDeclarations
 from cellcal.drivers.programs.positions import ProgramFile
 from cellcal.service.engineering.programs.files import ProgramSource, read_bytes
 from cellcal.service.engineering.programs.worker_processes import is_worthwhile, run_in_processes

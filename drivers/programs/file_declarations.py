@@ -1,0 +1,115 @@
+"""What a file of a robot's programs declares and does that counts for the other files of its batch."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import NamedTuple, Protocol, TypeAlias
+
+from cellcal.drivers.programs.declared_poses import Poses
+from cellcal.drivers.programs.routine_calls import RoutineCall, RoutineTargets
+
+# By its name here: the module that declares a position, and its name there.
+Imports: TypeAlias = Mapping[str, tuple[str, str]]
+COPIED = "the program copies it, and only the copy is moved to"
+
+
+class MoveFrames(NamedTuple):
+    """How a move goes to a position: its tool and frame, None where its file does not say."""
+
+    tool: str | None
+    frame: str | None
+    why: str = ""  # why they cannot be determined; "" where they can
+    routine: str = ""  # whose callers and called routines may set others
+
+
+@dataclass(frozen=True, slots=True)
+class RoutineEffects:
+    """What a routine that other files may call sets, and what it calls."""
+
+    tools: frozenset[str] = frozenset()
+    frames: frozenset[str] = frozenset()
+    calls: frozenset[str] = frozenset()
+    shown: bool = True  # other files may call it
+    resets: bool = False  # it sets tool and frame to what the controller begins with
+    computes: frozenset[str] = frozenset()  # global places that it computes, as the brand names them
+    beside: frozenset[str] = frozenset()  # routines of its calls that go on while it and its callers run
+
+
+@dataclass(frozen=True, slots=True)
+class FileDeclarations:
+    """What one file says that counts for others; all names in the language's one case."""
+
+    module: str
+    declares: Mapping[str, bool] = field(default_factory=dict)  # names, and whether other modules see them
+    uses: Mapping[str, frozenset[MoveFrames]] = field(default_factory=dict)  # of names declared elsewhere
+    routines: Mapping[str, RoutineEffects] = field(default_factory=dict)
+    doubtful: Mapping[str, str] = field(
+        default_factory=dict
+    )  # tools and frames no point may be carried in, and why
+    public: bool = False  # all that is declared here is seen everywhere
+    tools: Poses = field(default_factory=dict)  # declared here for all
+    bases: Poses = field(default_factory=dict)
+    imports: Imports = field(default_factory=dict)  # for all files of its module
+    routine_targets: Mapping[str, RoutineTargets] = field(default_factory=dict)  # routines that get places
+    calls: tuple[RoutineCall, ...] = ()  # of routines that other files declare
+    flat: bool = False  # a call means a program of this folder, and one that is not there may set anything
+
+
+class FindOpenReason(Protocol):
+    """Of a file's routine: why its callers or called routines leave its tool or frame open, or ""."""
+
+    def __call__(self, file: str, name: str, /, *, tool: bool = True, frame: bool = True) -> str:
+        """Return the reason, of the tool or frame only where the other is not asked for."""
+        ...
+
+
+class FindDeclarations(Protocol):
+    """Where the declaration stands that a name means in a file."""
+
+    def __call__(self, file: str, name: str, /) -> tuple[Sequence[str], str]:
+        """Return the files that declare it, and its name there; no file where none of the batch does."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class ExternalUses:
+    """What the files of a batch declare and do that counts for one of them."""
+
+    uses: Mapping[str, Sequence[tuple[MoveFrames, str]]]  # by declared name; the file that uses it
+    doubtful: Mapping[str, str]
+    reached: FindOpenReason
+    find_declarations: FindDeclarations
+    file: str
+    visible: frozenset[str]  # names that programs not given may use, too
+    tools: Poses  # what files declare for all; the nearest one's for each name
+    bases: Poses
+    absent: Mapping[str, frozenset[MoveFrames]] = field(default_factory=dict)  # gone to, and declared by none
+    computed: Mapping[str, str] = field(
+        default_factory=dict
+    )  # global places, and the file that computes them
+    given: frozenset[str] = frozenset()  # names of the routines beside it, its own among them
+    open_calls: Mapping[str, str] = field(
+        default_factory=dict
+    )  # routines beside it that reach one that was not given, and which
+    running: Mapping[str, str] = field(
+        default_factory=dict
+    )  # routines not given that other files start to run beside all others, and the file
+
+    def doubt_reason(self, tool: str | None, frame: str | None) -> str:
+        """Return why nothing is carried in a tool or frame, or ""."""
+        return self.doubtful.get(lower_name(tool), "") or self.doubtful.get(lower_name(frame), "")
+
+    def uses_of_name(self, name: str) -> Sequence[tuple[MoveFrames, str]]:
+        """Return the uses of a declared name, those of its whole array with those of an element."""
+        bare = array_name_of(name)
+        some = self.uses.get(name, ())
+        return some if bare == name else [*some, *self.uses.get(bare, ())]
+
+
+def lower_name(name: str | None) -> str:
+    """Return a tool's or a frame's name in small letters; "" for none."""
+    return "" if name is None else name.lower()
+
+
+def array_name_of(name: str) -> str:
+    """Return an array's name for an element of it."""
+    return name.partition("[")[0].partition("{")[0]
