@@ -19,7 +19,7 @@ from tests.wire.driver_cases import (
     open_retrying,
     until_open,
 )
-from tests.wire.fake_devices_process import run_fakes
+from tests.wire.fake_devices_process import FakesProcess, run_fakes, start_fakes
 
 pytest.register_assert_rewrite(
     "tests.wire.contract_robot",
@@ -31,9 +31,16 @@ pytest.register_assert_rewrite(
 
 
 @pytest.fixture(scope="session")
-def fake_process(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Path, FakeCellClient]]:
-    with run_fakes(tmp_path_factory.mktemp("cell")) as cell:
-        yield cell
+def shared_fakes(tmp_path_factory: pytest.TempPathFactory) -> Iterator[FakesProcess]:
+    with start_fakes(tmp_path_factory.mktemp("cell")) as fakes:
+        yield fakes
+
+
+@pytest.fixture
+def fake_process(shared_fakes: FakesProcess) -> Iterator[tuple[Path, FakeCellClient]]:
+    """The shared devices, whose process runs during a test only."""
+    with shared_fakes.stop_outside():
+        yield shared_fakes.cell_file, shared_fakes.fake_client
 
 
 @pytest.fixture
