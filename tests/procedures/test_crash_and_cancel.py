@@ -39,14 +39,15 @@ FURTHER: dict[str, Callable[[], Awaitable[ProcedureScene]]] = {
 } | {"fixture_alignment by all lengths but one": alignment_with_outlier}
 CASES = [*NAMES, *FURTHER]
 ASKED = os.environ.get("CELLCAL_CRASHES", "")
-CRASHES = int(ASKED or 12)  # of a procedure's writes, evenly spread; `make soak` takes all of them
-FEW = int(ASKED or 3)  # of further scenes of a procedure, and of moves
+CRASHES = int(ASKED or 5)  # of a procedure's writes, evenly spread; `make soak ARGS=matrix` takes all of them
+FEW = int(ASKED or 2)  # of further scenes of a procedure, and of moves
 LONG = {  # of procedures that take long: an arm that waits at each contact, and many lengths to judge
-    "probed_frame": int(ASKED or 5),
-    "mastering_record": int(ASKED or 4),
-    "mastering_recovery": int(ASKED or 3),
-    "position_record": int(ASKED or 3),
-    "position_cure": int(ASKED or 3),
+    "probed_frame": int(ASKED or 2),
+    "robot_calibration": int(ASKED or 3),
+    "mastering_record": int(ASKED or 2),
+    "mastering_recovery": int(ASKED or 2),
+    "position_record": int(ASKED or 2),
+    "position_cure": int(ASKED or 1),
 }
 
 
@@ -77,13 +78,18 @@ async def _find_undisturbed(case: str) -> tuple[object, MemoryLedger, ProcedureS
 
 
 def _spread_places(case: str, count: int, *, between: bool = False) -> list[int]:
-    """Return places evenly spread over so many; ``between``: those half-way between these, and the last."""
+    """Return places evenly spread over so many; ``between``: others, half-way between these, and the last."""
     most = FEW if case in FURTHER else LONG.get(case, CRASHES)
     places = _even_places(count, most)
-    return sorted({*((a + b) // 2 for a, b in pairwise(places)), *places[-1:]}) if between else places
+    if not between:
+        return places
+    return sorted({*((a + b) // 2 for a, b in pairwise([0, *places])), *(places[-1:] if most > 1 else [])})
 
 
 def _even_places(count: int, most: int) -> list[int]:
+    """Return the first, the last and those between; of two the middle and the last, of one the middle."""
+    if most < 3:
+        return sorted({count // 2, *([count - 1] if most == 2 else [])}) if count else []
     return sorted({round(k * (count - 1) / (most - 1)) for k in range(most)}) if count else []
 
 
