@@ -43,9 +43,8 @@ def test_lost_turns_are_restored_exactly() -> None:  # further seeds: make soak 
     assert demo_report["tcp_error_after_m"]["max"] < 1e-9
 
 
-def test_lost_turns_of_another_makers_arm_are_restored_exactly() -> (
-    None
-):  # more: make soak ARGS="demo_robots"
+@pytest.mark.soak  # more: make soak ARGS="demo_robots"
+def test_lost_turns_of_another_makers_arm_are_restored_exactly() -> None:
     code, told = run_demo("turns", 1, "--robot", "staubli_tx2_90l")
     assert (code, told["verdict"]) == (0, "PASS")
     assert any(abs(joint["turns_lost"]) > 5 for joint in told["joints"])
@@ -64,6 +63,7 @@ def test_an_exchanged_motor_is_distinguished_and_stays_inside_its_uncertainty() 
     assert demo_report["tcp_error_after_m"]["max"] < 2e-3
 
 
+@pytest.mark.soak
 def test_every_reference_lost_is_mastered_by_measurement() -> None:
     code, demo_report = run_demo("all", 31)
     assert (code, demo_report["verdict"]) == (0, "PASS")
@@ -81,7 +81,7 @@ def test_a_bent_arm_is_refused_and_nothing_is_written() -> None:
     assert all(joint["turns_restored"] == 0 for joint in demo_report["joints"])
 
 
-@pytest.mark.parametrize("loss", ["memory", "backup"])
+@pytest.mark.parametrize("loss", ["memory", pytest.param("backup", marks=pytest.mark.soak)])
 def test_mastering_data_that_are_wrong_without_a_lost_encoder_are_put_right(loss: str) -> None:
     code, demo_report = run_demo(loss, 5)
     assert (code, demo_report["verdict"]) == (0, "PASS")
@@ -92,6 +92,7 @@ def test_mastering_data_that_are_wrong_without_a_lost_encoder_are_put_right(loss
     assert sum(demo_report["clock_parts_s"].values()) == pytest.approx(demo_report["clock_s"], rel=0.05)
 
 
+@pytest.mark.soak
 def test_another_arm_under_the_same_cabinet_gets_no_mastering() -> None:
     code, demo_report = run_demo("swap", 5)
     assert (code, demo_report["verdict"]) == (4, "REFUSED")

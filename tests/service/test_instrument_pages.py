@@ -11,7 +11,7 @@ from playwright.async_api import expect
 
 from cellcal.service.web.app import create_app
 from cellcal.service.web.context import ServiceSettings
-from tests.service.browser_pages import LOCALES, ROOT, go_to_page, hold_to_rules, wait_for_value
+from tests.service.browser_pages import ROOT, go_to_page, hold_to_rules, locales_for, wait_for_value
 from tests.service.instrument_cell import full_cell
 from tests.service.test_pages import PageViewer, view_service
 from tests.service.test_view3d import feed_question
@@ -64,7 +64,7 @@ async def test_the_panel_warns_of_no_value_that_an_instrument_does_not_tell(page
         await expect(page.get_by_test_id("panel-tracker")).to_contain_text("No reflector in the beam")
 
 
-@pytest.mark.parametrize("locale", LOCALES)
+@pytest.mark.parametrize("locale", locales_for("a typed gauge"))
 async def test_what_a_person_types_when_asked_is_never_too_old(page_viewer: PageViewer, locale: str) -> None:
     texts = json.loads((ROOT / f"web/src/locales/{locale}.json").read_text(encoding="utf-8"))
     typed = {"live": False, "typed": True, "state": "ready", "age_s": 900.0, "value": None, "settle": None}
@@ -80,7 +80,7 @@ async def test_what_a_person_types_when_asked_is_never_too_old(page_viewer: Page
         await expect(page.get_by_test_id("panel-gauge").locator(".old")).to_have_count(0)
 
 
-@pytest.mark.parametrize("locale", LOCALES)
+@pytest.mark.parametrize("locale", locales_for("instruments"))
 async def test_the_panel_is_held_to_the_rules_in_every_language(page_viewer: PageViewer, locale: str) -> None:
     async with page_viewer.open_page("#/devices", locale=locale, size=(800, 1280)) as page:
         await expect(page.get_by_test_id("age-tracker")).to_have_attribute("data-silent", "false")

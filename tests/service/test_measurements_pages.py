@@ -10,7 +10,7 @@ from playwright.async_api import FilePayload, Page, expect
 
 from cellcal.service.demo.fake_cell import write_cell_file
 from cellcal.service.engineering.parameters.parameter_sets import ParameterSets
-from tests.service.browser_pages import LOCALES, hold_to_rules, wait_for_language
+from tests.service.browser_pages import hold_to_rules, hold_to_rules_in_languages, wait_for_language
 from tests.service.service_client import ServiceClock
 from tests.service.service_with_tablets import (
     ServiceWithTablets,
@@ -50,13 +50,6 @@ async def _drop_file(page: Page, name: str, content: bytes) -> None:
     await page.evaluate(DROP, [place, name, base64.b64encode(content).decode()])
 
 
-async def _hold_to_rules_in_every_language(page: Page, where: str) -> None:
-    for locale in (*LOCALES[1:], LOCALES[0]):
-        await page.get_by_test_id("language").select_option(locale)
-        await wait_for_language(page, locale)
-        await hold_to_rules(page, f"{where} in {locale}")
-
-
 async def test_an_engineer_drops_a_file_reads_what_it_says_and_saves_it(
     tablet_service: ServiceWithTablets, points_file: Path
 ) -> None:
@@ -64,10 +57,10 @@ async def test_an_engineer_drops_a_file_reads_what_it_says_and_saves_it(
         await page.evaluate("location.hash = '#/programs'")
         await page.get_by_test_id("to-measurements").click()
         await expect(page.get_by_test_id("drop")).to_be_visible()
-        await _hold_to_rules_in_every_language(page, "the empty page")
+        await hold_to_rules_in_languages(page, "the empty page")
         await _drop_file(page, points_file.name, bytes_of(points_file))
         await _is_read(page)
-        await _hold_to_rules_in_every_language(page, "the result")
+        await hold_to_rules_in_languages(page, "the result")
         result = await page.evaluate("location.hash")
         await _is_saved(page, tablet_service)
     async with tablet_service.signed_in_tablet("Vera", size=(390, 844)) as page:
@@ -166,7 +159,7 @@ async def test_an_engineer_computes_again_with_a_level_and_a_check_file(
         await _open_drawer(page, "otherwise", "columns")
         await expect(page.get_by_test_id("column-q2")).to_have_value("joints 2")
         await expect(page.get_by_test_id("column-x")).to_have_value("position 1")
-        await _hold_to_rules_in_every_language(page, "for the engineer")
+        await hold_to_rules_in_languages(page, "for the engineer")
         await page.get_by_test_id("level").select_option("1")
         check = "\n".join([head, *rows[:20]]).encode()
         await page.get_by_test_id("check-file").set_input_files(_in_memory("check.csv", check))
@@ -214,7 +207,7 @@ async def test_readings_of_several_devices_are_shown_side_by_side(tablet_service
         await expect(series).to_have_count(2)
         await expect(series.nth(1)).to_contain_text("wire")
         await _open_drawer(page, "parameters", "reasons")
-        await _hold_to_rules_in_every_language(page, "several devices")
+        await hold_to_rules_in_languages(page, "several devices")
         await page.get_by_test_id("language").select_option("de")
         await wait_for_language(page, "de")
         await expect(page.locator("main [lang=en]")).to_have_count(0)

@@ -13,7 +13,7 @@ from playwright.async_api import Page, expect
 
 from cellcal.calibration.message import make_message
 from cellcal.service.demo.fake_cell import write_cell_file
-from tests.service.browser_pages import LOCALES, go_to_page, hold_to_rules, wait_for_language
+from tests.service.browser_pages import go_to_page, hold_to_rules, locales_for, wait_for_language
 from tests.service.service_client import ServiceClock
 from tests.service.service_with_tablets import ServiceWithTablets, open_service_with_tablets
 from tests.service.test_people_pages import OneQuestionProcess
@@ -97,7 +97,7 @@ async def test_another_robots_stop_and_loss_are_on_every_page_and_the_watch_is_n
     process_double: TwoRobotsProcess = tablet_service.app.state.context.link
     async with tablet_service.signed_in_tablet("Tom") as page:
         process_double.ask_question("saved_counts")
-        for locale in LOCALES:
+        for locale in locales_for("a stop"):
             await _change_language(page, locale)
             await go_to_page(page, "#/devices")
             process_double.tell_live()
@@ -109,7 +109,7 @@ async def test_another_robots_stop_and_loss_are_on_every_page_and_the_watch_is_n
             await hold_to_rules(page, locale)
         await page.get_by_test_id("loss").get_by_role("button").click()
         await tablet_service.wait_until(lambda _: process_double.selected == "fanuc")
-        for locale in LOCALES:
+        for locale in locales_for("a loss"):
             await _change_language(page, locale)
             await go_to_page(page, "#/history")
             await expect(page.get_by_test_id("alone")).to_be_visible()

@@ -32,6 +32,7 @@ from tests.service.browser_pages import (
     at_rest,
     go_to_page,
     hold_to_rules,
+    locales_for,
     open_chromium,
     serve_app,
     wait_for_language,
@@ -241,7 +242,7 @@ async def test_a_run_from_its_start_to_its_place_in_the_history(page_viewer: Pag
                     page.get_by_test_id(button).bounding_box,
                     lambda box, height=size[1]: box is not None and box["y"] + box["height"] <= height,
                 )
-    for locale in LOCALES:
+    for locale in locales_for("the run"):
         async with page_viewer.open_page(locale=locale) as page:
             await wait_for_language(page, locale)
             await hold_to_rules(page, f"the run in {locale}")
@@ -325,7 +326,7 @@ async def test_the_catalogue_is_compressed_for_clients_that_accept_it(page_viewe
     assert packed.json() == plain.json()
 
 
-@pytest.mark.parametrize("locale", LOCALES)
+@pytest.mark.parametrize("locale", locales_for("a drift check due"))
 async def test_the_first_page_says_when_a_drift_check_is_due_and_that_it_was(
     page_viewer: PageViewer, locale: str
 ) -> None:

@@ -14,7 +14,12 @@ from playwright.async_api import Page, expect
 
 from cellcal.service.demo.fake_cell import write_cell_file
 from tests.example_projects import FOLDER
-from tests.service.browser_pages import LOCALES, hold_to_rules, wait_for_language
+from tests.service.browser_pages import (
+    hold_to_rules,
+    hold_to_rules_in_languages,
+    locales_for,
+    wait_for_language,
+)
 from tests.service.service_client import ServiceClock
 from tests.service.service_with_tablets import ServiceWithTablets, open_service_with_tablets, sign_in
 
@@ -74,7 +79,7 @@ async def test_an_engineer_moves_programs_looks_and_takes_them_away(
         await _is_reported(page)
         await _is_taken(page, sources[0])
         assert [path.read_bytes() for path in tablet_files] == sources
-        for locale in LOCALES:
+        for locale in sorted({*locales_for("the preview"), "de"}):
             await page.get_by_test_id("language").select_option(locale)
             await wait_for_language(page, locale)
             await hold_to_rules(page, f"the preview in {locale}")
@@ -114,11 +119,7 @@ async def _ask_for_a_move(page: Page, files: list[Path]) -> None:
     await page.get_by_test_id("offset-x").press("Tab")
     await page.get_by_test_id("frame").fill("2")
     await expect(page.get_by_test_id("make")).to_be_enabled()
-    for locale in LOCALES:
-        await page.get_by_test_id("language").select_option(locale)
-        await wait_for_language(page, locale)
-        await hold_to_rules(page, f"the question in {locale}")
-    await page.get_by_test_id("language").select_option("en")
+    await hold_to_rules_in_languages(page, "the question")
     await page.get_by_test_id("cell").select_option("here:fanuc")
     await page.locator("summary").click()
     await page.get_by_test_id("add-tool").click()

@@ -14,11 +14,11 @@ from playwright.async_api import Locator, Page, expect
 
 from cellcal.service.engineering.parameters.parameter_sets import FOLDER, ParameterSets
 from tests.service.browser_pages import (
-    LOCALES,
     at_rest,
     go_to_page,
     hold_to_rules,
     layout_faults,
+    locales_for,
     wait_for_language,
     wait_for_value,
 )
@@ -158,7 +158,7 @@ async def test_a_frames_point_is_left_out_by_a_tap_and_put_back_in_the_table(rev
         await expect(table).to_have_text(signed, use_inner_text=True)
 
 
-@pytest.mark.parametrize("locale", LOCALES)
+@pytest.mark.parametrize("locale", locales_for("a point that cannot be spared"))
 async def test_a_point_that_cannot_be_spared_is_refused_in_the_pages_language(
     review_view: Seen, locale: str
 ) -> None:
@@ -370,7 +370,7 @@ async def open_unfolded(page: Page, place: str) -> None:
     await page.evaluate("document.querySelectorAll('details').forEach(each => { each.open = true; })")
 
 
-@pytest.mark.parametrize("locale", LOCALES)
+@pytest.mark.parametrize("locale", locales_for("pages that judge"))
 async def test_pages_that_judge_are_for_everybody(review_view: Seen, locale: str) -> None:
     viewer, past = review_view
     async with viewer.open_page(locale=locale) as page:

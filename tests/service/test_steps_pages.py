@@ -14,7 +14,7 @@ import pytest
 import pytest_asyncio
 from playwright.async_api import Page, expect
 
-from tests.service.browser_pages import hold_to_rules_in_every_language, wait_for_value
+from tests.service.browser_pages import hold_to_rules_in_languages, wait_for_value
 from tests.service.step_page_actions import (
     TIP_IN_FLANGE_M,
     FakePendant,
@@ -70,7 +70,7 @@ async def _save_screenshots(page: Page, folder: Path, name: str) -> None:
         await page.set_viewport_size({"width": width, "height": height})
         await page.screenshot(path=folder / f"{name}_{width}.png")
     await page.set_viewport_size({"width": 1280, "height": 800})
-    await hold_to_rules_in_every_language(page, name)
+    await hold_to_rules_in_languages(page, name)
     if name in STEPS:
         await _tells_one_thing(page)
 
@@ -363,7 +363,7 @@ async def test_a_photo_is_taken_with_the_camera_or_the_page_says_what_else_to_do
         await opens.click()
         await expect(hint).to_have_count(0)
         await expect(page.get_by_test_id("shoot")).to_be_enabled()
-        await hold_to_rules_in_every_language(page, "camera")
+        await hold_to_rules_in_languages(page, "camera")
         await page.get_by_test_id("shoot").click()
         picture = page.get_by_test_id("photo").locator("img")
         await expect(picture).to_have_count(1)

@@ -16,7 +16,7 @@ from tests.service.browser_pages import (
     THEMES,
     at_rest,
     go_to_page,
-    hold_to_rules_in_every_language,
+    hold_to_rules_in_languages,
     wait_for_value,
 )
 from tests.service.cell_with_history import PastRuns
@@ -83,7 +83,7 @@ async def test_a_change_of_the_system_is_followed_and_a_choice_of_the_tablet_is_
         await expect(page.locator("html")).to_have_attribute("data-theme", "dark")
         await go_to_page(page, "#/tablet")
         await expect(page.get_by_test_id("theme-system")).to_have_attribute("aria-pressed", "true")
-        await hold_to_rules_in_every_language(page, "the choice")
+        await hold_to_rules_in_languages(page, "the choice")
         await page.get_by_test_id("theme-bright").click()
         await expect(page.locator("html")).to_have_attribute("data-theme", "bright")
         await page.reload()

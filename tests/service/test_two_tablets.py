@@ -13,7 +13,7 @@ import pytest
 import pytest_asyncio
 from playwright.async_api import expect
 
-from tests.service.browser_pages import go_to_page, hold_to_rules_in_every_language, wait_for_value
+from tests.service.browser_pages import go_to_page, hold_to_rules_in_languages, wait_for_value
 from tests.service.tablets_at_cell import (
     TabletsAtCell,
     expect_enabled,
@@ -73,7 +73,7 @@ async def test_one_orders_the_other_sees_and_takes_over(tablets: TabletsAtCell) 
     await tina.get_by_test_id("take-over").click()
     await expect(tom.get_by_test_id("asked-for")).to_contain_text("Tina")
     for page in (tom, tina):
-        await hold_to_rules_in_every_language(page, "a request to take over")
+        await hold_to_rules_in_languages(page, "a request to take over")
     await tom.get_by_test_id("refuse").click()
     await tina.get_by_test_id("take-over").click()  # refused, she may ask again
     await tina.get_by_test_id("withdraw").click()

@@ -18,7 +18,7 @@ from cellcal.service.configuration.cell_file import CellConfig, read_cell_file
 from cellcal.service.record.journal import Journal
 from cellcal.service.record.journal_files import open_journal
 from cellcal.service.record.mastering_backups import mastering_backups
-from tests.service.browser_pages import hold_to_rules, hold_to_rules_in_every_language, wait_for_value
+from tests.service.browser_pages import hold_to_rules, hold_to_rules_in_languages, wait_for_value
 from tests.service.step_page_actions import FakePendant, at_the_pages, let_go_early, wait_for_question
 
 pytestmark = [pytest.mark.asyncio(loop_scope="module"), pytest.mark.xdist_group("undo_pages")]
@@ -113,7 +113,7 @@ async def test_a_written_mastering_is_undone_and_redone_to_the_last_byte(
         await expect(page.get_by_test_id("displacement")).to_have_text(re.compile(r"[1-9]\d*\.\d\d mm"))
         await expect(page.get_by_test_id("levers").locator("li")).to_have_count(6)
         await page.screenshot(path=tmp_path / "undo_1280.png")
-        await hold_to_rules_in_every_language(page, "undo")
+        await hold_to_rules_in_languages(page, "undo")
         assert await on_the_robot(pendant) == original
         await let_go_early(page)
         assert await on_the_robot(pendant) == original  # one second is not two

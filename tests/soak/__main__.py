@@ -45,6 +45,7 @@ from tests.soak import (
     tcp_cell,
     two_tablets,
     ur_fence,
+    whole_tests,
 )
 from tests.soak.campaign_figures import CampaignFigures
 
@@ -108,6 +109,8 @@ CAMPAIGNS: dict[str, tuple[Callable[[int], CampaignFigures], int]] = {
     "day": (day.day, 1),
     "programs_mutated": (programs.programs_mutated, 100_000),
     "programs_speed": (program_speed.programs_speed, 1_000_000),
+    "long_tests": (whole_tests.long_tests, 1),
+    "languages": (whole_tests.languages, 1),
 }
 
 
