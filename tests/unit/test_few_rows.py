@@ -13,13 +13,13 @@ from cellcal.calibration.identification.selection import IdentificationOptions
 from tests.soak.few_rows import EFFECTS, draw_world, identify_few, share_inside
 
 
-@pytest.mark.parametrize("rows", [8, 60])
+@pytest.mark.parametrize("rows", [8, pytest.param(60, marks=pytest.mark.soak)])
 def test_two_stated_deviations_hold_with_few_rows(rows):
     shares = [identify_few(effect, rows, seed).inside for effect in EFFECTS for seed in range(2)]
     assert 0.9 < np.nanmean(shares) < 0.99
 
 
-@pytest.mark.parametrize("rows", [60, 100])
+@pytest.mark.parametrize("rows", [60, pytest.param(100, marks=pytest.mark.soak)])
 def test_deviations_hold_where_ripple_is_larger_than_usual(rows):
     assert np.mean([identify_few("ripple", rows, seed).inside for seed in range(2)]) > 0.9
 

@@ -1,6 +1,7 @@
 """A slice of the campaigns of `make soak`: recoveries as the procedure walks them; nothing wrong is accepted."""
 
 import numpy as np
+import pytest
 
 from cellcal.calibration.wires.model import WirePoses
 from cellcal.calibration.wires.reference import WirePredictor
@@ -18,13 +19,21 @@ def test_a_small_box_is_refused():
     assert losses.poor(4).reached
 
 
-def test_a_new_motor_near_a_whole_turn_is_distinguished_or_lies_in_the_stated_blind_zone():
-    for seed, part in ((1, 0.12), (2, -0.1), (3, 0.3), (4, 0.06)):
-        loss, at = loss_of(seed, fractions=np.eye(6)[seed % 6] * part)
-        done = recover_walking(loss, at)
-        assert not done.is_wrong()
-        if done.recovery.mode == "turns" and done.recovery.accepted:
-            assert done.recovery.blind_turns[seed % 6] > abs(part)
+@pytest.mark.parametrize(
+    ("seed", "part"),
+    [
+        (1, 0.12),
+        pytest.param(2, -0.1, marks=pytest.mark.soak),
+        pytest.param(3, 0.3, marks=pytest.mark.soak),
+        (4, 0.06),
+    ],
+)
+def test_a_new_motor_near_a_whole_turn_is_distinguished_or_lies_in_the_stated_blind_zone(seed, part):
+    loss, at = loss_of(seed, fractions=np.eye(6)[seed % 6] * part)
+    done = recover_walking(loss, at)
+    assert not done.is_wrong()
+    if done.recovery.mode == "turns" and done.recovery.accepted:
+        assert done.recovery.blind_turns[seed % 6] > abs(part)
 
 
 def test_whole_turns_say_what_would_look_like_them():
