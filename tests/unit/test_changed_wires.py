@@ -7,11 +7,11 @@ from tests.soak.changed_wires import CHANGES, is_wrong, recover_changed
 from tests.unit.helpers.recovery_cases import MODEL, lose_turns, record_poses
 
 
+@pytest.mark.parametrize("seed", [3, pytest.param(5, marks=pytest.mark.soak)])
 @pytest.mark.parametrize("change", list(CHANGES))
-def test_nothing_false_is_accepted_after_a_change_of_the_wire(change: str) -> None:
-    for seed in (3, 5):
-        done = recover_changed(change, seed)
-        assert not is_wrong(done), done.recovery.reason
+def test_nothing_false_is_accepted_after_a_change_of_the_wire(change: str, seed: int) -> None:
+    done = recover_changed(change, seed)
+    assert not is_wrong(done), done.recovery.reason
 
 
 def test_an_anchor_that_moved_around_j1_is_not_a_new_motor() -> None:
