@@ -87,3 +87,51 @@ def test_joints_of_a_pose_over_several_lines_are_no_finding(tmp_path: Path) -> N
     moved = move_script(tmp_path, TOOL, HOME, *lines)
     assert moved.code == ExitCode.PASS
     assert not moved.list_findings()
+
+
+HINTS = "[0.2, -1.57, 1.57, -1.57, -1.57, 0]"  # near the joints at PICK, and not these
+FAR = "[1.8, -1.57, 1.57, -1.57, -1.57, 0]"
+
+
+@pytest.mark.parametrize("joints", ["keep", "move"])
+@pytest.mark.parametrize(
+    "lines",
+    [
+        (f"movej(get_inverse_kin({PICK}, qnear={HINTS}))",),
+        (f"pick = {PICK}", f"near = {HINTS}", "movej(get_inverse_kin(pick, qnear=near))", "movel(pick)"),
+        (f"near = {HINTS}", f"pick = {PICK}", "movej(get_inverse_kin(pick, qnear=near), a=1.4)"),
+    ],
+    ids=["written", "by name", "joints first"],
+)
+def test_joints_that_choose_the_posture_of_one_pose_are_written_with_it(
+    tmp_path: Path, lines: tuple[str, ...], joints: str
+) -> None:
+    moved = move_script(tmp_path, TOOL, *lines, offset="15,-12,8,0,0,60", joints=joints)
+    assert moved.code == ExitCode.PASS
+    assert list(statuses_of(moved).values()) == ["changed"]
+    again = move_script(tmp_path / "again", *moved.lines[1:-2], offset="0,0,0,0,0,0.001")
+    assert again.code == ExitCode.PASS  # the joints written are those of the pose written
+    assert HINTS not in "".join(moved.lines)
+
+
+def test_joints_too_far_from_their_pose_leave_it(tmp_path: Path) -> None:
+    moved = move_script(tmp_path, TOOL, f"movej(get_inverse_kin({PICK}, qnear={FAR}))")
+    assert moved.code == ExitCode.REFUSED
+    assert "within 45 deg" in moved.report["points"][0]["reason"]
+    assert moved.lines == moved.before
+
+
+def test_joints_that_choose_the_posture_of_several_places_never_stay_silently(tmp_path: Path) -> None:
+    lines = (f"near = {HINTS}", f"pick = {PICK}", f"place = {PLACE}", TOOL, HOME)
+    moves = [f"movej(get_inverse_kin({name}, qnear=near))" for name in ("pick", "place")]
+    moved = move_script(tmp_path, *lines, *moves)
+    assert moved.code == ExitCode.REFUSED
+    assert statuses_of(moved)["near"] == "left"
+    assert move_script(tmp_path / "all", *lines, *moves, joints="move").code == ExitCode.PASS
+
+
+def test_a_recorded_pair_that_contradicts_is_still_left(tmp_path: Path) -> None:
+    pair = (f"W_1_p={PICK}", f"W_1_q={HINTS}", "movej(get_inverse_kin(W_1_p, qnear=W_1_q))")
+    moved = move_script(tmp_path, TOOL, HOME, *pair, f"movel({PLACE})")
+    assert moved.code == ExitCode.REFUSED
+    assert statuses_of(moved)["W_1"] == "left"

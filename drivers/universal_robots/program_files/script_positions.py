@@ -8,6 +8,7 @@ a place of its own, the pose is a step from there, and is reported.
 
 import re
 from bisect import bisect_right
+from collections import Counter
 from collections.abc import Iterable, Iterator
 from typing import NamedTuple
 
@@ -26,6 +27,9 @@ CONFLICTS = "the program goes to it in different frames"
 _SHOWN = 6
 _LONGEST_NAME, _LONGEST_LIST = 60, 100_000
 _FUNCTION = re.compile(r"^[ \t]*+def[ \t]++(\w++)", re.ASCII | re.MULTILINE)
+_NEAR_PAIR = re.compile(
+    r"\bget_inverse_kin[ \t]*\(\s*([A-Za-z_]\w*)\s*,\s*qnear\s*=\s*([A-Za-z_]\w*)\s*\)", re.ASCII
+)
 _CALLED = re.compile(r"(\w+)[ \t]*\Z", re.ASCII)
 _OPENED = re.compile(r"\(\s*p\[\Z", re.ASCII)
 _NAME_BEHIND = re.compile(r"\]\s*,\s*[A-Za-z_]", re.ASCII)
@@ -51,6 +55,7 @@ class ScriptPlace(NamedTuple):
     frame: str
     used: tuple[int, ...]  # offsets of the moves to it
     unread: str = ""  # why it is not changed; "" where it may be
+    is_hint: bool = False  # its joints may only choose the posture: qnear of get_inverse_kin
 
     @property
     def start_offset(self) -> int:
@@ -81,6 +86,7 @@ class PositionFinder:
             if (offsets := [at for at, role, _ in uses if role in ("target", "in_frame")])
         }
         roles = [(name, role) for name, uses in found.uses.items() for _, role, _ in uses]
+        self.hint_of = self._find_hints(text)
         self.near = {name for name, role in roles if role == "near"}
         self.tool_names = {name for name, role in roles if role == "tool"}
         frames = {name for name, role in roles if role == "frame"} - self.near - self.reached.keys()
@@ -93,6 +99,22 @@ class PositionFinder:
         self.unused_poses: list[ScriptLiteral] = []  # poses that no move goes to
         self.steps: list[ScriptLiteral] = []  # poses that are a step from a place
 
+    def _find_hints(self, text: str) -> dict[str, ScriptLiteral]:
+        """Return the joints that choose the posture of a named pose, where they do so for this pose only."""
+        pairs = set(_NEAR_PAIR.findall(text))
+        poses, hints = Counter(pose for pose, _ in pairs), Counter(near for _, near in pairs)
+        found = {}
+        for pose, near in pairs:
+            known = self._is_constant(pose) and self._is_constant(near)
+            if not known or poses[pose] + hints[near] > 2 or near in self.reached:
+                continue
+            if pose[-2:] == "_p" and near == f"{pose[:-2]}_q":  # PolyScope's pair: taught together
+                continue
+            literal = self.literals_by_name[near][0]
+            if self.literals_by_name[pose][0].is_pose and not literal.is_pose and pose in self.reached:
+                found[pose] = literal
+        return found
+
     def line_of(self, offset: int) -> int:
         """Return the line of an offset, from 1."""
         return int(np.searchsorted(self.lines, offset)) + 1
@@ -100,7 +122,8 @@ class PositionFinder:
     def list_places(self) -> list[ScriptPlace]:
         """Return the recorded positions in the order in which the text goes to them."""
         found: list[ScriptPlace] = []
-        literals = self.found.literals
+        hints = {literal.start for literal in self.hint_of.values()}
+        literals = [literal for literal in self.found.literals if literal.start not in hints]
         i = 0
         while i < len(literals):
             first = literals[i]
@@ -306,9 +329,14 @@ class PositionFinder:
 
     def _pair_place(self, pose: ScriptLiteral, joints: ScriptLiteral) -> ScriptPlace:
         if not pose.name:
-            return ScriptPlace(f"line {self.line_of(pose.start)}", pose, joints, BASE, (pose.start,))
+            name = f"line {self.line_of(pose.start)}"
+            return ScriptPlace(name, pose, joints, BASE, (pose.start,), is_hint=True)
         used = (*self.reached.get(pose.name, ()), *self.reached.get(joints.name, ()))
         return ScriptPlace(pose.name[:-2], pose, joints, BASE, used)
+
+    def _near_offsets(self, name: str) -> list[int]:
+        """Return where joints of this name choose a posture."""
+        return [at for at, role, _ in self.found.uses.get(name, ()) if role == "near"]
 
     def _single_place(self, literal: ScriptLiteral) -> ScriptPlace | None:
         pose, joints = (literal, None) if literal.is_pose else (None, literal)
@@ -336,11 +364,13 @@ class PositionFinder:
         if name in self.frame_names or name in self.tool_names:
             return None
         frames = {where for _, role, where in self.found.uses.get(name, ()) if role == "in_frame"}
-        used = tuple(self.reached.get(name, ()))
+        used = tuple(self.reached.get(name) or self._near_offsets(name))
         if len(frames) == 1 and literal.is_pose and frames <= self.frame_names:
             return ScriptPlace(name, literal, None, next(iter(frames)), used)
         if not frames and (name in self.reached or name in self.near):
-            return ScriptPlace(name, pose, joints, BASE, used)
+            hint = self.hint_of.get(name) if pose else None
+            chooses = hint is not None or (joints is not None and name not in self.reached)
+            return ScriptPlace(name, pose, joints or hint, BASE, used, is_hint=chooses)
         if literal.is_pose:
             self.unused_poses.append(literal)
         return None

@@ -225,6 +225,7 @@ def _position_columns(
         "configurations": ("",) * count,
         "resolution_m": steps,
         "resolution_rad": steps,
+        "posture_hints": frozenset(row for row, place in enumerate(places) if place.is_hint),
         "barred": {
             row: why for row, place in enumerate(places) if (why := _barred_reason(place, finder, tools))
         },

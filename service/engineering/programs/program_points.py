@@ -37,6 +37,7 @@ class ProgramPoints:
     stays: NDArray[np.bool_]  # (N,) not meant to change
     reasons: list[str]  # (N,) why a point is left, "" while nothing speaks against it
     held: NDArray[np.bool_]  # (N,) of a tool in the cell, seen from the work in the gripper
+    hinted: NDArray[np.bool_]  # (N,) whose joints may only choose the posture of a pose
     axis_values: Array  # (N, A) of the cell's external axes
     axes_of: tuple[PointAxes, ...]  # by program
     solved: Array  # (N, n) joints that were computed for points that state none, while they are
@@ -151,6 +152,7 @@ def points_of(programs: Sequence[ProgramFile], cell: Project) -> ProgramPoints:
         stays=side_by_side([each.stays for each in found], np.zeros(0, dtype=bool)),
         reasons=reasons,
         held=side_by_side([held_rows(p) for p in all_of], np.zeros(0, dtype=bool)),
+        hinted=np.array([row in p.posture_hints for p in all_of for row in range(len(p))], dtype=bool),
         axis_values=side_by_side([each.point_axes.values for each in found], np.zeros((0, len(cell.axes)))),
         axes_of=tuple(each.point_axes for each in found),
         solved=np.full((sum(count), axes), np.nan),

@@ -48,6 +48,7 @@ from cellcal.service.engineering.programs.other_arm_checks import (
 )
 from cellcal.service.engineering.programs.point_checks import TransferChecks
 from cellcal.service.engineering.programs.point_outcomes import PointOutcomes, results_of
+from cellcal.service.engineering.programs.posture_hints import CONTRADICTS_M, HINT_STAYS, joints_by_hints
 from cellcal.service.engineering.programs.postures import PostureSearch, applied_rule, posture_search
 from cellcal.service.engineering.programs.program_points import (
     PointGroup,
@@ -62,7 +63,6 @@ from cellcal.service.engineering.programs.transfer_route import FramePair, Trans
 from cellcal.service.engineering.programs.turned_shifts import find_turned_shifts
 
 _BLOCK = 32768  # the few points that need many steps take them together
-_CONTRADICTS_M = 5e-4  # between the joints and the pose of one position
 
 
 def _row_blocks(rows: Rows) -> Iterator[Rows]:
@@ -167,7 +167,10 @@ class ProgramTransfer:
             if taken is not True:
                 goes &= ~some
             if taken is False:
-                points.stays[group.rows[some]] = True
+                poses_go = self._route.covers_frame(frame, bare_joints=False) is True
+                hints = some & points.hinted[group.rows] & joints & poses_go
+                points.refuse_points(group.rows[hints], HINT_STAYS)
+                points.stays[group.rows[some & ~hints]] = True
             elif isinstance(taken, str):
                 points.refuse_points(group.rows[some], taken)
         return group.rows[goes]
@@ -235,8 +238,12 @@ class ProgramTransfer:
             return joints
         flange = inverse_transform(frame_pair.source_tool.entered)
         taught = np.isfinite(joints[posed]).all(axis=1)
+        controller = TipArm(self._route.source.controller)
         for some in _row_blocks(posed[taught]):
             poses = rows_of_poses(source_frame, some) @ points.tips_of(rows[some]) @ flange
+            joints[some] = joints_by_hints(
+                points, rows[some], (joints[some], poses), controller, self._postures
+            )
             self._refuse_contradictions(points, rows[some], joints[some], poses)
         before: Array | None = None
         for part in _row_blocks(posed[~taught]):
@@ -261,7 +268,7 @@ class ProgramTransfer:
         if not len(rows):
             return
         apart, _ = same_place(tip_poses(TipArm(self._route.source.controller), joints), base_flange)
-        wrong = apart > _CONTRADICTS_M
+        wrong = apart > CONTRADICTS_M
         distances_m = dict(zip(rows.tolist(), apart.tolist(), strict=True))
         points.unusable[rows[wrong]] = True
         points.refuse_points(
@@ -324,7 +331,7 @@ class ProgramTransfer:
         source = TipArm(self._route.source.controller, frame_pair.source_tool.entered)
         nominal = replace(way, source=source, target=way.written)
         found = transfer_other_arm(nominal, joints, self._other)
-        return np.where(found.left_m < _CONTRADICTS_M, found.left_rad, 0.0)  # beyond its reach: that is said
+        return np.where(found.left_m < CONTRADICTS_M, found.left_rad, 0.0)  # beyond its reach: that is said
 
     def _store_block(
         self,
