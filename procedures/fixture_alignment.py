@@ -48,7 +48,7 @@ from cellcal.procedures.survey.alignment_result import (
 from cellcal.procedures.survey.shared_fixture import (
     NOTHING_KNOWN,
     KnownWire,
-    base_outlook,
+    predict_base,
     read_known_wire,
     wire_points,
 )
@@ -229,7 +229,7 @@ def place_fixture(
     covariance = network.exit_covariance(spots)
     reached = goal_uncertainties(survey.plan.goal, covariance, spec.rules.point_sigma_m)
     fixed = fixed_plan_captures(survey, network.disturbance_factor, reached)
-    base = None if spec.bases is None else base_outlook(alignment, known_wire)
+    base = None if spec.bases is None else predict_base(alignment, known_wire)
     return AlignmentResult(alignment, placed, network, sum(map(len, captures)), fixed, spec.limits, base)
 
 

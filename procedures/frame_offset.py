@@ -16,7 +16,7 @@ from cellcal.calibration.errors import CalibrationError
 from cellcal.calibration.geometry import Pose
 from cellcal.calibration.message import make_message
 from cellcal.calibration.points.fixture import Triple
-from cellcal.calibration.points.offset_design import offset_outlook
+from cellcal.calibration.points.offset_design import predict_offset
 from cellcal.drivers.interfaces import Instruction
 from cellcal.procedures.canonical_json import sha256_of
 from cellcal.procedures.forecast import ANSWER_S, PERSON_S, Forecast, Knowledge, Prediction
@@ -46,8 +46,8 @@ from cellcal.procedures.teaching.moved_frame import (
     find_offset,
     further_touches,
     points_in_frame,
+    predict_touches,
     saving_text,
-    touch_outlook,
 )
 from cellcal.procedures.verdict import ProcedureVerdict, known_within, state_fact, state_figure
 from cellcal.procedures.write_review import (
@@ -301,12 +301,12 @@ def _forecast_run(spec: FrameOffset, knowledge: Knowledge) -> Forecast:
     del knowledge
     framed = bool(spec.points_in_frame_m) or spec.old_frame is not None
     points = points_in_frame(spec, spec.old_frame or Pose((0.0, 0.0, 0.0)))
-    planned = touch_outlook(spec, points)
+    planned = predict_touches(spec, points)
     touches = spec.named_count + len(further_touches(spec, points))
     expected = (
         planned
         if planned.reached
-        else offset_outlook(points, [1] * len(points), spec.offset_goal, spec.named_count)
+        else predict_offset(points, [1] * len(points), spec.offset_goal, spec.named_count)
     )
     origin_mm, angle_deg = spec.origin_u_m * 1e3, math.degrees(spec.angle_u_rad)
     words = make_message(

@@ -39,14 +39,14 @@ from cellcal.procedures.teaching.corner_plan import FacePlan, plan_spots
 from cellcal.procedures.teaching.corner_touches import (
     CheckTouch,
     CornerGoal,
-    CornerOutlook,
+    CornerPrediction,
     CornerSetup,
     FeltPoint,
     compare_checks,
     construct_corner,
-    corner_outlook,
     fewest_touches,
-    outlook_of,
+    predict_corner,
+    predict_felt_corner,
     read_probe_bench,
     touch_checks,
     touch_corner,
@@ -123,7 +123,7 @@ class ProbedSetup:
     goal: CornerGoal
     touch_sigma_m: float  # of one touch, along its normal
     points: tuple[FeltPoint, ...]
-    outlook: CornerOutlook  # after the last of them
+    outlook: CornerPrediction  # after the last of them
     checks: tuple[CheckTouch, ...]
 
 
@@ -151,7 +151,7 @@ async def probed_frame(run: Run, spec: ProbedFrame) -> ProbedSetup:
         goal=corner.goal,
         touch_sigma_m=touch_sigma(felt),
         points=tuple(map(FeltPoint.from_touch, felt)),
-        outlook=outlook_of(corner, felt),
+        outlook=predict_felt_corner(corner, felt),
         checks=await run.solve("compare the check touches", compare_checks, bench, rules, found, checks),
     )
     verdict = _judge_result(spec, setup)
@@ -306,7 +306,7 @@ def _saving_text(setup: ProbedSetup, most: int) -> str:
 
 def _expected_counts(spec: ProbedFrame, tip_sigma_m: float = 0.0) -> dict[FaceName, int]:
     """Return how many touches of each face are expected; out of reach, none is asked for beyond those that fix it."""
-    outlook = corner_outlook(
+    outlook = predict_corner(
         spec.touching, spec.corner_goal(tip_sigma_m), ARM_SIGMA_M, fewest_touches(ARM_SIGMA_M)
     )
     again = outlook.again if outlook.reached else ()
@@ -325,7 +325,7 @@ def _forecast_run(spec: ProbedFrame, knowledge: Knowledge) -> Forecast:
     counts = _expected_counts(spec, tools.probe_tip_sigma_m)
     touches, made = sum(counts.values()), {face: (sigma_m,) * counts[face] for face in FACES}
     each = CornerGoal(math.inf, math.inf, goal.arm_sigma_m, goal.tip_sigma_m)
-    after = corner_outlook(replace(rules, max_touches=touches), each, sigma_m, made)
+    after = predict_corner(replace(rules, max_touches=touches), each, sigma_m, made)
     origin = {name: limit.origin_m for name, limit in FRAME.items()}
     turn = {name: limit.angle_rad for name, limit in FRAME.items()}
     return Forecast(

@@ -13,10 +13,10 @@ from cellcal.calibration.geometry import Pose
 from cellcal.calibration.message import make_message
 from cellcal.calibration.points.frame_design import (
     FrameGoal,
-    FrameOutlook,
     FramePoint,
+    FramePrediction,
     FrameRole,
-    frame_outlook,
+    predict_frame,
 )
 from cellcal.calibration.points.frames import TaughtFrame, is_pointing_down
 from cellcal.drivers.interfaces import Instruction
@@ -179,7 +179,7 @@ def _result_instruction(
 
 
 def _outline_phases(spec: ThreePointFrame) -> tuple[Phase, ...]:
-    named, expected = named_touches(spec.frame_rules), _expected_outlook(spec)
+    named, expected = named_touches(spec.frame_rules), _predict_expected(spec)
     again = [named[k][1] for k in expected.again] if expected.reached else []
     further: dict[FrameRole, int] = {"origin": 0, "on_x": spec.more_on_x, "in_plane": spec.more_in_plane}
     return (
@@ -241,24 +241,26 @@ def _judge_result(spec: ThreePointFrame, found: FrameSetup) -> ProcedureVerdict:
     )
 
 
-def _expected_outlook(spec: ThreePointFrame, sharper: float = 1.0, most: int | None = None) -> FrameOutlook:
+def _predict_expected(
+    spec: ThreePointFrame, sharper: float = 1.0, most: int | None = None
+) -> FramePrediction:
     """Return what a triangle of usual size would take beyond the touches that are made in any case."""
     points = [FramePoint(role, _ASSUMED[role]) for _, role, _ in named_touches(spec.frame_rules)]
     goal = spec.frame_rules.goal
     goal = FrameGoal(goal.sigma_m, goal.origin_u_m / sharper, goal.angle_u_rad / sharper)
-    return frame_outlook(Pose((0.0, 0.0, 0.0)), points, goal, most or spec.frame_rules.most)
+    return predict_frame(Pose((0.0, 0.0, 0.0)), points, goal, most or spec.frame_rules.most)
 
 
 def _forecast_run(spec: ThreePointFrame, knowledge: Knowledge) -> Forecast:
     del knowledge
     expected, best, most = (
-        _expected_outlook(spec),
-        _expected_outlook(spec, sharper=1e3),
+        _predict_expected(spec),
+        _predict_expected(spec, sharper=1e3),
         spec.frame_rules.most,
     )
     named = len(named_touches(spec.frame_rules))
     after = (
-        expected if expected.reached else _expected_outlook(spec, most=named)
+        expected if expected.reached else _predict_expected(spec, most=named)
     )  # out of reach: none is asked for
     touches = named + len(after.again)
     count = touches + spec.check_above

@@ -40,7 +40,7 @@ class KitPlan:
 
 
 @dataclass(frozen=True, slots=True)
-class KitOutlook:
+class KitPrediction:
     """What a recovery by a kit would reach.
 
     ``sigma_turns`` (n,) is of the motors [turns]; ``offset_u_rad`` (n,) of the joints' zeros, k = 2 [rad], were they
@@ -64,7 +64,7 @@ class KitOutlook:
 
 def predict_kit_recovery(
     model: RobotModel, kit: RecoveryKit, robot: tuple[DriveTrain, tuple[int, ...]]
-) -> KitOutlook:
+) -> KitPrediction:
     """Foretell a recovery that fits the best places of a kit and checks at the others.
 
     Raises
@@ -78,7 +78,7 @@ def predict_kit_recovery(
     u_rad = 2.0 * np.sqrt(np.diag(per_turn @ covariance @ per_turn.T))
     checks = [c for c in kit.places if c.kind != "nest" and c.place not in fitted]
     kinds = {place.place: place.kind for place in kit.places}
-    return KitOutlook(
+    return KitPrediction(
         success_probability(covariance),
         tuple(float(v) for v in np.sqrt(np.diag(covariance))),
         tuple(float(v) for v in u_rad),

@@ -44,7 +44,7 @@ class FrameGoal:
 
 
 @dataclass(frozen=True, slots=True)
-class FrameOutlook:
+class FramePrediction:
     """What to touch again, in order, until the goal is met; and what will be known then."""
 
     again: tuple[int, ...]  # indices of points; may hold one several times
@@ -53,7 +53,9 @@ class FrameOutlook:
     angle_u_rad: float
 
 
-def frame_outlook(base_frame: Pose, points: Sequence[FramePoint], goal: FrameGoal, most: int) -> FrameOutlook:
+def predict_frame(
+    base_frame: Pose, points: Sequence[FramePoint], goal: FrameGoal, most: int
+) -> FramePrediction:
     """Return which points to touch again so that the goal is met with few touches, and one is to spare.
 
     Parameters
@@ -84,7 +86,7 @@ def frame_outlook(base_frame: Pose, points: Sequence[FramePoint], goal: FrameGoa
         information = information + each[spare]
         shares = _goal_shares(information, goal)
         again.append(spare)
-    return FrameOutlook(
+    return FramePrediction(
         again=tuple(again),
         reached=bool(shares.max() <= 1.0),
         origin_u_m=float(shares[:3].max()) * goal.origin_u_m,

@@ -12,7 +12,7 @@ import numpy as np
 
 from cellcal.calibration.geometry import Array, Pose
 from cellcal.calibration.points.fixture import placing_covariance, worst_expanded_u
-from cellcal.calibration.points.frame_design import FrameOutlook
+from cellcal.calibration.points.frame_design import FramePrediction
 from cellcal.calibration.points.most_informative import most_informative_touch
 
 Triple = tuple[float, float, float]
@@ -37,9 +37,9 @@ def point_covariance(touches: Sequence[int], sigma_m: float, given_sigma_m: floa
     return covariance
 
 
-def offset_outlook(
+def predict_offset(
     points_in_frame_m: Sequence[Triple], touches: Sequence[int], goal: OffsetGoal, most: int
-) -> FrameOutlook:
+) -> FramePrediction:
     """Return which points to touch again so that the goal is met with few touches.
 
     Parameters
@@ -67,7 +67,7 @@ def offset_outlook(
         best = most_informative_touch(after)
         counts, shares = _add_touch(counts, best), after[best]
         again.append(best)
-    return FrameOutlook(
+    return FramePrediction(
         again=tuple(again),
         reached=bool(shares.max() <= 1.0),
         origin_u_m=float(shares[0]) * goal.origin_u_m,

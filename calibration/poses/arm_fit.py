@@ -25,11 +25,11 @@ from cellcal.calibration.identification.selection import fit_level
 from cellcal.calibration.poses.calibrated_arm import FoundParameter
 from cellcal.calibration.poses.measurement_poses import (
     DesignInstrument,
-    MeasurementOutlook,
+    MeasurementPrediction,
     TestPoses,
-    outlook_after,
-    outlook_on,
     predict_accuracy,
+    predict_after_fit,
+    predict_from_poses,
     with_targets,
 )
 from cellcal.calibration.registration import best_fit_transform
@@ -113,7 +113,7 @@ def fit_arm(task: ArmTask, observations: Observations, *, level: int | None = No
     robust = fit_level(
         model, observations, _initial_places(task, model, observations), level_task.level, task.priors
     )
-    covariance = outlook_from(level_task, robust).parameter_covariance()
+    covariance = predict_from_fit(level_task, robust).parameter_covariance()
     return replace(robust, fit=replace(robust.fit, covariance=covariance))
 
 
@@ -125,9 +125,9 @@ def reading_sigma(task: ArmTask, robust: RobustFit) -> float:
     return task.sigma_m * max(1.0, float(np.sqrt(mixed)))
 
 
-def outlook_of(task: ArmTask, joints_rad: Array) -> MeasurementOutlook:
+def predict_task(task: ArmTask, joints_rad: Array) -> MeasurementPrediction:
     """Return what is known before any fit, once these joints are measured."""
-    nominal = outlook_on(
+    nominal = predict_from_poses(
         task.nominal_model(),
         task.instrument(),
         tool_in_flange_m=task.target_in_flange_m,
@@ -139,22 +139,26 @@ def outlook_of(task: ArmTask, joints_rad: Array) -> MeasurementOutlook:
     return nominal.with_measured(joints) if len(joints) else nominal
 
 
-def outlook_from(task: ArmTask, robust: RobustFit) -> MeasurementOutlook:
+def predict_from_fit(task: ArmTask, robust: RobustFit) -> MeasurementPrediction:
     """Return what is known after a fit; further readings are expected to be as good as those before."""
     expected = replace(task, sigma_m=reading_sigma(task, robust))
     observations = robust.problem.observations
     observe = expected.instrument().make_observations
-    starting = replace(outlook_of(task, observations.joints_rad[:0]), state=robust.fit.state, observe=observe)
+    starting = replace(
+        predict_task(task, observations.joints_rad[:0]), state=robust.fit.state, observe=observe
+    )
     kept_rows = np.delete(np.arange(len(observations)), robust.rejected)
     return with_readings(starting, observations.joints_rad[kept_rows], observations.mounting[kept_rows])
 
 
-def with_readings(outlook: MeasurementOutlook, joints_rad: Array, targets: Rows) -> MeasurementOutlook:
-    """Return the outlook once readings of several targets (N,) at these joints (N, n) are taken, too."""
-    updated = outlook
+def with_readings(
+    prediction: MeasurementPrediction, joints_rad: Array, targets: Rows
+) -> MeasurementPrediction:
+    """Return the prediction once readings of several targets (N,) at these joints (N, n) are taken, too."""
+    updated = prediction
     for target in np.unique(targets):
         updated = updated.of_target(int(target)).with_measured(joints_rad[targets == target])
-        updated = replace(updated, observe=outlook.observe)
+        updated = replace(updated, observe=prediction.observe)
     return updated
 
 
@@ -164,35 +168,35 @@ def further_target_points(state: ArmState) -> tuple[Triple, ...]:
     return tuple((float(x), float(y), float(z)) for x, y, z in places)
 
 
-def point_covariance(outlook: MeasurementOutlook) -> Array:
+def point_covariance(prediction: MeasurementPrediction) -> Array:
     r"""Return the covariance (3 k, 3 k) [m^2] of the further targets in the flange, as the controller has the flange.
 
     What stands behind the last axis and where that axis has its zero cannot be told from where the targets are: no
     reading is of the flange itself. The controller's last link and zero are what a tool frame is written on top of;
     so they are held, and what they are wrong by is in the tool.
     """
-    layout, last = outlook.layout, outlook.state.nominal.axis_count - 1
-    roles = ("offset",) if outlook.state.nominal.dh is None else ("offset", "geometry")
+    layout, last = prediction.layout, prediction.state.nominal.axis_count - 1
+    roles = ("offset",) if prediction.state.nominal.dh is None else ("offset", "geometry")
     fixed_parameters = [i for i, p in enumerate(layout.parameters) if p.joint == last and p.role in roles]
     free = np.delete(np.arange(len(layout)), fixed_parameters)
-    covariance = np.linalg.inv(outlook.information[np.ix_(free, free)])
-    rows = point_rows(outlook)
+    covariance = np.linalg.inv(prediction.information[np.ix_(free, free)])
+    rows = point_rows(prediction)
     at = np.searchsorted(free, rows)
-    scales = outlook.scales[rows]
+    scales = prediction.scales[rows]
     found: Array = covariance[np.ix_(at, at)] * np.outer(scales, scales)
     return found
 
 
-def point_rows(outlook: MeasurementOutlook) -> Rows:
+def point_rows(prediction: MeasurementPrediction) -> Rows:
     """Return which parameters are the places of the further targets (3 k,)."""
-    layout = outlook.layout
+    layout = prediction.layout
     places = [np.arange(len(layout))[layout.target_slice(k)] for k in range(1, 1 + layout.further)]
     return np.concatenate(places) if places else np.zeros(0, dtype=np.intp)
 
 
-def target_expanded_u(outlook: MeasurementOutlook, tests: TestPoses) -> tuple[float, float]:
+def target_expanded_u(prediction: MeasurementPrediction, tests: TestPoses) -> tuple[float, float]:
     """Return U (k = 2) of the target's place over the test postures: RMS and largest [m]."""
-    found = predict_accuracy(outlook, tests)
+    found = predict_accuracy(prediction, tests)
     return 2.0 * found.tip_rms_m, 2.0 * found.tip_max_m
 
 
@@ -204,9 +208,9 @@ def errors_at(state: ArmState, observations: Observations) -> Array:
 
 def predicted_sigma(fit: ArmFit, task: ArmTask, joints_rad: Array, target: int = 0) -> Array:
     """Return the standard uncertainty (N,) [m] with which a fit predicts readings, RMS of their coordinates."""
-    outlook = outlook_after(fit, task.instrument().make_observations).of_target(target)
-    rows = outlook.measurement_rows(np.asarray(joints_rad, dtype=float)) * task.sigma_m
-    scaled = fit.covariance / np.outer(outlook.scales, outlook.scales)
+    prediction = predict_after_fit(fit, task.instrument().make_observations).of_target(target)
+    rows = prediction.measurement_rows(np.asarray(joints_rad, dtype=float)) * task.sigma_m
+    scaled = fit.covariance / np.outer(prediction.scales, prediction.scales)
     variance = np.einsum("pcn,pq,qcn->n", rows, scaled, rows, optimize=True) / task.channel_count
     sigma: Array = np.sqrt(np.maximum(variance, 0.0))
     return sigma

@@ -1,6 +1,6 @@
 """Which poses to measure for an identification, and how good it will be, before anything is measured.
 
-An outlook holds what would be measured, what is unknown and what is known already: priors only, or a fit.
+An expectation holds what would be measured, what is unknown and what is known already: priors only, or a fit.
 From it follow the rows of any candidate pose, hence the covariance of parameters and tool point after any
 choice of poses. Kinds of observation other than the usual three come in as a function of the joints.
 """
@@ -96,7 +96,7 @@ class DesignInstrument:
 
 
 @dataclass(frozen=True, eq=False)
-class MeasurementOutlook:
+class MeasurementPrediction:
     """What would be measured, what is unknown, and the information at hand in units of the design scales."""
 
     layout: ParameterLayout
@@ -110,12 +110,12 @@ class MeasurementOutlook:
         problem = FitProblem.from_observations(self.state, self.observe(joints_rad))
         return place_columns(self.layout, self.state, problem)[0] * self.scales[:, None, None]
 
-    def of_target(self, mounting: int) -> "MeasurementOutlook":
-        """Return the outlook on readings of another of the targets; 0 is the first."""
+    def of_target(self, mounting: int) -> "MeasurementPrediction":
+        """Return the expectation on readings of another of the targets; 0 is the first."""
         return replace(self, observe=lambda joints: rows_of_mounting(self.observe(joints), mounting))
 
-    def with_measured(self, joints_rad: Array, *, times: float = 1.0) -> "MeasurementOutlook":
-        """Return the outlook once these joints are measured, too, so many times each."""
+    def with_measured(self, joints_rad: Array, *, times: float = 1.0) -> "MeasurementPrediction":
+        """Return the expectation once these joints are measured, too, so many times each."""
         rows = self.measurement_rows(joints_rad).reshape(len(self.scales), -1)
         return replace(self, information=self.information + times * (rows @ rows.T))
 
@@ -135,7 +135,7 @@ class MeasurementOutlook:
         )
 
 
-def outlook_on(
+def predict_from_poses(
     model: RobotModel,
     instrument: DesignInstrument,
     *,
@@ -143,8 +143,8 @@ def outlook_on(
     level: int = GEOMETRY,
     priors: Priors | None = None,
     drop_redundant: bool = False,
-) -> MeasurementOutlook:
-    """Return the outlook on a robot of which nothing is known but its nominal model and the priors.
+) -> MeasurementPrediction:
+    """Return the expectation on a robot of which nothing is known but its nominal model and the priors.
 
     From the level of gravity on, the terms of sag are unknown, too; gear ripple is not planned for. Parameters
     that others can imitate are carried by their priors, and widen those others; or they are dropped, and the
@@ -159,19 +159,21 @@ def outlook_on(
     if drop_redundant:
         postures = candidate_joints(model, MotionLimits(), _STRUCTURE_POSTURES)
         layout = base_subset(layout, state, instrument.make_observations(postures))
-    return _prior_outlook(layout, state, instrument.make_observations)
+    return _predict_prior(layout, state, instrument.make_observations)
 
 
-def with_targets(outlook: MeasurementOutlook, places: Sequence[Place], priors: Priors) -> MeasurementOutlook:
-    """Return an outlook before anything is measured with further targets on the flange, seen from the same place."""
+def with_targets(
+    expectation: MeasurementPrediction, places: Sequence[Place], priors: Priors
+) -> MeasurementPrediction:
+    """Return what is expected before any measurement, with further targets on the flange seen from one place."""
     further = tuple(homogeneous_matrix(np.eye(3), np.array(place)) for place in places)
-    layout = with_further(outlook.layout, len(places), priors)
-    return _prior_outlook(layout, replace(outlook.state, further=further), outlook.observe)
+    layout = with_further(expectation.layout, len(places), priors)
+    return _predict_prior(layout, replace(expectation.state, further=further), expectation.observe)
 
 
-def _prior_outlook(layout: ParameterLayout, state: ArmState, observe: Observe) -> MeasurementOutlook:
+def _predict_prior(layout: ParameterLayout, state: ArmState, observe: Observe) -> MeasurementPrediction:
     scales = _design_scales(layout)
-    return MeasurementOutlook(layout, state, observe, scales, np.diag((scales / layout.prior_sigmas) ** 2))
+    return MeasurementPrediction(layout, state, observe, scales, np.diag((scales / layout.prior_sigmas) ** 2))
 
 
 def rows_of_mounting(observations: Observations, mounting: int) -> Observations:
@@ -179,11 +181,11 @@ def rows_of_mounting(observations: Observations, mounting: int) -> Observations:
     return with_mounting(observations, np.full(len(observations), mounting))
 
 
-def outlook_after(fit: ArmFit, observe: Observe) -> MeasurementOutlook:
-    """Return the outlook after a fit: what more measurements would add to what it knows."""
+def predict_after_fit(fit: ArmFit, observe: Observe) -> MeasurementPrediction:
+    """Return the expectation after a fit: what more measurements would add to what it knows."""
     scales = _design_scales(fit.layout)
     information = np.linalg.inv(fit.covariance / np.outer(scales, scales))
-    return MeasurementOutlook(fit.layout, fit.state, observe, scales, (information + information.T) / 2)
+    return MeasurementPrediction(fit.layout, fit.state, observe, scales, (information + information.T) / 2)
 
 
 def measurable_postures(
@@ -230,13 +232,13 @@ class TestPoses:
     joints_rad: Array  # (T, n)
     tip_in_flange_m: Place | None = None  # None: the measured target itself
 
-    def tool_point_rows(self, outlook: MeasurementOutlook) -> Array:
+    def tool_point_rows(self, expectation: MeasurementPrediction) -> Array:
         """Return how the tool point follows each parameter (p, 3, T), scaled.
 
         With a tracker, in the tracker's frame. Lengths have no frame: what a user frame set at the test poses
         would take away is taken away, any rigid motion of all of them together.
         """
-        state, joints = outlook.state, np.asarray(self.joints_rad, dtype=float)
+        state, joints = expectation.state, np.asarray(self.joints_rad, dtype=float)
         mounting = len(state.devices) - 1
         values = term_values(state.nominal, joints, state.terms)
         rotations, origins = chain_frames(state.seen_from(mounting), state.moved_joints(joints, values))
@@ -248,12 +250,12 @@ class TestPoses:
         columns = placement_columns(rotations, origins, tip).reshape(-1, 3, len(joints))
         moved = [columns[6 * term.joint + 5] * value for term, value in zip(state.terms, values, strict=True)]
         every = np.concatenate([columns, np.reshape(moved, (-1, 3, len(joints)))])
-        tangent = outlook.layout.tangent_rows(state, mounting)[:, : len(every)]
-        rows = np.einsum("pr,rcn->pcn", tangent, every, optimize=True) * outlook.scales[:, None, None]
-        for row, parameter in enumerate(outlook.layout.parameters):
+        tangent = expectation.layout.tangent_rows(state, mounting)[:, : len(every)]
+        rows = np.einsum("pr,rcn->pcn", tangent, every, optimize=True) * expectation.scales[:, None, None]
+        for row, parameter in enumerate(expectation.layout.parameters):
             if self.tip_in_flange_m is not None and parameter.role == "tool":
                 rows[row] = 0.0
-        return _without_rigid_motion(rows, tip) if outlook.layout.kind == "length" else rows
+        return _without_rigid_motion(rows, tip) if expectation.layout.kind == "length" else rows
 
 
 @dataclass(frozen=True, slots=True)
@@ -276,16 +278,16 @@ class PosePlan:
     joints_rad: Array  # (k, n)
     criterion: DesignCriterion
     prediction: AccuracyPrediction
-    after: MeasurementOutlook  # once they are measured
+    after: MeasurementPrediction  # once they are measured
 
 
-def predict_accuracy(outlook: MeasurementOutlook, tests: TestPoses) -> AccuracyPrediction:
-    """Predict parameter and tool point uncertainty from the information of an outlook."""
-    covariance = np.linalg.inv(outlook.information)
-    rows = tests.tool_point_rows(outlook)
+def predict_accuracy(expectation: MeasurementPrediction, tests: TestPoses) -> AccuracyPrediction:
+    """Predict parameter and tool point uncertainty from the information of an expectation."""
+    covariance = np.linalg.inv(expectation.information)
+    rows = tests.tool_point_rows(expectation)
     variance = np.einsum("pcn,pq,qcn->n", rows, covariance, rows, optimize=True)
-    sigma = np.sqrt(np.diag(covariance)) * outlook.scales
-    parameters = outlook.layout.parameters
+    sigma = np.sqrt(np.diag(covariance)) * expectation.scales
+    parameters = expectation.layout.parameters
     offsets = tuple(
         (parameter.name, float(deviation))
         for parameter, deviation in zip(parameters, sigma, strict=True)
@@ -302,7 +304,7 @@ def predict_accuracy(outlook: MeasurementOutlook, tests: TestPoses) -> AccuracyP
 
 
 def choose_poses(
-    outlook: MeasurementOutlook,
+    expectation: MeasurementPrediction,
     candidates_rad: Array,
     k: int,
     tests: TestPoses,
@@ -314,7 +316,7 @@ def choose_poses(
 
     Parameters
     ----------
-    outlook : Outlook
+    expectation : MeasurementPrediction
         From nominal, or from a fit onward.
     candidates_rad : (C, n)
         Postures that can be measured [rad].
@@ -328,44 +330,46 @@ def choose_poses(
         Of the search; more find slightly better plans [1].
     """
     candidates = np.asarray(candidates_rad, dtype=float)
-    task = design_task(outlook, candidates, criterion, tests)
+    task = design_task(expectation, candidates, criterion, tests)
     choice = choose_blocks(task, k, starts=starts)
     indices = list(choice.indices)
-    after = replace(outlook, information=task.information_of(np.array(indices, dtype=np.intp)))
+    after = replace(expectation, information=task.information_of(np.array(indices, dtype=np.intp)))
     return PosePlan(choice.indices, candidates[indices], criterion, predict_accuracy(after, tests), after)
 
 
 def plan_efficiency(
-    outlook: MeasurementOutlook, candidates_rad: Array, plan: PosePlan, tests: TestPoses
+    expectation: MeasurementPrediction, candidates_rad: Array, plan: PosePlan, tests: TestPoses
 ) -> float:
     """Return how near a plan from these candidates comes to what no choice can exceed, at most 1.
 
     The bound is that of a relaxation to fractions of poses; with few poses nothing real comes near it.
     """
-    task = design_task(outlook, np.asarray(candidates_rad, dtype=float), plan.criterion, tests)
+    task = design_task(expectation, np.asarray(candidates_rad, dtype=float), plan.criterion, tests)
     value = task.criterion_value(task.information_of(np.array(plan.indices, dtype=np.intp)))
     return design_efficiency(task, DesignChoice(plan.indices, value), rank=_learnable_directions(task))
 
 
 def design_task(
-    outlook: MeasurementOutlook, candidates_rad: Array, criterion: DesignCriterion, tests: TestPoses
+    expectation: MeasurementPrediction, candidates_rad: Array, criterion: DesignCriterion, tests: TestPoses
 ) -> DesignTask:
     """Return the rows of all candidates and what to make small, for `optimal_design`."""
-    task = DesignTask(np.ascontiguousarray(outlook.measurement_rows(candidates_rad)), outlook.information)
+    task = DesignTask(
+        np.ascontiguousarray(expectation.measurement_rows(candidates_rad)), expectation.information
+    )
     if criterion is DesignCriterion.DETERMINANT:
         return task
     if criterion is DesignCriterion.TEST_POSES:
-        rows = tests.tool_point_rows(outlook)
+        rows = tests.tool_point_rows(expectation)
         square = np.einsum("pcn,qcn->pq", rows, rows, optimize=True) / rows.shape[2]
         return replace(task, interest=_square_root(square))
     every = np.linalg.inv(task.information_of(np.arange(task.candidate_count)))
-    is_known = np.sqrt(np.diag(every)) * outlook.scales < _LEARNT_SHARE * outlook.layout.prior_sigmas
+    is_known = np.sqrt(np.diag(every)) * expectation.scales < _LEARNT_SHARE * expectation.layout.prior_sigmas
     offset_indices = [
-        i for i, item in enumerate(outlook.layout.parameters) if item.role == "offset" and is_known[i]
+        i for i, item in enumerate(expectation.layout.parameters) if item.role == "offset" and is_known[i]
     ]
     if not offset_indices:
         raise DegenerateDataError("no candidate tells anything about a joint offset")
-    return replace(task, interest=np.eye(len(outlook.layout))[:, offset_indices])
+    return replace(task, interest=np.eye(len(expectation.layout))[:, offset_indices])
 
 
 def _design_scales(layout: ParameterLayout) -> Array:

@@ -9,7 +9,7 @@ from cellcal.calibration.geometry import Array
 from cellcal.calibration.identification.observations import Rows
 from cellcal.calibration.poses.measurement_poses import (
     DesignCriterion,
-    MeasurementOutlook,
+    MeasurementPrediction,
     TestPoses,
     design_task,
 )
@@ -23,14 +23,14 @@ class NextPoses:
     """Poses in the order in which they were chosen, and what will be known once they are measured."""
 
     order: tuple[int, ...]
-    after: MeasurementOutlook
+    after: MeasurementPrediction
 
 
 def choose_in_turn(
-    outlook: MeasurementOutlook,
+    prediction: MeasurementPrediction,
     candidates_rad: Array,
     tests: TestPoses,
-    enough: Callable[[int, MeasurementOutlook], bool],
+    enough: Callable[[int, MeasurementPrediction], bool],
     *,
     most: int,
     criterion: DesignCriterion = DesignCriterion.TEST_POSES,
@@ -42,7 +42,7 @@ def choose_in_turn(
 
     Parameters
     ----------
-    outlook : Outlook
+    prediction : MeasurementPrediction
         What is known.
     candidates_rad : (C, n)
         Postures that can be measured [rad].
@@ -59,38 +59,38 @@ def choose_in_turn(
     ----------
     V. V. Fedorov, Theory of optimal experiments, 1972.
     """
-    task = design_task(outlook, np.asarray(candidates_rad, dtype=float), criterion, tests)
-    return _choose_by_gain(task, outlook, enough, most)
+    task = design_task(prediction, np.asarray(candidates_rad, dtype=float), criterion, tests)
+    return _choose_by_gain(task, prediction, enough, most)
 
 
 def choose_for_unknowns(
-    outlook: MeasurementOutlook,
+    prediction: MeasurementPrediction,
     candidates_rad: Array,
     unknowns: Rows,
-    enough: Callable[[int, MeasurementOutlook], bool],
+    enough: Callable[[int, MeasurementPrediction], bool],
     *,
     most: int,
 ) -> NextPoses:
     """Choose one candidate after the other as `choose_in_turn`, by the information on some unknowns."""
-    columns = np.ascontiguousarray(outlook.measurement_rows(np.asarray(candidates_rad, dtype=float)))
-    interest = np.eye(len(outlook.layout))[:, unknowns]
-    return _choose_by_gain(DesignTask(columns, outlook.information, interest), outlook, enough, most)
+    columns = np.ascontiguousarray(prediction.measurement_rows(np.asarray(candidates_rad, dtype=float)))
+    interest = np.eye(len(prediction.layout))[:, unknowns]
+    return _choose_by_gain(DesignTask(columns, prediction.information, interest), prediction, enough, most)
 
 
 def _choose_by_gain(
     task: DesignTask,
-    outlook: MeasurementOutlook,
-    enough: Callable[[int, MeasurementOutlook], bool],
+    prediction: MeasurementPrediction,
+    enough: Callable[[int, MeasurementPrediction], bool],
     most: int,
 ) -> NextPoses:
     order: list[int] = []
-    while len(order) < min(most, task.candidate_count) and not enough(len(order), outlook):
-        worth = _information_gains(task, outlook.information)
+    while len(order) < min(most, task.candidate_count) and not enough(len(order), prediction):
+        worth = _information_gains(task, prediction.information)
         worth[order] = -np.inf
         order.append(int(np.argmax(worth)))
         rows = task.columns[:, :, order[-1]]
-        outlook = replace(outlook, information=outlook.information + rows @ rows.T)
-    return NextPoses(tuple(order), outlook)
+        prediction = replace(prediction, information=prediction.information + rows @ rows.T)
+    return NextPoses(tuple(order), prediction)
 
 
 def _information_gains(task: DesignTask, information: Array) -> Array:
@@ -105,9 +105,9 @@ def _information_gains(task: DesignTask, information: Array) -> Array:
 
 
 def random_poses_needed(
-    outlook: MeasurementOutlook,
+    prediction: MeasurementPrediction,
     pool_rad: Array,
-    reached: Callable[[MeasurementOutlook], bool],
+    reached: Callable[[MeasurementPrediction], bool],
     *,
     draws: int = 5,
 ) -> int | None:
@@ -115,7 +115,7 @@ def random_poses_needed(
 
     Parameters
     ----------
-    outlook : Outlook
+    prediction : MeasurementPrediction
         Before anything is measured.
     pool_rad : (C, n)
         Postures to draw from [rad].
@@ -130,7 +130,7 @@ def random_poses_needed(
         low, high = 1, len(drawn) + 1  # the last stands for too many
         while low < high:
             middle = (low + high) // 2
-            good = middle <= len(drawn) and reached(outlook.with_measured(drawn[:middle]))
+            good = middle <= len(drawn) and reached(prediction.with_measured(drawn[:middle]))
             low, high = (low, middle) if good else (middle + 1, high)
         found.append(low)
     median = sorted(found)[draws // 2]

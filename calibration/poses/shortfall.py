@@ -7,7 +7,7 @@ import numpy as np
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.message import make_message
 from cellcal.calibration.poses.enough_poses import AcceptanceGap, AcceptanceLimits, acceptance_gaps
-from cellcal.calibration.poses.measurement_poses import MeasurementOutlook, TestPoses, predict_accuracy
+from cellcal.calibration.poses.measurement_poses import MeasurementPrediction, TestPoses, predict_accuracy
 
 _ENDLESS = 1e6  # repetitions of every candidate
 _CURES = {
@@ -48,13 +48,13 @@ class Shortfall:
 
 
 def find_shortfall(
-    outlook: MeasurementOutlook, candidates_rad: Array, acceptance: AcceptanceLimits, tests: TestPoses
+    prediction: MeasurementPrediction, candidates_rad: Array, acceptance: AcceptanceLimits, tests: TestPoses
 ) -> Shortfall | None:
     """Return what no number of readings at these candidates would bring, worst first; None if all is reachable.
 
     Parameters
     ----------
-    outlook : Outlook
+    prediction : MeasurementPrediction
         What is known.
     candidates_rad : (C, n)
         Postures that can be measured [rad].
@@ -63,7 +63,7 @@ def find_shortfall(
     tests : TestPoses
         Where the target's place counts.
     """
-    endless = outlook.with_measured(candidates_rad, times=_ENDLESS)
+    endless = prediction.with_measured(candidates_rad, times=_ENDLESS)
     missing = acceptance_gaps(predict_accuracy(endless, tests), acceptance)
     if not missing:
         return None
@@ -72,7 +72,7 @@ def find_shortfall(
     return Shortfall(gap.what, gap.unit, gap.predicted, gap.allowed, behind, _CURES.get(role, _OTHER))
 
 
-def _hidden_behind(endless: MeasurementOutlook, gap: AcceptanceGap, tests: TestPoses) -> tuple[str, str]:
+def _hidden_behind(endless: MeasurementPrediction, gap: AcceptanceGap, tests: TestPoses) -> tuple[str, str]:
     """Return the parameter, other than the one in question, whose knowledge would take away most of the variance."""
     covariance = np.linalg.inv(endless.information)
     parameters = endless.layout.parameters

@@ -11,7 +11,7 @@ from cellcal.calibration.wires.network import WireBelief, WireEquations, WireMou
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class WireOutlook:
+class WirePrediction:
     """What is known of places after the lengths so far, and what each candidate would add."""
 
     covariance: Array  # (3 P, 3 P) of the places asked for [m^2]
@@ -54,7 +54,7 @@ def look_ahead(
     candidates: WireMounting,
     place: int,
     factor: float = 1.0,
-) -> WireOutlook:
+) -> WirePrediction:
     r"""Say what each candidate pose of one mounting would add to what is known of one place.
 
     Places, wire, arm and disturbances are one Gaussian; after the lengths so far, a candidate with covariance c
@@ -78,7 +78,7 @@ def look_ahead(
     network, index = WireEquations(model, belief, [*mountings, candidates]), _coordinate_indices([place])
     first = int(network.rows[-2])
     covariance, gains, _ = _condition_on_rows(network, index, first, factor)
-    return WireOutlook(covariance, gains)
+    return WirePrediction(covariance, gains)
 
 
 def best_order(

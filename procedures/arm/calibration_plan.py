@@ -14,15 +14,15 @@ from cellcal.calibration.identification.robust import RobustFit
 from cellcal.calibration.poses.arm_fit import (
     ArmTask,
     fit_arm,
-    outlook_from,
-    outlook_of,
+    predict_from_fit,
+    predict_task,
     target_expanded_u,
     with_readings,
 )
 from cellcal.calibration.poses.enough_poses import AcceptanceLimits, acceptance_gaps
 from cellcal.calibration.poses.measurement_poses import (
     DesignCriterion,
-    MeasurementOutlook,
+    MeasurementPrediction,
     TestPoses,
     predict_accuracy,
 )
@@ -159,7 +159,7 @@ def plan_series(bench: Bench, goal: SeriesGoal, rules: SeriesRules) -> Calibrati
     reserved = spread_order(every, reach.targets_m(every), most_checks)
     pool = np.delete(every, list(reserved), axis=0)
     tests = TestPoses(work[:: max(1, len(work) // rules.tests)][: rules.tests])
-    before = outlook_of(task_of(bench, goal, rules), np.empty((0, every.shape[1])))
+    before = predict_task(task_of(bench, goal, rules), np.empty((0, every.shape[1])))
     reserved_poses, poses = tuple(drawn[k] for k in reserved), _pose_tuples(pool)
     turn = choose_in_turn(before, pool, tests, _stop_rule(goal, rules, tests), most=rules.max_captures)
     order, after = turn.order, turn.after
@@ -208,7 +208,7 @@ def _foresee_ways(
 def choose_poses(series: CalibrationSeries, standing: SeriesProgress) -> PoseChoice:
     """Choose what to measure next: doubted captures again, else the poses that tell most; or end the series."""
     plan, rules, taken = series.plan, series.rules, len(of_target(standing.captures, 0))
-    now = current_outlook(series, standing.captures)
+    now = predict_current(series, standing.captures)
     u_m, u_max_m = target_expanded_u(now, series.test_poses())
     enough = taken >= rules.min_captures and not acceptance_gaps(
         predict_accuracy(now, series.test_poses()), plan.goal.acceptance_limits()
@@ -238,7 +238,7 @@ def choose_poses(series: CalibrationSeries, standing: SeriesProgress) -> PoseCho
 def _next_ways(
     series: CalibrationSeries,
     standing: SeriesProgress,
-    now: MeasurementOutlook,
+    now: MeasurementPrediction,
     most_new: int,
     done: PoseChoice,
 ) -> PoseChoice:
@@ -264,13 +264,15 @@ def fixed_plan_captures(
 
     Points of the end-effector would be measured as they were.
     """
-    tests, base = series.test_poses(), _prior_outlook(series, captures)
+    tests, base = series.test_poses(), _predict_prior(series, captures)
     points = tuple(capture for capture in captures if capture.target)
     if points:
         rows = observations_of(series.make_task(), points)
         base = with_readings(base, rows.joints_rad, rows.mounting)
     return random_poses_needed(
-        base, np.array(series.plan.pool), lambda outlook: target_expanded_u(outlook, tests)[0] <= tip_u_m
+        base,
+        np.array(series.plan.pool),
+        lambda prediction: target_expanded_u(prediction, tests)[0] <= tip_u_m,
     )
 
 
@@ -282,41 +284,45 @@ def fit_captures(task: ArmTask, captures: tuple[ArmCapture, ...], level: int | N
 
 def _stop_rule(
     goal: SeriesGoal, rules: SeriesRules, tests: TestPoses
-) -> Callable[[int, MeasurementOutlook], bool]:
+) -> Callable[[int, MeasurementPrediction], bool]:
     """Return whether so many captures are expected to be enough."""
     acceptance = goal.acceptance_limits()
 
-    def is_enough(count: int, outlook: MeasurementOutlook) -> bool:
+    def is_enough(count: int, prediction: MeasurementPrediction) -> bool:
         return count >= rules.min_captures and not acceptance_gaps(
-            predict_accuracy(outlook, tests), acceptance
+            predict_accuracy(prediction, tests), acceptance
         )
 
     return is_enough
 
 
-def current_outlook(series: CalibrationSeries, captures: tuple[ArmCapture, ...]) -> MeasurementOutlook:
+def predict_current(series: CalibrationSeries, captures: tuple[ArmCapture, ...]) -> MeasurementPrediction:
     """Return what is known: from a fit as soon as that tells more than the priors."""
     task = series.make_task()
     if task.enough_for_a_fit(len(captures)):
-        return outlook_from(task, fit_captures(task, captures))
+        return predict_from_fit(task, fit_captures(task, captures))
     rows = observations_of(task, captures) if captures else None
-    before = outlook_of(task, np.empty((0, task.nominal_model().axis_count)))
+    before = predict_task(task, np.empty((0, task.nominal_model().axis_count)))
     return before if rows is None else with_readings(before, rows.joints_rad, rows.mounting)
 
 
-def _prior_outlook(series: CalibrationSeries, captures: tuple[ArmCapture, ...]) -> MeasurementOutlook:
+def _predict_prior(series: CalibrationSeries, captures: tuple[ArmCapture, ...]) -> MeasurementPrediction:
     """Return what was known before any capture, for readings as good as they turned out to be."""
     task = series.make_task()
-    now = outlook_from(task, fit_captures(task, captures)) if task.enough_for_a_fit(len(captures)) else None
-    before = outlook_of(task, np.empty((0, len(series.bench.joints_rad))))
+    now = (
+        predict_from_fit(task, fit_captures(task, captures)) if task.enough_for_a_fit(len(captures)) else None
+    )
+    before = predict_task(task, np.empty((0, len(series.bench.joints_rad))))
     return (
         before
         if now is None
-        else MeasurementOutlook(before.layout, before.state, now.observe, before.scales, before.information)
+        else MeasurementPrediction(
+            before.layout, before.state, now.observe, before.scales, before.information
+        )
     )
 
 
-def _choose_criterion(now: MeasurementOutlook, series: CalibrationSeries) -> DesignCriterion:
+def _choose_criterion(now: MeasurementPrediction, series: CalibrationSeries) -> DesignCriterion:
     missing = acceptance_gaps(
         predict_accuracy(now, series.test_poses()), series.plan.goal.acceptance_limits()
     )

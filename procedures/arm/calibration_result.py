@@ -20,7 +20,7 @@ from cellcal.calibration.poses.arm_fit import (
     fit_placement,
     found_correlations,
     found_parameters,
-    outlook_from,
+    predict_from_fit,
     predicted_sigma,
     reading_sigma,
     target_expanded_u,
@@ -119,7 +119,7 @@ def identify_arm(
     """Fit the arm to the captures, and see what that is worth at the check poses."""
     task, plan = series.make_task(), series.plan
     robust = fit_captures(task, captures)
-    u_m, u_max_m = target_expanded_u(outlook_from(task, robust), series.test_poses())
+    u_m, u_max_m = target_expanded_u(predict_from_fit(task, robust), series.test_poses())
     state, goal = robust.fit.state, plan.goal
     kept_errors = np.delete(errors_at(state, observations_of(task, captures)), robust.rejected, axis=1)
     accepted = ""

@@ -13,7 +13,7 @@ from cellcal.calibration.identification.observations import Rows
 from cellcal.calibration.points.end_effector import points_in_flange, refuse_tool_points, tool_u
 from cellcal.calibration.points.fixture import Triple
 from cellcal.calibration.poses.arm_fit import point_covariance, point_rows
-from cellcal.calibration.poses.measurement_poses import MeasurementOutlook
+from cellcal.calibration.poses.measurement_poses import MeasurementPrediction
 from cellcal.calibration.poses.next_pose import choose_for_unknowns, spread_order
 from cellcal.drivers.interfaces import Joints
 from cellcal.procedures.arm.arm_bench import ArmCapture
@@ -55,14 +55,14 @@ class ToolGoal:
         """Return U (k = 2) of tip [m] and axes [rad] once the points are known so well."""
         return tool_u(self.rough_flange_tool, self.points_in_tool_m, covariance_m2, self.point_sigma_m)
 
-    def stop_rule(self, least: int, point: int) -> Callable[[int, MeasurementOutlook], bool]:
+    def stop_rule(self, least: int, point: int) -> Callable[[int, MeasurementPrediction], bool]:
         """Return whether so many captures of a point are expected to do."""
-        return lambda count, outlook: count >= least and self.is_promised_by(outlook, point)
+        return lambda count, prediction: count >= least and self.is_promised_by(prediction, point)
 
-    def is_promised_by(self, outlook: MeasurementOutlook, point: int) -> bool:
+    def is_promised_by(self, prediction: MeasurementPrediction, point: int) -> bool:
         """Tell whether the goal would be met if every point were known as this one is; points count from 1."""
         at = slice(3 * point - 3, 3 * point)
-        every = np.kron(np.eye(len(self.points_in_tool_m)), point_covariance(outlook)[at, at])
+        every = np.kron(np.eye(len(self.points_in_tool_m)), point_covariance(prediction)[at, at])
         tip_u_m, angle_u_rad = self.expanded_uncertainties(np.asarray(every, dtype=np.float64))
         return tip_u_m <= _PROMISE * self.tip_u_m and angle_u_rad <= _PROMISE * self.angle_u_rad
 
@@ -105,7 +105,7 @@ def draw_points(reach: MotionSpace, goal: ToolGoal, rules: SeriesRules) -> Spots
 
 
 def plan_points(
-    standing: tuple[Joints, Spots], goal: ToolGoal, rules: SeriesRules, outlook: MeasurementOutlook
+    standing: tuple[Joints, Spots], goal: ToolGoal, rules: SeriesRules, prediction: MeasurementPrediction
 ) -> ToolPlan:
     """Plan the poses of every point from the rest, and foresee how many of them will do after the flange's."""
     rest_rad, spots = standing
@@ -117,25 +117,25 @@ def plan_points(
         checks = tuple(roads.poses_rad[1 + k] for k in reserved)
         pool = tuple(pose for pose in roads.poses_rad[1:] if pose not in checks)
         turn = choose_for_unknowns(
-            outlook.of_target(number),
+            prediction.of_target(number),
             np.array(pool),
-            place_rows(outlook, number),
+            place_rows(prediction, number),
             goal.stop_rule(rules.point_min, number),
             most=rules.point_max,
         )
-        outlook = replace(turn.after, observe=outlook.observe)
+        prediction = replace(turn.after, observe=prediction.observe)
         best = tuple(pool[k] for k in turn.order)
         ways = ordered_ways(reach, roads, rest_rad, best)
         ways += ordered_ways(reach, roads, ways[-1][-1], checks)
         ways += (way_between(reach, roads, ways[-1][-1], rest_rad),)
         plans.append(PointPlan(roads, pool, checks, ways))
         counts.append(len(best))
-    return ToolPlan(tuple(plans), tuple(counts), *goal.expanded_uncertainties(point_covariance(outlook)))
+    return ToolPlan(tuple(plans), tuple(counts), *goal.expanded_uncertainties(point_covariance(prediction)))
 
 
-def place_rows(outlook: MeasurementOutlook, point: int) -> Rows:
+def place_rows(prediction: MeasurementPrediction, point: int) -> Rows:
     """Return which unknowns are the place of a point; points count from 1."""
-    return point_rows(outlook)[3 * point - 3 : 3 * point]
+    return point_rows(prediction)[3 * point - 3 : 3 * point]
 
 
 def unmeasured_poses(pool: tuple[Joints, ...], captures: tuple[ArmCapture, ...]) -> Array:

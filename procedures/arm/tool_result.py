@@ -12,8 +12,8 @@ from cellcal.calibration.poses.arm_fit import (
     ArmTask,
     errors_at,
     further_target_points,
-    outlook_from,
     point_covariance,
+    predict_from_fit,
     predicted_sigma,
     reading_sigma,
 )
@@ -57,7 +57,10 @@ def find_tool(
     checks: tuple[ArmCapture, ...],
 ) -> FoundTool:
     """Return the tool frame through the points as the fit of everything has them."""
-    points, covariance = further_target_points(robust.fit.state), point_covariance(outlook_from(task, robust))
+    points, covariance = (
+        further_target_points(robust.fit.state),
+        point_covariance(predict_from_fit(task, robust)),
+    )
     tool = tool_through(goal.rough_flange_tool, goal.points_in_tool_m, points, covariance, goal.point_sigma_m)
     alone = covariance + goal.point_sigma_m**2 * np.eye(len(covariance))
     turn = tool.flange_tool.rotation_matrix()

@@ -9,13 +9,13 @@ from itertools import count
 import numpy as np
 
 from cellcal.calibration.poses.arm_fit import with_readings
-from cellcal.calibration.poses.measurement_poses import MeasurementOutlook
+from cellcal.calibration.poses.measurement_poses import MeasurementPrediction
 from cellcal.calibration.poses.next_pose import choose_for_unknowns
 from cellcal.drivers.interfaces import Instruction, Joints
 from cellcal.procedures.arm.arm_bench import ArmCapture, of_target
 from cellcal.procedures.arm.arm_motion import ordered_ways, way_between
 from cellcal.procedures.arm.arm_series import ArmVisits
-from cellcal.procedures.arm.calibration_plan import CalibrationSeries, SeriesProgress, current_outlook
+from cellcal.procedures.arm.calibration_plan import CalibrationSeries, SeriesProgress, predict_current
 from cellcal.procedures.arm.tool_plan import ToolGoal, ToolPlan, place_rows, unmeasured_poses
 from cellcal.procedures.questions import ask_confirmation
 from cellcal.procedures.run import Run
@@ -83,14 +83,18 @@ def choose_point(series: CalibrationSeries, standing: SeriesProgress, point: int
     """Choose the pose that tells most about a point among those that are soon reached; or end its measuring."""
     (tool, goal), rules = _tool_plan_and_goal(series), series.rules
     taken = of_target(standing.captures, point)
-    outlook = _expected_outlook(series, standing)
-    if goal.stop_rule(rules.point_min, point)(len(taken), outlook):
+    prediction = _predict_expected(series, standing)
+    if goal.stop_rule(rules.point_min, point)(len(taken), prediction):
         return PointChoice((), True)
     plan, unmeasured = tool.points[point - 1], unmeasured_poses(tool.points[point - 1].pool, taken)
     if not len(unmeasured) or len(taken) >= rules.point_max:
         return PointChoice((), False)
     turn = choose_for_unknowns(
-        outlook.of_target(point), unmeasured, place_rows(outlook, point), lambda *_: False, most=rules.batch
+        prediction.of_target(point),
+        unmeasured,
+        place_rows(prediction, point),
+        lambda *_: False,
+        most=rules.batch,
     )
     poses = tuple(tuple(float(q) for q in unmeasured[k]) for k in turn.order)
     reach = series.motion_space().with_target(goal.points_m()[point - 1])
@@ -104,9 +108,9 @@ def point_checks(series: CalibrationSeries, here_rad: Joints, point: int) -> tup
     return ordered_ways(reach, plan.roads, here_rad, plan.reserved)
 
 
-def _expected_outlook(series: CalibrationSeries, standing: SeriesProgress) -> MeasurementOutlook:
+def _predict_expected(series: CalibrationSeries, standing: SeriesProgress) -> MeasurementPrediction:
     """Return what will be known once the flange's poses that are still to come are measured, as planned."""
-    now, flange = current_outlook(series, standing.captures), of_target(standing.captures, 0)
+    now, flange = predict_current(series, standing.captures), of_target(standing.captures, 0)
     coming = tuple(way[-1] for way in series.plan.foreseen_rad[: series.plan.expected_captures])
     remaining = unmeasured_poses(coming, flange)[: max(0, len(coming) - len(flange))]
     if not len(remaining):

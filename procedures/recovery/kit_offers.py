@@ -8,7 +8,7 @@ import numpy as np
 from cellcal.calibration.arm.kinematics import RobotModel, load_model
 from cellcal.calibration.errors import DegenerateDataError
 from cellcal.calibration.mastering.counts import DriveTrain, RecoveryKit
-from cellcal.calibration.mastering.kit_design import KitOutlook, KitPlan, design_kit, predict_kit_recovery
+from cellcal.calibration.mastering.kit_design import KitPlan, KitPrediction, design_kit, predict_kit_recovery
 from cellcal.calibration.message import make_message
 from cellcal.drivers.interfaces import Counts, Joints
 from cellcal.procedures.arm.arm_motion import MotionSpace, draw_poses
@@ -41,7 +41,7 @@ class KitOffer:
     name: str  # probe, tracker, seat, pin
     words: str
     spec: KitSpec
-    outlook: KitOutlook
+    outlook: KitPrediction
     postures_rad: tuple[Joints, ...]  # of the places but the nests, in order
 
     @property

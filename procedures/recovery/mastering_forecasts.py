@@ -7,7 +7,7 @@ import numpy as np
 
 from cellcal.calibration.arm.kinematics import RobotModel, load_model
 from cellcal.calibration.mastering.counts import DriveTrain, MasteringRecord, RecoveryKit, WireCapture
-from cellcal.calibration.mastering.kit_design import KitOutlook, predict_kit_recovery
+from cellcal.calibration.mastering.kit_design import KitPrediction, predict_kit_recovery
 from cellcal.calibration.mastering.place_recovery import places_to_fit
 from cellcal.calibration.mastering.pose_design import predict_turns
 from cellcal.calibration.message import join_messages, make_message
@@ -126,7 +126,9 @@ def forecast_place_recovery(knowledge: Knowledge, room: MotionBounds, index_spee
     if record is None or record.kit is None or lacks:
         return Forecast(0.0, lacks=lacks)
     kit, fitted = record.kit, places_to_fit(record)
-    kit_outlook = predict_kit_recovery(load_model(record.model), kit, (record.drive, record.counts_at_zero))
+    kit_prediction = predict_kit_recovery(
+        load_model(record.model), kit, (record.drive, record.counts_at_zero)
+    )
     check_places = [place.place for place in kit.places if place.kind != "nest" and place.place not in fitted]
     visits = [
         *((f"place {k}", number) for k, number in enumerate(fitted, 1)),
@@ -139,7 +141,7 @@ def forecast_place_recovery(knowledge: Knowledge, room: MotionBounds, index_spee
         + by_hand * PERSON_S
         + 3.0 * ANSWER_S,
         poses=tuple(PlannedPose(label, _posture_of(record, kit, number)) for label, number in visits),
-        predictions=_place_predictions(kit_outlook),
+        predictions=_place_predictions(kit_prediction),
         assumed=(
             *_WAKING,
             "a person finds each place again within a minute; the postures are those of the record",
@@ -178,21 +180,21 @@ def _posture_of(record: MasteringRecord, kit: RecoveryKit, number: int) -> Joint
     return tuple(float(q) for q in joints)
 
 
-def _place_predictions(kit_outlook: KitOutlook) -> tuple[Prediction, ...]:
+def _place_predictions(kit_prediction: KitPrediction) -> tuple[Prediction, ...]:
     words = make_message(
         "the chance that all lost turns are found right with these places is "
         "{success_probability:.6f}; a wrong turn would show at {check_sigmas:.0f} deviations at "
         "the places for checking",
-        success_probability=kit_outlook.success_probability,
-        check_sigmas=kit_outlook.check_sigmas,
+        success_probability=kit_prediction.success_probability,
+        check_sigmas=kit_prediction.check_sigmas,
     )
     return (
         Prediction(
-            "turns of the least known motor", 2.0 * max(kit_outlook.sigma_turns), "turn", sentence=words
+            "turns of the least known motor", 2.0 * max(kit_prediction.sigma_turns), "turn", sentence=words
         ),
         Prediction(
             "new zero of the least known axis, were every motor exchanged",
-            max(kit_outlook.offset_u_rad),
+            max(kit_prediction.offset_u_rad),
             "rad",
             {name: limit.axis_rad for name, limit in MASTERING.items()},
         ),

@@ -65,11 +65,14 @@ async def record_places(
     offers = await run.solve("compare the kits", offers_at, bench, room, own, seed)
     chosen = await _choose_kit(run, offers, own)
     if max(chosen.outlook.sigma_turns) > HOPELESS_TURNS:  # no number of places would help
-        kit_outlook = chosen.outlook
+        kit_prediction = chosen.outlook
         refuse_weak(
             bench.model,
             KitProspect(
-                kit_outlook.success_probability, kit_outlook.sigma_turns, kit_outlook.fitted, kit_outlook
+                kit_prediction.success_probability,
+                kit_prediction.sigma_turns,
+                kit_prediction.fitted,
+                kit_prediction,
             ),
         )
     visits = []

@@ -8,7 +8,7 @@ from pydantic import Field
 
 from cellcal.calibration.arm.kinematics import load_model
 from cellcal.calibration.mastering.counts import MasteringRecord, PlaceCapture, RecoveryKit
-from cellcal.calibration.mastering.kit_design import KitOutlook, predict_kit_recovery
+from cellcal.calibration.mastering.kit_design import KitPrediction, predict_kit_recovery
 from cellcal.calibration.message import make_message
 from cellcal.drivers.interfaces import Joints
 from cellcal.procedures.procedure_definition import Phase
@@ -118,7 +118,7 @@ class KitProspect:
     success_probability: float
     sigma_turns: tuple[float, ...]
     places: int
-    outlook: KitOutlook | None = None  # None in results older than it
+    outlook: KitPrediction | None = None  # None in results older than it
 
     @property
     def is_strong(self) -> bool:
@@ -126,12 +126,12 @@ class KitProspect:
         return self.outlook is not None and is_strong(self.outlook)
 
 
-def is_strong(kit_outlook: KitOutlook) -> bool:
+def is_strong(kit_prediction: KitPrediction) -> bool:
     """Tell whether places tell all motors, let a mistake be noticed, and would show any wrong turn when checked."""
     return (
-        kit_outlook.success_probability >= GOOD_PROBABILITY
-        and kit_outlook.check_sigmas >= GOOD_SIGMAS
-        and kit_outlook.is_checkable
+        kit_prediction.success_probability >= GOOD_PROBABILITY
+        and kit_prediction.check_sigmas >= GOOD_SIGMAS
+        and kit_prediction.is_checkable
     )
 
 
@@ -171,11 +171,11 @@ def kit_prospect(record: MasteringRecord) -> KitProspect:
     """
     if record.kit is None:
         raise RefusalError("the record holds no recovery kit", code="procedure.no_kit")
-    kit_outlook = predict_kit_recovery(
+    kit_prediction = predict_kit_recovery(
         load_model(record.model), record.kit, (record.drive, record.counts_at_zero)
     )
     return KitProspect(
-        kit_outlook.success_probability, kit_outlook.sigma_turns, kit_outlook.fitted, kit_outlook
+        kit_prediction.success_probability, kit_prediction.sigma_turns, kit_prediction.fitted, kit_prediction
     )
 
 
@@ -194,8 +194,8 @@ def predict_kit(record: MasteringRecord) -> KitProspect:
 
 def refuse_weak(model_name: str, found: KitProspect) -> None:
     """Refuse a kit that a recovery would not be decided or confirmed with."""
-    names, kit_outlook = load_model(model_name).joint_names, found.outlook
-    if kit_outlook is None or kit_outlook.success_probability < GOOD_PROBABILITY:
+    names, kit_prediction = load_model(model_name).joint_names, found.outlook
+    if kit_prediction is None or kit_prediction.success_probability < GOOD_PROBABILITY:
         weakest = names[int(np.argmax(found.sigma_turns))]
         raise RefusalError(
             make_message(
@@ -207,17 +207,17 @@ def refuse_weak(model_name: str, found: KitProspect) -> None:
             remedy="Choose places farther apart, with the tip farther from the last axis and the wrist bent by "
             "more than 40 degrees, then start a new run.",
         )
-    if not is_strong(kit_outlook):
+    if not is_strong(kit_prediction):
         raise RefusalError(
             make_message(
                 "{fitted} places to fit and {checked} for checking are too little: a wrong turn would "
                 "show at {check_sigmas:.1f} deviations, {good_sigmas:g} are needed; {spare} figures to "
                 "spare",
-                fitted=kit_outlook.fitted,
-                checked=kit_outlook.checked,
-                check_sigmas=kit_outlook.check_sigmas,
+                fitted=kit_prediction.fitted,
+                checked=kit_prediction.checked,
+                check_sigmas=kit_prediction.check_sigmas,
                 good_sigmas=GOOD_SIGMAS,
-                spare=max(kit_outlook.spare, 0),
+                spare=max(kit_prediction.spare, 0),
             ),
             code="procedure.weak_kit",
             remedy="Record more places, with the tip farther from the last axis, then start a new run.",

@@ -10,7 +10,7 @@ from cellcal.calibration.wires.network_fit import WireNetwork
 from cellcal.drivers.interfaces import Instruction
 from cellcal.procedures.accuracy_limits import FrameLimits
 from cellcal.procedures.run import RefusalError
-from cellcal.procedures.survey.shared_fixture import BaseOutlook
+from cellcal.procedures.survey.shared_fixture import BasePrediction
 from cellcal.procedures.survey.survey import SurveyRules
 from cellcal.procedures.survey.survey_choice import saving_text
 from cellcal.procedures.verdict import (
@@ -33,7 +33,7 @@ class AlignmentResult:
     captures: int
     fixed_plan_captures: int | None  # evenly drawn poses for the same U; None: more than were drawn
     limits: FrameLimits
-    base: BaseOutlook | None = None  # None where it was not asked for
+    base: BasePrediction | None = None  # None where it was not asked for
     set_aside: tuple[SetAside, ...] = ()
 
     @property
@@ -62,7 +62,7 @@ def wrong_shape_error(result: AlignmentResult) -> RefusalError | None:
 
 def uncertain_error(result: AlignmentResult, bases: FrameLimits | None) -> RefusalError | None:
     """Return the refusal of a fixture, or a base seen through it, that is not known well enough; else None."""
-    figures: list[tuple[str, PlacedPoints | BaseOutlook, FrameLimits]]
+    figures: list[tuple[str, PlacedPoints | BasePrediction, FrameLimits]]
     figures = [("the fixture", result.placed, result.limits)]
     if result.base is not None and bases is not None:
         figures.append(("a base through the fixture", result.base, bases))

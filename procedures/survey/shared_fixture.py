@@ -30,7 +30,7 @@ NOTHING_KNOWN = KnownWire("", ())
 
 
 @dataclass(frozen=True, slots=True)
-class BaseOutlook:
+class BasePrediction:
     """How well another robot's base will be known through the fixture; k = 2."""
 
     seen: str  # the other robot; empty: none is aligned yet, it is expected to become as good
@@ -61,13 +61,13 @@ def wire_points(survey: Survey, network: WireNetwork, wire: str) -> WirePoints:
     )
 
 
-def base_outlook(alignment: Alignment, known_wire: KnownWire) -> BaseOutlook:
+def predict_base(alignment: Alignment, known_wire: KnownWire) -> BasePrediction:
     """Return the worst of the bases through the fixture; where no other robot is aligned, one as good as this one."""
     others = [a for a in known_wire.others if a.points_in_fixture_m == alignment.points_in_fixture_m]
     if not others:
         twin = np.array(alignment.covariance)
         base = base_through_fixture(alignment.base_fixture, twin, alignment.base_fixture, twin)
-        return BaseOutlook("", base.origin_u_m, base.angle_u_rad)
+        return BasePrediction("", base.origin_u_m, base.angle_u_rad)
     bases = [(other, bases_together([other, alignment]).bases[0]) for other in others]
     other, worst = max(bases, key=lambda pair: pair[1].origin_u_m)
-    return BaseOutlook(other.robot_serial, worst.origin_u_m, worst.angle_u_rad)
+    return BasePrediction(other.robot_serial, worst.origin_u_m, worst.angle_u_rad)

@@ -91,7 +91,7 @@ class CornerGoal:
 
 
 @dataclass(frozen=True, slots=True)
-class CornerOutlook:
+class CornerPrediction:
     """Which faces to touch again, in order, until the goal is met; what is known then, k = 2."""
 
     again: tuple[FaceName, ...]
@@ -131,7 +131,7 @@ def touch_sigma(felt: Sequence[FaceTouch]) -> float:
     return math.hypot(statistics.median(one.point.sigma_m for one in felt), ARM_SIGMA_M)
 
 
-def corner_outlook(rules: CornerRules, goal: CornerGoal, sigma_m: float, made: Made) -> CornerOutlook:
+def predict_corner(rules: CornerRules, goal: CornerGoal, sigma_m: float, made: Made) -> CornerPrediction:
     """Return which faces to touch again so that the goal is met with few touches, one of them to spare.
 
     ``made``: the standard uncertainty of each touch made, by its face; ``sigma_m``: that of a further one.
@@ -146,7 +146,7 @@ def corner_outlook(rules: CornerRules, goal: CornerGoal, sigma_m: float, made: M
     origin, turn = goal.expanded_uncertainties(_frame_covariance(rules, now))
     reached = _is_enough(rules, goal, now)
     in_turn = _in_turn(rules, goal, sigma_m) if reached else 0
-    return CornerOutlook(tuple(again), reached, origin, turn, in_turn)
+    return CornerPrediction(tuple(again), reached, origin, turn, in_turn)
 
 
 async def read_probe_bench(cell: Cell) -> ProbeBench:
@@ -210,10 +210,10 @@ async def touch_corner(run: Run, corner: CornerSetup, first: FacePlan) -> tuple[
             first = await _plan_step(run, f"plan the {face} face", corner, felt, spots)
         await _touch_spots(run, first, spots, felt)
     further = 0
-    while (outlook := outlook_of(corner, felt)).reached and outlook.again:
+    while (prediction := predict_felt_corner(corner, felt)).reached and prediction.again:
         further += 1
-        count = sum(one.face == outlook.again[0] for one in felt)
-        spots = (FaceSpot(outlook.again[0], count),)
+        count = sum(one.face == prediction.again[0] for one in felt)
+        spots = (FaceSpot(prediction.again[0], count),)
         plan = await _plan_step(run, f"plan a further touch {further}", corner, felt, spots)
         await _touch_spots(run, plan, spots, felt)
     return tuple(felt)
@@ -244,10 +244,10 @@ def compare_checks(
     return tuple(_compare_check(bench, rules, found, check) for check in checks)
 
 
-def outlook_of(corner: CornerSetup, felt: Sequence[FaceTouch]) -> CornerOutlook:
+def predict_felt_corner(corner: CornerSetup, felt: Sequence[FaceTouch]) -> CornerPrediction:
     """Return what further touches would tell after those made."""
     made = {name: face.sigma_m for name, face in felt_faces(felt, ARM_SIGMA_M).items()}
-    return corner_outlook(corner.rules, corner.goal, touch_sigma(felt), made)
+    return predict_corner(corner.rules, corner.goal, touch_sigma(felt), made)
 
 
 async def _plan_step(

@@ -15,10 +15,10 @@ from cellcal.calibration.message import make_message
 from cellcal.calibration.points.frame_design import (
     FIRST_FIXED,
     FrameGoal,
-    FrameOutlook,
     FramePoint,
+    FramePrediction,
     FrameRole,
-    frame_outlook,
+    predict_frame,
     touches_needed_in_turn,
 )
 from cellcal.calibration.points.frames import (
@@ -156,8 +156,8 @@ async def touch_points(run: Run, rules: FrameRules) -> FrameTouches:
     taken = _TouchSeries(rules, [], [])
     for step, role, instruction in named_touches(rules):
         await taken.touch_point(run, step, role, instruction)
-    while (outlook := taken.frame_outlook()) is not None and outlook.reached and outlook.again:
-        role = taken.point_roles[outlook.again[0]]
+    while (prediction := taken.predict_frame()) is not None and prediction.reached and prediction.again:
+        role = taken.point_roles[prediction.again[0]]
         step, _, instruction = _further_touch(role, taken.point_roles.count(role))
         await taken.touch_point(run, step, role, _with_known_text(instruction, taken.construct_now()))
     above = await taken.touch_above(run) if rules.check_above else None
@@ -167,7 +167,7 @@ async def touch_points(run: Run, rules: FrameRules) -> FrameTouches:
 def effort_of(rules: FrameRules, touches: FrameTouches, taught: TaughtFrame) -> FrameEffort:
     """Compare what was touched with the three points in turn, and with all that is allowed."""
     points = _frame_points(rules, touches.points)
-    later = frame_outlook(taught.base_frame, points, rules.goal, max(rules.most, len(points)))
+    later = predict_frame(taught.base_frame, points, rules.goal, max(rules.most, len(points)))
     first = [next(point for point in points if point.role == role) for role in FIRST_FIXED]
     return FrameEffort(
         touches=len(points),
@@ -211,14 +211,14 @@ class _TouchSeries:
     def construct_now(self) -> TaughtFrame:
         return construct_frame(self.rules, self.points, None)
 
-    def frame_outlook(self) -> FrameOutlook | None:
+    def predict_frame(self) -> FramePrediction | None:
         """Return what to touch again; None where the points tell no frame, which is said where it is constructed."""
         try:
             base_frame = self.construct_now().base_frame
         except CalibrationError:
             return None
         points = _frame_points(self.rules, self.points)
-        return frame_outlook(base_frame, points, self.rules.goal, self.rules.most)
+        return predict_frame(base_frame, points, self.rules.goal, self.rules.most)
 
     async def touch_point(self, run: Run, step: str, role: FrameRole, instruction: Instruction) -> None:
         """Have a point touched, and once more where the others contradict it."""

@@ -11,12 +11,12 @@ from cellcal.calibration.errors import CalibrationError
 from cellcal.calibration.geometry import Pose, log_rotation
 from cellcal.calibration.message import make_message
 from cellcal.calibration.points.fixture import PlacedPoints, Triple, place_points, refuse_bad_points
-from cellcal.calibration.points.frame_design import FrameOutlook
+from cellcal.calibration.points.frame_design import FramePrediction
 from cellcal.calibration.points.frames import frame_offset as offset_between
 from cellcal.calibration.points.offset_design import (
     OffsetGoal,
-    offset_outlook,
     point_covariance,
+    predict_offset,
     touches_needed_in_rounds,
 )
 from cellcal.procedures.setting_texts import (
@@ -223,21 +223,21 @@ def _refuse_below(base_frame: Pose, above_m: Triple) -> None:
         )
 
 
-def touch_outlook(spec: FrameOffset, points: tuple[Triple, ...]) -> FrameOutlook:
+def predict_touches(spec: FrameOffset, points: tuple[Triple, ...]) -> FramePrediction:
     """Return what is worth touching again once every point was touched."""
-    return offset_outlook(points, [1] * len(points), spec.offset_goal, spec.most_touches)
+    return predict_offset(points, [1] * len(points), spec.offset_goal, spec.most_touches)
 
 
 def further_touches(spec: FrameOffset, points: tuple[Triple, ...]) -> tuple[int, ...]:
     """Return the points to touch again, from 0; none where no number of touches that is allowed would do."""
-    planned = touch_outlook(spec, points)
+    planned = predict_touches(spec, points)
     return planned.again if planned.reached else ()
 
 
 def saving_text(spec: FrameOffset, found: FoundFrameOffset) -> str:
     """Return what choosing the touches saved, or why nothing more was asked for, as a sentence."""
     points, touches = points_in_frame(spec, found.base_frame_old), sum(found.touches)
-    planned, in_turn = touch_outlook(spec, points), touches_needed_in_rounds(points, spec.offset_goal)
+    planned, in_turn = predict_touches(spec, points), touches_needed_in_rounds(points, spec.offset_goal)
     if not planned.reached or in_turn is None:
         origin_mm, angle_deg = planned.origin_u_m * 1e3, math.degrees(planned.angle_u_rad)
         return make_message(

@@ -25,10 +25,10 @@ from cellcal.calibration.poses.arm_fit import (
     ArmTask,
     errors_at,
     fit_placement,
-    outlook_from,
+    predict_from_fit,
     target_expanded_u,
 )
-from cellcal.calibration.poses.measurement_poses import MeasurementOutlook, TestPoses
+from cellcal.calibration.poses.measurement_poses import MeasurementPrediction, TestPoses
 from cellcal.calibration.registration import best_fit_transform
 from cellcal.procedures.arm.arm_bench import ArmCapture, Bench, observations_of
 from cellcal.procedures.arm.calibration_plan import fit_captures, task_of
@@ -160,7 +160,7 @@ def fit_of(series: ArmSeries, chosen: Chosen) -> RobustFit:
             fit.state, as_signed.observations.scale_sigma(_error_ratio(fit, as_signed, chosen))
         )
     robust = replace(signed, fit=fit, problem=problem, rejected=np.flatnonzero(~chosen))
-    covariance = outlook_from(task, robust).parameter_covariance()
+    covariance = predict_from_fit(task, robust).parameter_covariance()
     return replace(robust, fit=replace(fit, covariance=covariance))
 
 
@@ -193,9 +193,9 @@ def review_arm(series: ArmSeries, chosen: Chosen | None) -> Review:
         points=points,
         rms_m=_root_mean_square(used),
         max_m=float(used.max()),
-        u_m=target_expanded_u(outlook_from(series.task, robust), tests)[0],
+        u_m=target_expanded_u(predict_from_fit(series.task, robust), tests)[0],
         signed_rms_m=_root_mean_square(_error_sizes(series, before.fit.state, series.captures)[signed]),
-        signed_u_m=target_expanded_u(outlook_from(series.task, before), tests)[0],
+        signed_u_m=target_expanded_u(predict_from_fit(series.task, before), tests)[0],
         validation=_validate_choice(series, used_rows, robust),
         places=places_of(series, robust),
     )
@@ -269,17 +269,17 @@ def places_of(series: ArmSeries, robust: RobustFit) -> tuple[WorkPlace, ...]:
     nominal = state.nominal.tip_positions(series.tests_rad, tip)
     found = _target_positions(state, series.tests_rad)
     residuals_m = np.array(best_fit_transform(nominal.tolist(), found.tolist()).residuals_m)
-    u = 2.0 * np.sqrt(target_variances(outlook_from(series.task, robust), tests))
+    u = 2.0 * np.sqrt(target_variances(predict_from_fit(series.task, robust), tests))
     return tuple(
         WorkPlace((float(x), float(y), float(z)), float(np.linalg.norm(error)), float(expanded))
         for (x, y, z), error, expanded in zip(found, residuals_m, u, strict=True)
     )
 
 
-def target_variances(outlook: MeasurementOutlook, tests: TestPoses) -> Array:
+def target_variances(prediction: MeasurementPrediction, tests: TestPoses) -> Array:
     """Return the variance of the target's place at each posture, three coordinates together [m^2]."""
-    rows = tests.tool_point_rows(outlook)
-    found = np.einsum("pcn,pq,qcn->n", rows, np.linalg.inv(outlook.information), rows, optimize=True)
+    rows = tests.tool_point_rows(prediction)
+    found = np.einsum("pcn,pq,qcn->n", rows, np.linalg.inv(prediction.information), rows, optimize=True)
     return np.asarray(np.maximum(found, 0.0))
 
 

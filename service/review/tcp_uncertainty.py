@@ -13,7 +13,7 @@ from pydantic import TypeAdapter
 from cellcal.calibration.arm.kinematics import load_model
 from cellcal.calibration.geometry import Array, Pose
 from cellcal.calibration.message import make_message
-from cellcal.calibration.poses.arm_fit import outlook_from
+from cellcal.calibration.poses.arm_fit import predict_from_fit
 from cellcal.calibration.poses.measurement_poses import TestPoses
 from cellcal.service.configuration.cell_file import CellConfig
 from cellcal.service.record.stored_results import JournalledResult, newest_stored_result
@@ -85,10 +85,10 @@ def _of_arm(
     """Return the covariance (3, 3) of the tip by the arm's parameters, among the postures of the work [m^2]."""
     series = reviewer.load_series(arm.run_id)
     assert isinstance(series, ArmSeries)
-    outlook = outlook_from(series.task, fit_of(series, series.signed_choice()))
+    prediction = predict_from_fit(series.task, fit_of(series, series.signed_choice()))
     postures = np.vstack([series.tests_rad, joints])
-    rows = TestPoses(postures, tip).tool_point_rows(outlook)[:, :, -1]
-    found: Array = rows.T @ np.linalg.inv(outlook.information) @ rows
+    rows = TestPoses(postures, tip).tool_point_rows(prediction)[:, :, -1]
+    found: Array = rows.T @ np.linalg.inv(prediction.information) @ rows
     return found
 
 

@@ -27,7 +27,7 @@ from cellcal.service.web import (
     programs,
     sign_in,
 )
-from cellcal.service.web import procedures as outlook
+from cellcal.service.web import procedures as procedure_routes
 from cellcal.service.web import session_control as control
 from cellcal.service.web import websocket as screen
 from cellcal.service.web.cell_client import CellProcessClient
@@ -94,7 +94,7 @@ def create_app(settings: ServiceSettings) -> FastAPI:
         screen,
         commands,
         control,
-        outlook,
+        procedure_routes,
         history,
         exports,
         sign_in,

@@ -14,6 +14,8 @@ ROOT = Path(__file__).parents[2]
 PACKAGES = ("calibration", "drivers", "procedures", "service", "fake_devices", "deploy", "tests")
 QUOTED_NAME = re.compile(r"`([A-Za-z_][\w.]*)(?:\(\))?`")
 METAPHOR = re.compile(r"\b(desk|furniture|entrance|lends?|lent|control door)\b", re.IGNORECASE)
+INDEFINITE_PERSON = re.compile(r"\b(whoever|(no|some|any|every)body)\b", re.IGNORECASE)
+LISTED_FILE = re.compile(r"`([\w.-]+\.py)`")
 QUOTED_FILE = re.compile(r"`([\w.-]+/[\w./-]+\.(?:py|ts|svelte|css|sh))`")
 # Written in backticks without being a name of the code: symbols of formulas, words of a controller's programs, and
 # examples of names.
@@ -103,3 +105,31 @@ def test_files_that_a_document_names_are_in_the_tree() -> None:
     ]
     assert len(documents) > 10
     assert not missing
+
+
+def documents() -> list[Path]:
+    """Return the documents for readers of the code; the history keeps the words of its time."""
+    history = {"CHANGELOG.md", "DECISIONS.md"}
+    found = [file for package in PACKAGES for file in sorted((ROOT / package).rglob("*.md"))]
+    return [*found, *(file for file in sorted(ROOT.glob("*.md")) if file.name not in history)]
+
+
+@pytest.mark.parametrize("file", documents(), ids=lambda file: str(file.relative_to(ROOT)))
+def test_documents_are_written_in_plain_words(file: Path) -> None:
+    lines = enumerate(file.read_text(encoding="utf-8").splitlines(), 1)
+    found = [
+        f"{number}: {line}"
+        for number, line in lines
+        if METAPHOR.search(line) or INDEFINITE_PERSON.search(line)
+    ]
+    assert not found
+
+
+@pytest.mark.parametrize(
+    "file",
+    [file for file in documents() if file.parent != ROOT],
+    ids=lambda file: str(file.relative_to(ROOT)),
+)
+def test_files_that_a_readme_lists_are_in_its_folder(file: Path) -> None:
+    below = {python.name for python in file.parent.rglob("*.py")}
+    assert not set(LISTED_FILE.findall(file.read_text(encoding="utf-8"))) - below

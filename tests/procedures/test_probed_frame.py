@@ -30,7 +30,7 @@ from cellcal.procedures.steps.contact_errors import (
 )
 from cellcal.procedures.teaching.corner_places import CornerRules
 from cellcal.procedures.teaching.corner_plan import rest_of_way
-from cellcal.procedures.teaching.corner_touches import CornerGoal, corner_outlook, fewest_touches
+from cellcal.procedures.teaching.corner_touches import CornerGoal, fewest_touches, predict_corner
 from cellcal.procedures.verdict import ProcedureVerdict
 from cellcal.service.runs.run_preview import knowledge_of
 from tests.procedures.memory_ledgers import CrashError, MemoryLedger, MortalLedger
@@ -161,9 +161,9 @@ async def test_touches_are_added_where_they_tell_most_until_the_frame_is_known()
 def test_a_touch_whose_times_tell_little_is_made_good_by_another_of_its_face(weak: FaceName) -> None:
     good, goal = 8e-5, CornerGoal(0.0006, math.radians(0.3), 0.0, 5e-5)
     made = dict(fewest_touches(good))
-    assert corner_outlook(CornerRules(), goal, good, made).reached
+    assert predict_corner(CornerRules(), goal, good, made).reached
     made[weak] = (*made[weak][:-1], 1e-3)
-    outlook = corner_outlook(CornerRules(), goal, good, made)
+    outlook = predict_corner(CornerRules(), goal, good, made)
     assert outlook.reached
     assert outlook.again[0] == weak
 

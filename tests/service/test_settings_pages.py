@@ -136,7 +136,7 @@ async def test_a_dry_run_says_how_well_it_would_be_known_and_on_what_that_rests(
             for section in ("assumed", "not_checked"):
                 lines = page.get_by_test_id(f"foretold_{section}").locator("li")
                 await expect(lines).to_have_count(len(forecast[section]))
-            await expect(page.locator(".outlook [lang=en]")).to_have_count(0)
+            await expect(page.locator(".forecast [lang=en]")).to_have_count(0)
             await hold_to_rules(page, "a dry run")
     assert set(marks) == {"✓", "✗"}
 
@@ -151,7 +151,7 @@ async def test_settings_that_are_refused_are_named_with_their_bounds(
         await unfold_sections(page)
         await fill_field(page, "value-room.tip_speed_m_s", "400")
         await request_forecast(page)
-        refused = page.get_by_test_id("no-outlook")
+        refused = page.get_by_test_id("no-forecast")
         for words in SAID[locale]:
             await expect(refused).to_contain_text(words)
         await expect(refused).not_to_contain_text("--set")  # a tablet has no command line
@@ -215,7 +215,7 @@ async def test_how_a_file_of_tags_is_written_is_set_in_fields(page_viewer: PageV
             "convention": "kuka_abc",
         }
         assert settings["measured"].keys() == {"name", "content_base64"}
-        await expect(page.get_by_test_id("no-outlook")).to_have_count(0)
+        await expect(page.get_by_test_id("no-forecast")).to_have_count(0)
         await page.reload()
         await expect(page.get_by_test_id("simulated-convention")).to_have_value("kuka_abc")
         await unfold_sections(page)

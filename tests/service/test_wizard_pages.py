@@ -120,7 +120,7 @@ async def test_a_message_that_names_settings_says_what_they_are_called(pendant: 
             await page.get_by_test_id(f"value-{name}").fill(share)
             await page.get_by_test_id(f"value-{name}").press("Tab")
         await page.locator("section[aria-live] button").click()
-        refused = page.get_by_test_id("no-outlook")
+        refused = page.get_by_test_id("no-forecast")
         await expect(refused).to_contain_text("Kürzestes Seil, Anteil des Bereichs")
         await expect(refused).not_to_contain_text("wire_low")
         pendant.viewer.complaints.clear()  # the browser tells of a refusal, too

@@ -15,8 +15,8 @@ from cellcal.calibration.poses.arm_fit import (
     fit_arm,
     fit_placement,
     found_parameters,
-    outlook_from,
-    outlook_of,
+    predict_from_fit,
+    predict_task,
     predicted_sigma,
     reading_sigma,
     target_expanded_u,
@@ -84,7 +84,7 @@ def test_a_known_arm_is_only_placed() -> None:
 
 
 def test_chosen_poses_tell_more_than_drawn_ones_and_the_need_is_counted() -> None:
-    before = outlook_of(WIRE, POOL[:0])
+    before = predict_task(WIRE, POOL[:0])
     turn = choose_in_turn(before, POOL[:200], TESTS, lambda *_: False, most=30)
     chosen, drawn = (
         target_expanded_u(turn.after, TESTS)[0],
@@ -107,13 +107,13 @@ def test_readings_worse_than_stated_widen_the_uncertainty() -> None:
     good, bad = (fit_arm(WIRE, WIRE.to_observations(POOL[:70], v)) for v in (values, worse))
     assert reading_sigma(WIRE, bad) > 2.5 * reading_sigma(WIRE, good)
     assert (
-        target_expanded_u(outlook_from(WIRE, bad), TESTS)[0]
-        > 1.5 * target_expanded_u(outlook_from(WIRE, good), TESTS)[0]
+        target_expanded_u(predict_from_fit(WIRE, bad), TESTS)[0]
+        > 1.5 * target_expanded_u(predict_from_fit(WIRE, good), TESTS)[0]
     )
 
 
 def test_what_no_number_of_readings_brings_out_is_named_with_partner_and_cure() -> None:
-    before = outlook_of(WIRE, POOL[:0])
+    before = predict_task(WIRE, POOL[:0])
     found = find_shortfall(before, POOL[:200], AcceptanceLimits(tip_rms_m=2e-5, margin=1.0), TESTS)
     assert found is not None
     assert found.hidden_behind == "wire scale"

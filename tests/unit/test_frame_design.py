@@ -16,7 +16,7 @@ from cellcal.calibration.points.frame_design import (
     FrameGoal,
     FramePoint,
     FrameRole,
-    frame_outlook,
+    predict_frame,
     touches_needed_in_turn,
 )
 from cellcal.calibration.points.frames import TaughtFrame, frame_from_more_points
@@ -55,14 +55,14 @@ def _frame_u(taught: TaughtFrame) -> tuple[float, float]:
 def test_what_is_foreseen_is_what_the_fit_says(seed: int) -> None:
     base_frame, points = _draw_triangle(seed)
     goal = FrameGoal(SIGMA_M, 0.0006, 0.003)
-    outlook = frame_outlook(base_frame, points, goal, 60)
-    origin_u, angle_u = _frame_u(_fit_frame([*points, *(points[k] for k in outlook.again)]))
-    assert (outlook.origin_u_m, outlook.angle_u_rad) == pytest.approx((origin_u, angle_u), rel=1e-6)
-    assert outlook.reached
+    prediction = predict_frame(base_frame, points, goal, 60)
+    origin_u, angle_u = _frame_u(_fit_frame([*points, *(points[k] for k in prediction.again)]))
+    assert (prediction.origin_u_m, prediction.angle_u_rad) == pytest.approx((origin_u, angle_u), rel=1e-6)
+    assert prediction.reached
     assert origin_u <= goal.origin_u_m
     assert angle_u <= goal.angle_u_rad
-    if outlook.again:  # the last touch was needed
-        origin_u, angle_u = _frame_u(_fit_frame([*points, *(points[k] for k in outlook.again[:-1])]))
+    if prediction.again:  # the last touch was needed
+        origin_u, angle_u = _frame_u(_fit_frame([*points, *(points[k] for k in prediction.again[:-1])]))
         assert origin_u > goal.origin_u_m or angle_u > goal.angle_u_rad
 
 
@@ -70,7 +70,7 @@ def test_what_is_foreseen_is_what_the_fit_says(seed: int) -> None:
 def test_few_touches_do(seed: int) -> None:
     base_frame, points = _draw_triangle(100 + seed)
     goal = FrameGoal(SIGMA_M, 0.0008, 0.004)
-    found = len(frame_outlook(base_frame, points, goal, 40).again)
+    found = len(predict_frame(base_frame, points, goal, 40).again)
     in_turn = touches_needed_in_turn(base_frame, points, goal)
     assert 3 + found <= in_turn
     least = next(count for count in range(40) if _some_choice_does(points, goal, count))
@@ -103,21 +103,21 @@ def test_in_turn_is_the_count_at_which_the_fit_meets_the_goal() -> None:
 
 def test_out_of_reach_is_reported_with_what_could_be_reached() -> None:
     base_frame, points = _draw_triangle(3)
-    outlook = frame_outlook(base_frame, points, FrameGoal(SIGMA_M, 1e-5, 1e-5), 12)
-    assert not outlook.reached
-    assert len(outlook.again) == 9
-    assert outlook.origin_u_m == pytest.approx(
-        _frame_u(_fit_frame([*points, *(points[k] for k in outlook.again)]))[0]
+    prediction = predict_frame(base_frame, points, FrameGoal(SIGMA_M, 1e-5, 1e-5), 12)
+    assert not prediction.reached
+    assert len(prediction.again) == 9
+    assert prediction.origin_u_m == pytest.approx(
+        _frame_u(_fit_frame([*points, *(points[k] for k in prediction.again)]))[0]
     )
-    three = frame_outlook(base_frame, points, FrameGoal(SIGMA_M, 1e-5, 1e-5), 3)
+    three = predict_frame(base_frame, points, FrameGoal(SIGMA_M, 1e-5, 1e-5), 3)
     assert three.again == ()
-    assert three.origin_u_m > outlook.origin_u_m
+    assert three.origin_u_m > prediction.origin_u_m
 
 
 def test_the_truth_lies_inside_u() -> None:
     base_frame, points = _draw_triangle(11)
     goal = FrameGoal(SIGMA_M, 0.0006, 0.002)
-    points += [points[k] for k in frame_outlook(base_frame, points, goal, 60).again]
+    points += [points[k] for k in predict_frame(base_frame, points, goal, 60).again]
     rng, inside, runs = np.random.default_rng(5), np.zeros(6), 2000
     for _ in range(runs):
         taught = _fit_frame(points, rng.normal(0.0, SIGMA_M * 0.9, (len(points), 3)))

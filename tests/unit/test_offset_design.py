@@ -8,8 +8,8 @@ from cellcal.calibration.geometry import Pose
 from cellcal.calibration.points.fixture import place_points
 from cellcal.calibration.points.offset_design import (
     OffsetGoal,
-    offset_outlook,
     point_covariance,
+    predict_offset,
     touches_needed_in_rounds,
 )
 
@@ -24,7 +24,7 @@ def _move_points(points: np.ndarray) -> np.ndarray:
 
 def test_the_fit_states_what_was_foretold_and_is_off_by_that() -> None:
     goal = OffsetGoal(sigma_m=0.0004, given_sigma_m=0.0001, origin_u_m=0.0007, angle_u_rad=0.05)
-    foretold = offset_outlook(POINTS, (1, 1, 1), goal, 12)
+    foretold = predict_offset(POINTS, (1, 1, 1), goal, 12)
     assert foretold.reached
     assert foretold.again  # three touches are not enough
     counts = [1 + foretold.again.count(k) for k in range(3)]
@@ -45,8 +45,8 @@ def test_the_fit_states_what_was_foretold_and_is_off_by_that() -> None:
 
 def test_only_as_many_touches_as_the_goal_takes_and_no_more_than_the_points_in_turn() -> None:
     goal = OffsetGoal(sigma_m=0.0005, given_sigma_m=0.0, origin_u_m=0.0006, angle_u_rad=0.1)
-    found = offset_outlook(POINTS, (1, 1, 1), goal, 60)
-    one_less = offset_outlook(POINTS, (1, 1, 1), goal, 2 + len(found.again))
+    found = predict_offset(POINTS, (1, 1, 1), goal, 60)
+    one_less = predict_offset(POINTS, (1, 1, 1), goal, 2 + len(found.again))
     in_turn = touches_needed_in_rounds(POINTS, goal)
     assert found.reached
     assert not one_less.reached
@@ -57,11 +57,11 @@ def test_only_as_many_touches_as_the_goal_takes_and_no_more_than_the_points_in_t
 
 def test_what_is_wrong_with_the_given_points_stays_however_often_they_are_touched() -> None:
     goal = OffsetGoal(sigma_m=0.0005, given_sigma_m=0.0005, origin_u_m=0.0004, angle_u_rad=0.1)
-    assert not offset_outlook(POINTS, (1, 1, 1), goal, 100).reached
+    assert not predict_offset(POINTS, (1, 1, 1), goal, 100).reached
     assert touches_needed_in_rounds(POINTS, goal) is None
 
 
 def test_points_that_fix_no_frame_are_refused() -> None:
     goal = OffsetGoal(0.0005, 0.0005, 0.002, 0.01)
     with pytest.raises((DegenerateDataError, np.linalg.LinAlgError)):
-        offset_outlook(((0.0, 0.0, 0.0), (0.1, 0.0, 0.0), (0.2, 0.0, 0.0)), (1, 1, 1), goal, 12)
+        predict_offset(((0.0, 0.0, 0.0), (0.1, 0.0, 0.0), (0.2, 0.0, 0.0)), (1, 1, 1), goal, 12)

@@ -17,9 +17,9 @@ from cellcal.calibration.poses.arm_fit import (
     errors_at,
     fit_arm,
     further_target_points,
-    outlook_from,
-    outlook_of,
     point_covariance,
+    predict_from_fit,
+    predict_task,
     target_expanded_u,
     with_readings,
 )
@@ -34,7 +34,7 @@ TARGETS = np.array([0] * 40 + [1] * 15 + [2] * 15 + [3] * 15)
 
 def _true_state(task: ArmTask, rng: np.random.Generator) -> ArmState:
     """Return an arm as its maker may build it, its device and targets a few millimetres off."""
-    before = outlook_of(task, JOINTS[:0])
+    before = predict_task(task, JOINTS[:0])
     places = [p.role in ("tool", "anchor", "base") for p in before.layout.parameters]
     sizes = np.where(places, 0.004, before.layout.prior_sigmas)
     return before.layout.apply_step(before.state, sizes * rng.normal(size=len(before.layout)))
@@ -62,7 +62,7 @@ def test_the_points_lie_within_the_stated_uncertainty(plain: ArmTask) -> None:
         values = -errors_at(true, nothing) + task.sigma_m * rng.normal(size=(task.channel_count, len(JOINTS)))
         robust = fit_arm(task, task.to_observations(JOINTS, values.T, TARGETS))
         off = (np.array(further_target_points(robust.fit.state)) - _as_the_controller_has_it(true)).ravel()
-        covariance = point_covariance(outlook_from(task, robust))
+        covariance = point_covariance(predict_from_fit(task, robust))
         square.append(float(off @ np.linalg.solve(covariance, off)))
         assert np.sqrt(np.diag(covariance)).max() < 3e-4
     assert 0.2 < np.mean(square) / 9.0 < 2.0
@@ -70,10 +70,10 @@ def test_the_points_lie_within_the_stated_uncertainty(plain: ArmTask) -> None:
 
 def test_one_fit_knows_arm_and_points_no_worse_than_one_after_the_other() -> None:
     task, tests = replace(WIRE, points_in_flange_m=POINTS), TestPoses(JOINTS[::4])
-    flange = with_readings(outlook_of(task, JOINTS[:0]), JOINTS[:40], TARGETS[:40])
+    flange = with_readings(predict_task(task, JOINTS[:0]), JOINTS[:40], TARGETS[:40])
     together = with_readings(flange, JOINTS[40:], TARGETS[40:])
     assert target_expanded_u(together, tests)[0] < target_expanded_u(flange, tests)[0]
-    alone = with_readings(outlook_of(task, JOINTS[:0]), JOINTS[40:], TARGETS[40:])
+    alone = with_readings(predict_task(task, JOINTS[:0]), JOINTS[40:], TARGETS[40:])
     tool = Pose((0.0, 0.0, 0.2))
     joint, separate = (
         tool_u(tool, POINTS, point_covariance(each_fit), 2e-5) for each_fit in (together, alone)

@@ -27,15 +27,15 @@ from cellcal.calibration.poses.measurement_poses import (
     AccuracyPrediction,
     DesignCriterion,
     DesignInstrument,
-    MeasurementOutlook,
+    MeasurementPrediction,
     PosePlan,
     TestPoses,
     choose_poses,
     measurable_postures,
-    outlook_after,
-    outlook_on,
     plan_efficiency,
     predict_accuracy,
+    predict_after_fit,
+    predict_from_poses,
 )
 from cellcal.service.configuration.cell_shapes import read_cell_shape
 from cellcal.service.csv_writing import write_rows
@@ -139,7 +139,7 @@ def plan_poses(request: PlanRequest) -> PlanReport:
     if not 1 <= request.poses <= request.candidates:
         raise PlanError(f"{request.poses} poses cannot be chosen from {request.candidates} candidates.")
     model = load_model(request.robot)
-    outlook = _prediction_basis(request, model)
+    expectation = _prediction_basis(request, model)
     limits, check = MotionLimits(wire=_wire_path(request)), _collision_check(request, model)
     described = _description_check(request, model, check)
     filters = (check.is_free,) if described is None else (check.is_free, described.is_free)
@@ -148,8 +148,8 @@ def plan_poses(request: PlanRequest) -> PlanReport:
         model, limits, request.candidates, tip_in_flange_m=tip, filters=filters, seed=request.seed
     )
     tests = TestPoses(_test_joints(request, model, check))
-    before = predict_accuracy(outlook, tests)
-    plan, prediction, reason, after = _choose_poses(request, outlook, drawn, tests)
+    before = predict_accuracy(expectation, tests)
+    plan, prediction, reason, after = _choose_poses(request, expectation, drawn, tests)
     order: tuple[int, ...] = ()
     free: tuple[bool, ...] = ()
     if plan is not None and len(plan.indices):
@@ -162,8 +162,8 @@ def plan_poses(request: PlanRequest) -> PlanReport:
         prediction,
         after.not_identified(),
         before,
-        _predict_random(outlook, drawn, tests, plan),
-        plan_efficiency(outlook, drawn, plan, tests) if order and plan is not None else None,
+        _predict_random(expectation, drawn, tests, plan),
+        plan_efficiency(expectation, drawn, plan, tests) if order and plan is not None else None,
         order,
         free,
         len(drawn),
@@ -217,9 +217,9 @@ def read_joints(path: Path, arm: RobotModel | int) -> Array:
         raise PlanError(broken.message, remedy=broken.remedy) from broken
 
 
-def _prediction_basis(request: PlanRequest, model: RobotModel) -> MeasurementOutlook:
+def _prediction_basis(request: PlanRequest, model: RobotModel) -> MeasurementPrediction:
     if request.after is None:
-        return outlook_on(
+        return predict_from_poses(
             model,
             request.instrument,
             tool_in_flange_m=request.tool_in_flange_m,
@@ -238,7 +238,7 @@ def _prediction_basis(request: PlanRequest, model: RobotModel) -> MeasurementOut
         observations = request.instrument.make_observations(joints_rad)
         return with_mounting(observations, np.full(len(joints_rad), last, dtype=np.intp))
 
-    return outlook_after(fit, simulate_readings)
+    return predict_after_fit(fit, simulate_readings)
 
 
 def _wire_path(request: PlanRequest) -> WirePath | None:
@@ -307,21 +307,25 @@ def _test_joints(request: PlanRequest, model: RobotModel, check: CollisionCheck)
 
 
 def _choose_poses(
-    request: PlanRequest, outlook: MeasurementOutlook, drawn: Array, tests: TestPoses
-) -> tuple[PosePlan | None, AccuracyPrediction, str, MeasurementOutlook]:
+    request: PlanRequest, expectation: MeasurementPrediction, drawn: Array, tests: TestPoses
+) -> tuple[PosePlan | None, AccuracyPrediction, str, MeasurementPrediction]:
     if request.acceptance is None:
         plan = choose_poses(
-            outlook, drawn, request.poses, tests, criterion=request.criterion or DesignCriterion.TEST_POSES
+            expectation,
+            drawn,
+            request.poses,
+            tests,
+            criterion=request.criterion or DesignCriterion.TEST_POSES,
         )
         return plan, plan.prediction, "", plan.after
     found = enough_poses(
-        outlook, drawn, request.acceptance, tests, most=request.poses, criterion=request.criterion
+        expectation, drawn, request.acceptance, tests, most=request.poses, criterion=request.criterion
     )
     return found.plan, found.prediction, found.reason, found.after
 
 
 def _predict_random(
-    outlook: MeasurementOutlook, drawn: Array, tests: TestPoses, plan: PosePlan | None
+    expectation: MeasurementPrediction, drawn: Array, tests: TestPoses, plan: PosePlan | None
 ) -> AccuracyPrediction | None:
     if plan is None or not len(plan.indices):
         return None
@@ -329,7 +333,9 @@ def _predict_random(
     draws: Sequence[AccuracyPrediction] = sorted(
         (
             predict_accuracy(
-                outlook.with_measured(drawn[generator.choice(len(drawn), len(plan.indices), replace=False)]),
+                expectation.with_measured(
+                    drawn[generator.choice(len(drawn), len(plan.indices), replace=False)]
+                ),
                 tests,
             )
             for _ in range(_RANDOM_PLANS)

@@ -19,7 +19,7 @@ from cellcal.calibration.identification.observations import (
 from cellcal.calibration.identification.parameters import ArmState
 from cellcal.calibration.mastering.pose_design import candidate_joints
 from cellcal.calibration.motion.motion_check import MotionLimits
-from cellcal.calibration.poses.measurement_poses import MeasurementOutlook, TestPoses
+from cellcal.calibration.poses.measurement_poses import MeasurementPrediction, TestPoses
 from cellcal.service.engineering.identification.identify import IdentifyReport
 
 _REACHABLE = 4000  # postures: enough for a few in every cell of the map
@@ -140,9 +140,11 @@ class IdentificationEvidence:
         """Return the standard uncertainty of the target's place (N,) that the fit's covariance predicts."""
         fit = self.report.identification.robust.fit
         size = len(fit.layout)
-        outlook = MeasurementOutlook(fit.layout, fit.state, self._not_measured, np.ones(size), np.eye(size))
+        prediction = MeasurementPrediction(
+            fit.layout, fit.state, self._not_measured, np.ones(size), np.eye(size)
+        )
         # In one piece: lengths lose a rigid motion of all postures together.
-        rows = TestPoses(joints_rad).tool_point_rows(outlook).reshape(size, -1)
+        rows = TestPoses(joints_rad).tool_point_rows(prediction).reshape(size, -1)
         variance = np.empty(rows.shape[1])
         for at in range(0, rows.shape[1], _BATCH):
             part = rows[:, at : at + _BATCH]
