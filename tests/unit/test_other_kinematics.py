@@ -49,7 +49,7 @@ def written(path, robot, seed=1, *, rows=40, held=100, slides_in="mm", named=Tru
 
 
 @pytest.mark.parametrize("robot", [TRACK, SCARA, SEVEN], ids=["track", "scara", "seven"])
-@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.soak)])
 def test_forty_points_identify_an_arm_of_any_kind(tmp_path, robot, seed):
     path = written(tmp_path / "points.csv", robot, seed)
     report = identify_file(path, robot, IdentifyOptions(train_rows=40))
@@ -72,11 +72,11 @@ SLICE = [
     "abb_irb2400",
     "fanuc_crx10ia",
     "franka_fr3",
-    "mitsubishi_rh6frh5520",
-    "staubli_tx2_90l",
+    pytest.param("mitsubishi_rh6frh5520", marks=pytest.mark.soak),
+    pytest.param("staubli_tx2_90l", marks=pytest.mark.soak),
     "ufactory_xarm5",
     "yaskawa_mpl80",
-]  # fmt: skip  `make soak` takes the whole catalogue
+]  # `make soak ARGS=catalogue_arms` takes the whole catalogue
 
 
 @pytest.mark.parametrize("robot", SLICE)

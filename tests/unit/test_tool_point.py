@@ -193,7 +193,7 @@ def test_the_tip_is_within_u_in_space_in_95_of_100_fits_whatever_the_number_of_t
     assert 0.935 < inside / 1200 < 0.965  # three deviations of a share of 95 % in 1200
 
 
-@pytest.mark.parametrize("count", [4, 20])
+@pytest.mark.parametrize("count", [4, pytest.param(20, marks=pytest.mark.soak)])
 def test_what_shifts_the_tip_at_all_touches_alike_is_within_u_when_it_is_stated(count):
     inside = 0
     for seed in range(1200):
