@@ -35,7 +35,7 @@ _COMMAND: TypeAdapter[SessionCommand] = TypeAdapter(SessionCommand)
 
 def main(path: str, *how: str) -> None:
     """Attend one cell until standard input ends. With ``BROKEN_OFF`` the run under way waits for a person."""
-    log_in_lines("desk: %(message)s")
+    log_in_lines("cell process: %(message)s")
     asyncio.run(_run_controller(Path(path), broken_off=BROKEN_OFF in how))
 
 

@@ -71,7 +71,7 @@ def router(*, folder: Path = _FOLDER) -> int:
 
 
 @site.command
-def publish(cell: Path, /, *, from_desk: Annotated[bool, Parameter(negative=())] = False) -> int:
+def publish(cell: Path, /, *, from_cell_process: Annotated[bool, Parameter(negative=())] = False) -> int:
     """Tell the site of a cell whose service does not run; `cellcal serve` does it by itself.
 
     Without a running service the site sees the journal: runs, certificates, drift. Joints and devices need
@@ -81,7 +81,7 @@ def publish(cell: Path, /, *, from_desk: Annotated[bool, Parameter(negative=())]
     ----------
     cell
         The cell file (TOML) with a [site] table.
-    from_desk
+    from_cell_process
         Read the output of a cell process (`python -m cellcal.service.cell_process`) from standard input; end with it.
     """
     import sys
@@ -93,7 +93,7 @@ def publish(cell: Path, /, *, from_desk: Annotated[bool, Parameter(negative=())]
     config = read_cell_file(cell)
     STDERR_CONSOLE.print(f"Telling the site of {config.cell.name}. Ctrl+C ends it.", markup=False)
     with interrupt_event() as leave:
-        run_publisher(config, sys.stdin.buffer if from_desk else None, leave)
+        run_publisher(config, sys.stdin.buffer if from_cell_process else None, leave)
     return 0
 
 

@@ -86,9 +86,9 @@ class CellMetrics:
             session = live = None
         labels = {"cell": self._config.cell.name, "version": installed_version("cellcal")}
         yield MetricFamily("cellcal_info", "gauge", "What this is; always 1.").add_sample(1, labels)
-        yield MetricFamily("cellcal_desk_up", "gauge", "Whether the cell's desk is heard.").add_sample(
-            is_current
-        )
+        yield MetricFamily(
+            "cellcal_desk_up", "gauge", "Whether messages of the cell process arrive."
+        ).add_sample(is_current)
         connected = bool(session and session["connection"]["connected"])
         yield MetricFamily(
             "cellcal_cell_up", "gauge", "Whether the cell's devices are connected."

@@ -174,7 +174,7 @@ def _collect_alarms(
 ) -> None:
     now_s = time.monotonic()
     troubles = CellAlarmWatch(
-        config, tap, DueDates(config), initial=outbox.active_alarms(), now_s=now_s, awaits_desk=True
+        config, tap, DueDates(config), initial=outbox.active_alarms(), now_s=now_s, awaits_cell_process=True
     )
     while not (leave.is_set() or tap.ended.is_set()):
         changes = troubles.update_alarms(time.monotonic())

@@ -14,15 +14,15 @@ _NOT_OF_CONTROLLER = ("due", "journal", "desk.silent")
 
 
 class CellAlarmWatch:
-    """Looks again and again. ``initial`` were up at the last look; ``awaits_desk``: there must be one."""
+    """Looks again and again. ``initial`` were up at the last look; ``awaits_cell_process``: there must be one."""
 
     def __init__(
         self, config: CellConfig, tap: ControllerTap, due: DueDates, *,
-        initial: Iterable[CellAlarm] = (), now_s: float = 0.0, awaits_desk: bool = False,
+        initial: Iterable[CellAlarm] = (), now_s: float = 0.0, awaits_cell_process: bool = False,
     ) -> None:  # fmt: skip
         self._config, self._tap, self._due = config, tap, due
         self._alarms = AlarmSet(initial, now_s)
-        self._desk_due_s = now_s + CONTROLLER_STARTS_S if awaits_desk else float("inf")
+        self._cell_process_due_s = now_s + CONTROLLER_STARTS_S if awaits_cell_process else float("inf")
 
     @property
     def active_alarms(self) -> list[CellAlarm]:
@@ -38,13 +38,15 @@ class CellAlarmWatch:
     def _controller_alarms(self, now_s: float) -> list[CellAlarm]:
         session = self._tap.latest_session()
         if session is not None:
-            self._desk_due_s = now_s  # from here on it must be heard
+            self._cell_process_due_s = now_s  # from here on it must be heard
             return wrong_in(session, self._tap.latest_live())
         current = [alarm for alarm in self._alarms.active_alarms if alarm.code not in _NOT_OF_CONTROLLER]
-        if now_s < self._desk_due_s:
+        if now_s < self._cell_process_due_s:
             return current  # who heard nothing yet must not say that all is well
         name = self._config.cell.name
-        silent = CellAlarm("desk.silent", name, "nothing is heard of its desk", "Look at its service.")
+        silent = CellAlarm(
+            "desk.silent", name, "nothing is heard of its cell process", "Look at its service."
+        )
         return [*current, silent]
 
     def _local_alarms(self, now_s: float, journal_trouble: str) -> list[CellAlarm]:

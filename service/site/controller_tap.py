@@ -25,7 +25,7 @@ class ControllerTap:
         self._live: tuple[float, LiveDocument] | None = None
         self.ended = threading.Event()
         if stream is not None:
-            start_thread("desk tap", partial(self._read_stream, stream), self.ended)
+            start_thread("cell process tap", partial(self._read_stream, stream), self.ended)
 
     def latest_session(self) -> SessionDocument | None:
         """Return the cell process's session; None while there is no such process, or it sends nothing."""

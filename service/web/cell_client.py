@@ -55,7 +55,7 @@ class CellProcessGoneError(CellError):
         )
 
 
-class DeskSilentError(CellProcessGoneError):
+class CellProcessSilentError(CellProcessGoneError):
     """The cell process runs, and did not answer in time."""
 
     code = "desk.silent"
@@ -134,7 +134,7 @@ class CellProcessClient:
         return content if time.monotonic() - received_s < _JUST_NOW_S else None
 
     async def send_order(self, command: CommandDocument) -> OrderReply:
-        """Send a command and return the cell process's reply; DeskGoneError where there is none."""
+        """Send a command and return the cell process's reply; CellProcessGoneError where there is none."""
         if command["order"]["op"] == "stop":
             return await self._stop(command)
         if command["order"]["op"] in ("start", "resume"):
@@ -171,7 +171,7 @@ class CellProcessClient:
                 make_message("it is longer than {longest_line} bytes", longest_line=LONGEST_LINE)
             )
         if "ask" not in message and process.stdin.transport.get_write_buffer_size() > _MOST_UNREAD:
-            raise DeskSilentError
+            raise CellProcessSilentError
         answer: asyncio.Future[OrderReply] = asyncio.get_running_loop().create_future()
         self._waiting[number] = answer
         process.stdin.write(line)
@@ -185,7 +185,7 @@ class CellProcessClient:
         if not answer.done() and self._lines_heard > heard:
             await asyncio.wait({answer}, timeout=ANSWER_S - first_s)
         if not answer.done():
-            raise DeskSilentError
+            raise CellProcessSilentError
         return answer.result()
 
     async def _begin_process(self) -> asyncio.subprocess.Process:

@@ -217,7 +217,7 @@ async def test_no_one_is_shut_out_in_any_language(tmp_path: Path) -> None:
 
 async def test_cell_messages_are_shown_in_the_language_of_the_page(tmp_path: Path) -> None:
     hall = PlayedFleet(tmp_path, 2)
-    silent = CellAlarm("desk.silent", "cell", "nothing is heard of its desk", "Look at its service.")
+    silent = CellAlarm("desk.silent", "cell", "nothing is heard of its cell process", "Look at its service.")
     late = CellAlarm("due", "calibration of gauge_7", "was due on 2020-01-01", "Have it done.")
     broken = CellAlarm("run.broken", "robot_calibration", "Nothing was sent.")
     hall.publish_state(

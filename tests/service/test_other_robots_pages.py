@@ -1,6 +1,6 @@
 """What every page says of a robot that is not selected, and of a recovery that the watch began: in a real browser.
 
-The cell process is a double of two robots; what it tells of real ones is in test_desk_others and test_desk_alone.
+The cell process is a double of two robots; what it tells of real ones is in test_unselected_robots and test_unattended_recovery.
 """
 
 import re

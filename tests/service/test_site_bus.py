@@ -80,7 +80,7 @@ def test_a_cell_is_seen_with_its_state_alarms_joints_and_events(tmp_path: Path) 
             texts = [alarm["text"] for alarm in cell_view(listener, "cell-07").alarms]
             assert texts == [
                 "E-stop.",
-                "nothing is heard of its desk",
+                "nothing is heard of its cell process",
             ]  # the end of the stop was not reported
         wait_until(lambda: cell_view(listener, "cell-07").link == "offline")
         assert listener.fleet.flaw_count == 0, list(listener.fleet.flaws)

@@ -223,11 +223,11 @@ async def test_the_threads_of_the_sender_of_alarms_come_back(tmp_path: Path) -> 
         sending.start()
         try:
             await failed_and_back("webhook: delivery")
-            before = SUPERVISOR.failure_counts().get("desk tap", 0)
-            await poll_until(lambda: SUPERVISOR.holder_of("desk tap"))
-            raise_in("desk tap")
+            before = SUPERVISOR.failure_counts().get("cell process tap", 0)
+            await poll_until(lambda: SUPERVISOR.holder_of("cell process tap"))
+            raise_in("cell process tap")
             while not is_back(
-                "desk tap", before, lambda: True
+                "cell process tap", before, lambda: True
             ):  # it waits for a line, and raises at the next
                 os.write(writing, json.dumps({"told": "gone", "content": {}}).encode() + b"\n")
                 await asyncio.sleep(0.05)
@@ -443,7 +443,7 @@ async def poll_until(true: Callable[[], object]) -> None:
 
 TRIED = {
     "devices of the cell", "news of other robots", "watch of {}", "CAN receiver of {}", "process of the cell",
-    "words for {}", "{}", "webhook: delivery", "desk tap", "monitor: hearing", "monitor: asking",
+    "words for {}", "{}", "webhook: delivery", "cell process tap", "monitor: hearing", "monitor: asking",
     "monitor: view of the cells", "web server: accepting", "web server: idle connections", "time of {}",
     "time of the control box", "motions of {}", "ports of {}", "programs of {}", "port of {}",
     # in test_long_lived_processes

@@ -98,7 +98,7 @@ class Wire {
     return this.mayAgreeTo(this.session?.prompt?.id);
   }
 
-  /** The same for a yes to something that has a name: a question of the desk, or a change that a page shows. */
+  /** The same for a yes to something that has a name: a question of the cell process, or a change that a page shows. */
   mayAgreeTo(question: string | undefined): boolean {
     return this.mayOrder || (this.online && this.#settled && people.may("run") && this.#awaitsMe(question));
   }

@@ -1,11 +1,11 @@
-"""A slice of `make soak ARGS="desk_kills=100"`: kill -9 in a browser's view."""
+"""A slice of `make soak ARGS="cell_process_kills=100"`: kill -9 in a browser's view."""
 
 from pathlib import Path
 
 import pytest
 
 from tests.machine_speed import stretched_s
-from tests.soak.desk_kills import kill_and_look
+from tests.soak.cell_process_kills import kill_and_look
 
 
 # Each wait has its own patience; three starts of a service take long on a busy computer

@@ -55,13 +55,13 @@ class Observers:
     shown: ShownRun = field(default_factory=ShownRun)
 
 
-def desk_kills(kills: int) -> CampaignFigures:
+def cell_process_kills(kills: int) -> CampaignFigures:
     """Kill the service so often while runs go on, one after the other."""
     with tempfile.TemporaryDirectory() as folder:
         observations = asyncio.run(kill_and_look(Path(folder), kills, seed=5))
     kill_counts = ", ".join(f"{count} of the {what}" for what, count in sorted(observations.kills.items()))
     line = (
-        f"desk_kills: {kills} kills ({kill_counts}), {observations.under_way} of them in a run; "
+        f"cell_process_kills: {kills} kills ({kill_counts}), {observations.under_way} of them in a run; "
         f"{observations.points['robot']} captures and "
         f"{observations.points['person']} points that a person taught are stored; a tab that was "
         f"not touched, reloaded "
