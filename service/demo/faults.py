@@ -59,7 +59,7 @@ DEMO_FAULTS = (
     DemoFault("ur_slow", "person", OTHER_ROBOT, "speed_slider", {"fraction": 0.1}),
     DemoFault("ur_fast", "person", OTHER_ROBOT, "speed_slider", {"fraction": 1.0}),
 )
-_BY_NAME = {mishap.name: mishap for mishap in DEMO_FAULTS}
+_BY_NAME = {fault.name: fault for fault in DEMO_FAULTS}
 
 # A lost zero is not among them: that is what cellcal is for.
 _CLEARING_FAULTS: tuple[tuple[str, str, Mapping[str, object]], ...] = (
@@ -81,10 +81,10 @@ _CLEARING_FAULTS: tuple[tuple[str, str, Mapping[str, object]], ...] = (
 
 
 def fault_named(name: str) -> DemoFault:
-    """Return a mishap; CellError names those that there are."""
+    """Return a fault; CellError names those that there are."""
     if name not in _BY_NAME:
         raise CellError(
-            make_message("the demo knows no mishap {name!r}.", name=name),
+            make_message("the demo has no fault {name!r}.", name=name),
             remedy=make_message("Choose {by_name}.", by_name=", ".join(_BY_NAME)),
             code="usage",
         )
@@ -92,7 +92,7 @@ def fault_named(name: str) -> DemoFault:
 
 
 async def trigger_fault(fake_cell: FakeCellClient, name: str) -> None:
-    """Let a mishap happen."""
+    """Let a fault happen."""
     fault = fault_named(name)
     await fake_cell.inject_fault(fault.fault, device=fault.device, **fault.arguments)
 

@@ -74,7 +74,7 @@ class DemoWorld:
         """Return what the demo's bar shows. The tool's error is the world's truth; no procedure can see it."""
         error = await self.fake_cell.send_command("tcp_error", robot=ROBOT)
         return {
-            "mishaps": [
+            "faults": [
                 {"name": each.name, "kind": each.kind, "device": each.device} for each in DEMO_FAULTS
             ],
             "pressed": list(self.pressed),
@@ -154,12 +154,12 @@ class DemoExtension:
 
 @router.get("")
 async def show_demo(request: Request, who: Who) -> dict[str, Any]:
-    """Return the mishaps that there are, what was pressed, the truth, and whether the arm can be jogged now."""
+    """Return the faults that there are, what was pressed, the truth, and whether the arm can be jogged now."""
     del who
     return await _demo_state(request)
 
 
-@router.post("/mishaps")
+@router.post("/faults")
 async def trigger_demo_fault(requested: FaultRequest, request: Request, who: Who) -> dict[str, Any]:
     """Let something happen to the fake cell."""
     del who

@@ -56,11 +56,11 @@ def test_all_that_can_happen_has_its_words_in_every_language() -> None:
 async def _check_refusal(page: Page) -> None:
     """What the demo refuses is said in the page's language: here the service is asked for what it does not have."""
     await page.route(
-        "**/api/demo/mishaps", lambda route: route.continue_(post_data=json.dumps({"name": "flood"}))
+        "**/api/demo/faults", lambda route: route.continue_(post_data=json.dumps({"name": "flood"}))
     )
     await page.get_by_test_id("demo-battery").click()
     refused = page.get_by_test_id("demo-refused")
-    await expect(refused).to_contain_text("die Demo kennt kein Missgeschick 'flood'. Wählen Sie battery, ")
+    await expect(refused).to_contain_text("die Demo kennt keinen Fehler 'flood'. Wählen Sie battery, ")
 
 
 async def _check_bar(browser: Browser, url: str) -> None:

@@ -90,11 +90,11 @@ async def test_a_loss_pressed_is_noticed_and_offered_for_recovery_and_ctrl_c_end
     async with a_demo("--port", "0", "--time-factor", "600") as (process, client):
         shown = await poll_until(client, "/api/demo", lambda session_answer: not session_answer["preparing"])
         assert shown["tcp_error_m"]["max"] < 1e-9
-        assert {each["name"] for each in shown["mishaps"]} == {each.name for each in DEMO_FAULTS}
+        assert {each["name"] for each in shown["faults"]} == {each.name for each in DEMO_FAULTS}
         assert (await client.get("/api/session")).json()["demo"] is True
         runs = (await client.get("/api/runs")).json()
         assert [(run["procedure"], run["state"]) for run in runs] == [("mastering_record", "passed")]
-        pressed = (await client.post("/api/demo/mishaps", json={"name": "battery"})).json()
+        pressed = (await client.post("/api/demo/faults", json={"name": "battery"})).json()
         assert [each["name"] for each in pressed["pressed"]] == ["battery", "hand_wire_home"]
         session_answer = await poll_until(
             client, "/api/session", lambda session_answer: session_answer["session"]["losses"]
@@ -103,7 +103,7 @@ async def test_a_loss_pressed_is_noticed_and_offered_for_recovery_and_ctrl_c_end
         assert (loss["mode"], loss["procedure"]) == ("M1", "mastering_recovery")
         assert "[watch] recover_alone is not set" in loss["reasons"]  # it is offered: a person presses
         assert (await client.get("/api/demo")).json()["tcp_error_m"]["max"] > 1e-3
-        unknown = await client.post("/api/demo/mishaps", json={"name": "earthquake"})
+        unknown = await client.post("/api/demo/faults", json={"name": "earthquake"})
         assert unknown.status_code == 422
         assert "battery" in unknown.json()["remedy"]
         children = _descendants_of(process.pid)
@@ -153,9 +153,9 @@ async def _without_cell_process(link: DemoCellProcessClient, command: dict[str, 
 async def test_every_fault_happens_and_clearing_takes_back_all_but_the_lost_zero(tmp_path: Path) -> None:
     async with a_cell(tmp_path) as (_, fake_client):
         before = await _read_state(fake_client)
-        for mishap in DEMO_FAULTS:
-            if mishap.kind != "loss":
-                await faults.trigger_fault(fake_client, mishap.name)
+        for fault in DEMO_FAULTS:
+            if fault.kind != "loss":
+                await faults.trigger_fault(fake_client, fault.name)
         assert await _read_state(fake_client) != before
         await faults.clear_faults(fake_client)
         assert await _read_state(fake_client) == before
