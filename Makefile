@@ -4,6 +4,8 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 export OPENBLAS_NUM_THREADS ?= 1
+# Tests and demo start hundreds of processes: the second and all further ones find the modules compiled.
+export PYTHONDONTWRITEBYTECODE :=
 
 PAGES := service/web/dist/index.html
 

@@ -17,7 +17,7 @@ from cellcal.service.exit_codes import ExitCode
 from cellcal.service.record.journal_files import journal_path, open_journal
 from tests.procedures.certified_runs import cell_config, run_in
 from tests.procedures.procedure_scenes import tool_touch_scene
-from tests.service.browser_pages import hold_to_rules
+from tests.service.browser_pages import hold_to_rules, some_of
 from tests.service.cell_process_session import RECORD, open_session, take_the_record
 from tests.service.step_page_actions import FakePendant, at_the_pages
 
@@ -117,7 +117,7 @@ async def test_on_the_page_a_dialog_says_it_and_only_its_yes_goes_on(tmp_path: P
         config = read_cell_file(pendant._app.state.context.settings.cell_file)
         await _record_by(pendant)
         cut_off(journal_path(config))
-        for locale, said in SAID.items():
+        for locale, said in some_of(list(SAID.items()), "a missing end"):
             async with pendant.viewer.open_page("#/procedure/mastering_record", locale=locale) as page:
                 await page.get_by_test_id("start").click()
                 dialog = page.get_by_test_id("dialog")
