@@ -74,9 +74,7 @@ class DemoWorld:
         """Return what the demo's bar shows. The tool's error is the world's truth; no procedure can see it."""
         error = await self.fake_cell.send_command("tcp_error", robot=ROBOT)
         return {
-            "faults": [
-                {"name": each.name, "kind": each.kind, "device": each.device} for each in DEMO_FAULTS
-            ],
+            "faults": [{"name": each.name, "kind": each.kind, "device": each.device} for each in DEMO_FAULTS],
             "pressed": list(self.pressed),
             "preparing": self.preparing,
             "time_factor": (await self.fake_cell.send_command("pace"))["time_factor"],

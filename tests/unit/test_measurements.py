@@ -278,6 +278,19 @@ def test_a_missing_file_and_a_broken_excel_file(tmp_path):
         read_table(write_file(tmp_path, "not a zip", "broken.xlsx"))
 
 
+@pytest.mark.parametrize(
+    "heads", ["Hz,V,D", "Hz [gon],V [gon],SD [m]", "Azimuth,Elevation,Range", "HA,ZE,dist"]
+)
+def test_directions_of_an_instrument_are_not_taken_for_a_wire(tmp_path, heads):
+    file = tmp_path / "polar.csv"
+    rows = [f"{k},{2 * k},{3 * k},{4 * k},{5 * k},{6 * k},120.5,88.2,{2000 + k}" for k in range(20)]
+    file.write_text("\n".join([f"J1,J2,J3,J4,J5,J6,{heads}", *rows]))
+    with pytest.raises(MeasurementError, match="are directions of an instrument"):
+        read_measurements(file, UR10)
+    distance = ReadOptions(columns={"length": ("9",)})
+    assert len(read_measurements(file, UR10, distance).joints_rad) == 20
+
+
 def test_positions_of_the_controller_are_no_measurement(tmp_path):
     path = write_file(tmp_path, file_text([*Q, "goal_x", "goal_y", "goal_z"], table_of()))
     with pytest.raises(MeasurementError, match="no measurement found"):

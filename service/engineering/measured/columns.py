@@ -9,6 +9,7 @@ from cellcal.service.engineering.measured.column_words import CONTROLLER_WORDS, 
 from cellcal.service.engineering.measured.headings import plain_name, unit_of
 from cellcal.service.engineering.measured.joint_columns import find_joints
 from cellcal.service.engineering.measured.matrix_columns import find_matrix
+from cellcal.service.engineering.measured.polar_readings import refuse_directions
 from cellcal.service.engineering.measured.table import MeasurementError
 from cellcal.service.engineering.measured.typed_columns import TypedColumn, parse_columns
 from cellcal.service.engineering.measured.units import ANGLE_UNITS, LENGTH_UNITS
@@ -108,6 +109,8 @@ def detect_layout(
     length = "".join(typed_names.get("length", ()))
     if not length and not typed_names.get("position"):
         length = _find_length(rest, plain)
+        if not _find_positions(rest, plain, has_length=False).measured:
+            refuse_directions(rest, plain)
     places = _find_positions(rest, plain, has_length=bool(length))
     measured = typed_names.get("position") or places.measured
     controller = typed_names.get("controller") or (places.controller if places.controller != measured else ())
