@@ -288,7 +288,7 @@ def test_directions_of_an_instrument_are_not_taken_for_a_wire(tmp_path, heads):
     with pytest.raises(MeasurementError, match="are directions of an instrument"):
         read_measurements(file, UR10)
     distance = ReadOptions(columns={"length": ("9",)})
-    assert len(read_measurements(file, UR10, distance).joints_rad) == 20
+    assert len(read_measurements(file, UR10, distance).rows) == 20
 
 
 def test_positions_of_the_controller_are_no_measurement(tmp_path):
