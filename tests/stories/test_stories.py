@@ -11,7 +11,7 @@ from cellcal.service.cli.certificate import verify
 from cellcal.service.demo.fake_cell_client import FakeCellClient
 from cellcal.service.web.app import create_app
 from cellcal.service.web.context import ServiceSettings
-from tests.service.browser_pages import hold_to_rules_in_every_language
+from tests.service.browser_pages import hold_to_rules_in_languages
 from tests.service.cell_process_session import without_a_wire_to_the_gauge
 from tests.service.service_client import ServiceClock
 from tests.service.service_with_tablets import open_service_with_tablets
@@ -79,10 +79,10 @@ async def test_a_recovered_mastering_is_signed_line_by_line_and_the_certificate_
         assert ended.verdict == "PASS", ended.words
         _, before = certificate_of(tmp_path, ended)
         assert "signed" not in [one["did"] for one in before["sign_off"]]
-        await hold_to_rules_in_every_language(page, "the end of a run with lines to sign")
+        await hold_to_rules_in_languages(page, "the end of a run with lines to sign")
         await day.sign_lines()
         await expect(page.get_by_test_id("signed")).to_contain_text("Emil")
-        await hold_to_rules_in_every_language(page, "the end of a run that is signed")
+        await hold_to_rules_in_languages(page, "the end of a run that is signed")
         await page.reload()
         await expect(page.get_by_test_id("signed")).to_contain_text("Emil")
         certificate_path, content = certificate_of(tmp_path, ended)
@@ -121,5 +121,5 @@ class _ClumsyTechnician(TechnicianActions):
             await self._page.get_by_test_id("value").fill("about a metre")
             await expect(self._page.get_by_role("alert")).to_be_visible()
             await expect(self._page.get_by_test_id("yes")).to_be_disabled()
-            await hold_to_rules_in_every_language(self._page, "a length that is typed")
+            await hold_to_rules_in_languages(self._page, "a length that is typed")
         return await super().read_display(robot)
