@@ -90,6 +90,7 @@ class BatchDeclarations:
             computed,
             given,
             open_calls,
+            self._frames_left.get(self._folders[file], {}) if one.flat else {},
             running,
         )
 
@@ -128,6 +129,19 @@ class BatchDeclarations:
                 for place in routine.computes:
                     computing[self._folders[file]][place].append(file)
         return computing, given
+
+    @cached_property
+    def _frames_left(self) -> dict[str, dict[str, frozenset[str]]]:
+        """Return by folder and routine the frames that it, or a routine that it calls, chooses."""
+        found: dict[str, dict[str, frozenset[str]]] = defaultdict(dict)
+        if self._marks is None:
+            self._marks = self._effects_around()
+        (_, (below, _)) = self._marks
+        for number, (file, name) in enumerate(self._names):
+            frames = frozenset(value for value, _ in below[number] if value != _NOT_GIVEN)
+            if self._by_file[file].flat and frames:
+                found[self._folders[file]][name] = frames
+        return found
 
     def _open_beside(self, file: str) -> tuple[Mapping[str, str], dict[str, str]]:
         """Return which routines of a folder reach one that was not given, and which of those run beside all."""

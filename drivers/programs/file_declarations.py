@@ -90,6 +90,9 @@ class ExternalUses:
     open_calls: Mapping[str, str] = field(
         default_factory=dict
     )  # routines beside it that reach one that was not given, and which
+    frames_left: Mapping[str, frozenset[str]] = field(
+        default_factory=dict
+    )  # by routine beside it: the frames that it, or one that it calls, chooses
     running: Mapping[str, str] = field(
         default_factory=dict
     )  # routines not given that other files start to run beside all others, and the file

@@ -183,3 +183,25 @@ def test_a_height_that_is_set_where_the_robot_stands_counts_where_heights_change
     lines = (*START, "PR[10]=LPOS", "PR[10,3]=500", "L PR[10] 100mm/sec FINE", "L P[1] 100mm/sec FINE")
     moved = move(tmp_path, listing(*lines), offset)
     assert moved["code"] == (ExitCode.REFUSED if counts else ExitCode.PASS), moved["findings"]
+
+
+@pytest.mark.parametrize(
+    ("called", "code"),
+    [("UFRAME_NUM=2", ExitCode.REFUSED), ("UFRAME_NUM=1", ExitCode.PASS), ("CALL DEEP", ExitCode.REFUSED)],
+    ids=["another frame", "the same", "a program that it calls"],
+)
+def test_a_frame_that_a_called_program_leaves_counts_for_a_copy(
+    tmp_path: Path, called: str, code: ExitCode
+) -> None:
+    lines = ("UFRAME_NUM=1", "UTOOL_NUM=1", "PR[1]=P[1]", "CALL SUB", "L PR[1] 100mm/sec FINE")
+    folder = tmp_path / "programs"
+    folder.mkdir()
+    for name, text in (("Z", listing(*lines)), ("SUB", listing(called)), ("DEEP", listing("UFRAME_NUM=2"))):
+        (folder / f"{name}.LS").write_text(text.replace("/PROG  Z", f"/PROG  {name}"), encoding="ascii")
+    (tmp_path / "project.toml").write_text(PROJECT, encoding="utf-8")
+    words = ["program", "move", str(folder), "--project", str(tmp_path / "project.toml"), "--frame", "1"]
+    words += [f"--offset={ABOUT_Z}", "--out", str(tmp_path / "out"), "--json", str(tmp_path / "r.json")]
+    assert run_command_line(words) == code
+    programs = {one["program"]: one for one in json.loads((tmp_path / "r.json").read_text())["programs"]}
+    named = any("in user frame 2" in str(one) for one in programs["Z"]["findings"])
+    assert named == (code == ExitCode.REFUSED)

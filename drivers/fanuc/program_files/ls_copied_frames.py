@@ -11,6 +11,7 @@ from dataclasses import dataclass, field, replace
 
 from cellcal.drivers.fanuc.program_files.ls_computed import match_assignment, places_named
 from cellcal.drivers.fanuc.program_files.ls_statements import Statement, motion_of, read_statements
+from cellcal.drivers.programs.file_declarations import ExternalUses
 from cellcal.drivers.programs.positions import CARTESIAN, Positions
 from cellcal.drivers.programs.shifts import ProgramShift, ShiftAxes
 
@@ -20,6 +21,7 @@ _SELECTED = re.compile(
 _SELECTION = re.compile(rb"\b(?:UFRAME_NUM|BENUTZER_NUM)\b|MNUFRAMENUM", re.IGNORECASE)
 # Statements that the program may come to from elsewhere than from the line above.
 _JOINED = re.compile(rb"(?:LBL|MARKE|FOR|ENDFOR|WHILE|ENDWHILE|ELSE|ELSEIF|ENDIF)\b")
+_CALLED = re.compile(rb"\b(?:CALL|AUFRUF)[ \t]++([^\s;(,]{1,80}+)", re.IGNORECASE)
 _STANDS = re.compile(rb"\bLPOS\b")
 START = 0  # in place of a position: where the robot was before any
 Copies = frozenset[tuple[int, str]]  # positions, and the user frame whose numbers a register has
@@ -30,6 +32,7 @@ class _CopiedFrames:
     """What registers hold, and which user frame is in force, statement by statement."""
 
     taught: Mapping[int, str]  # by position
+    frames_left: Mapping[str, frozenset[str]]  # by program that may be called: the frames that it chooses
     frames: frozenset[str] = frozenset()  # that may be in force; none: what was chosen before the program
     copies: dict[int, Copies] = field(default_factory=dict)
     last: Copies = frozenset()  # where the robot stands
@@ -39,9 +42,16 @@ class _CopiedFrames:
         if _SELECTION.search(statement.text):
             chosen = _SELECTED.fullmatch(statement.text)
             self.frames = frozenset([chosen[1].decode()] if chosen else ())
+        self.follow_calls(statement)
         assigned = match_assignment(statement)
         if assigned is not None and not assigned[2]:
             self.store(int(assigned[1]), assigned[3])
+
+    def follow_calls(self, statement: Statement) -> None:
+        """Take up the frames that called programs choose: one that is chosen stays when its program has ended."""
+        for name in _CALLED.findall(statement.text) if self.frames_left else ():
+            left = self.frames_left.get(name.decode("cp437").upper(), frozenset[str]())
+            self.frames |= {number for number in left if number.isdigit()}
 
     def follow_motion(self, statement: Statement) -> list[tuple[int, ProgramShift]]:
         """Take up a motion; return, by position, those of its registers that another frame holds for."""
@@ -57,6 +67,7 @@ class _CopiedFrames:
             ]
             reached |= some
         self.last = frozenset(reached)
+        self.follow_calls(statement)
         if motion.stored and (stored := match_assignment(Statement(motion.stored, statement.line))):
             self.store(int(stored[1]), stored[3])
         return found
@@ -79,9 +90,12 @@ class _CopiedFrames:
                 self.copies[register] = self.copies.get(register, frozenset()) | some
 
 
-def copies_in_other_frames(positions: Positions, data: bytes) -> Iterator[tuple[int, ProgramShift]]:
+def copies_in_other_frames(
+    positions: Positions, data: bytes, external_uses: ExternalUses | None = None
+) -> Iterator[tuple[int, ProgramShift]]:
     """Yield, by position (or START), the motions to its copy in another user frame than its own."""
-    if not _SELECTION.search(data):
+    frames_left = {} if external_uses is None else external_uses.frames_left
+    if not (_SELECTION.search(data) or (frames_left and _CALLED.search(data))):
         return
     taught = {
         int(name[2:-1]): str(int(frame))
@@ -91,8 +105,8 @@ def copies_in_other_frames(positions: Positions, data: bytes) -> Iterator[tuple[
         if kind == CARTESIAN and group == 1 and frame is not None and frame.isdigit()
     }
     statements = list(read_statements(data))
-    anywhere = _state_of_all(taught, statements)
-    now, seen = _CopiedFrames(taught), set[tuple[int, str, str]]()
+    anywhere = _state_of_all(_CopiedFrames(taught, frames_left), statements)
+    now, seen = _CopiedFrames(taught, frames_left), set[tuple[int, str, str]]()
     for statement in statements:
         if _JOINED.match(statement.text):
             now.join([anywhere])
@@ -113,9 +127,9 @@ def _copy_elsewhere(use: tuple[int, int], position: int, own: str, frame: str) -
     return replace(shift, point=name, user_frame=own) if position == START else shift
 
 
-def _state_of_all(taught: Mapping[int, str], statements: Sequence[Statement]) -> _CopiedFrames:
+def _state_of_all(now: _CopiedFrames, statements: Sequence[Statement]) -> _CopiedFrames:
     """Return all frames that a program chooses, and all that its registers may get, in whatever order."""
-    now, every = _CopiedFrames(taught), _CopiedFrames(taught)
+    every = _CopiedFrames(now.taught, now.frames_left)
     for statement in statements:
         if not statement.is_motion:
             now.follow_statement(statement)

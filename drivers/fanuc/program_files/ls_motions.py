@@ -86,7 +86,7 @@ def with_motions(positions: Positions, data: bytes, external_uses: ExternalUses 
         if registers.camera & set(motion.shifting or found.conditions):
             why = make_message(_CAMERA, "Offset", motion.line)
             found.increments = {**dict.fromkeys(motion.targets, why), **found.increments}
-    elsewhere = list(copies_in_other_frames(positions, data))
+    elsewhere = list(copies_in_other_frames(positions, data, external_uses))
     shifts = [
         *found.shifts,
         *_shifts_by_registers(found, registers),
