@@ -242,5 +242,10 @@ def _as_document(done: "FilesRecord") -> dict[str, object]:
 
 def _watched_document(each: "WatchedController") -> dict[str, object]:
     changes = [{"kind": str(change.kind), "text": change.text} for change in each.changes]
-    document = {"address": each.address, "serial": each.serial, "state": str(each.state)}
-    return document | {"compared_with": each.compared_with, "changes": changes, "error": each.error}
+    document: dict[str, object] = {
+        "address": each.address,
+        "serial": each.serial,
+        "state": str(each.state),
+    }
+    document |= {"compared_with": each.compared_with, "not_compared": list(each.not_compared)}
+    return document | {"changes": changes, "error": each.error}

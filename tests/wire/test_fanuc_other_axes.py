@@ -1,12 +1,19 @@
 """A rail, and groups without a record: the watch sees what happens to their mastering."""
 
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
+from cellcal.drivers.fanuc.controller_files.ftp_source import FtpLogin
 from cellcal.fake_devices.fanuc_files.cabinet import COUNTS_PER_TURN, FanucCabinet
 from cellcal.fake_devices.fanuc_files.ftp_server import FanucFtpServer
+from cellcal.service.engineering.controller_files.nightly_watch import (
+    WatchState,
+    compare_with_records,
+    read_controller,
+)
 from cellcal.service.engineering.controller_files.stored_records import list_records
 from cellcal.service.exit_codes import ExitCode
 from tests.wire.fanuc_ftp import address_of, ftp_controllers
@@ -46,6 +53,20 @@ def test_a_rail_that_was_mastered_anew_is_told(on_rail: FanucFtpServer, tmp_path
     assert code == ExitCode.OUT_OF_TOLERANCE
     assert "axis 7 of group 1" in changes["mastering"]
     assert "-524288 counts" in changes["mastering"]
+
+
+def test_a_record_from_before_rails_were_stored_says_that_they_are_not_compared(
+    on_rail: FanucFtpServer, tmp_path: Path
+) -> None:
+    address = address_of(on_rail)
+    take_record(address, tmp_path)
+    (stored,) = list_records(tmp_path)
+    old = replace(stored, controller=stored.controller.model_copy(update={"other_axes": None}))
+    files = read_controller(address, FtpLogin())
+    found = compare_with_records(address, files, [old])
+    assert (found.state, found.not_compared) == (WatchState.UNCHANGED, ("axis 7 of group 1",))
+    assert "Record again" in found.sentence
+    assert compare_with_records(address, files, [stored]).not_compared == ()
 
 
 def test_a_rail_that_lost_its_mastering_is_a_loss(on_rail: FanucFtpServer, tmp_path: Path, capsys) -> None:

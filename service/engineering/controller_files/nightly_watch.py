@@ -17,6 +17,7 @@ from cellcal.drivers.programs.errors import ProgramFileError
 from cellcal.service.engineering.controller_files.backup_folder import open_backup_folder, refuse_file
 from cellcal.service.engineering.controller_files.file_change import ChangeKind, FileChange
 from cellcal.service.engineering.controller_files.file_changes import compare_files
+from cellcal.service.engineering.controller_files.other_axes import find_other_axes, name_axis
 from cellcal.service.engineering.controller_files.stored_records import StoredRecord, list_records
 from cellcal.service.exit_codes import ExitCode
 
@@ -42,6 +43,7 @@ class WatchedController:
     serial: str = ""
     compared_with: str = ""
     changes: tuple[FileChange, ...] = ()
+    not_compared: tuple[str, ...] = ()  # axes that the record does not contain
     error: str = ""
     error_code: str = ""
 
@@ -57,9 +59,15 @@ class WatchedController:
             return self.error
         if self.state is WatchState.NO_RECORD:
             return f"there is no record yet: cellcal mastering record {self.address}"
+        found = "; ".join(f"{change.kind}: {change.text}" for change in self.changes)
         if self.state is WatchState.UNCHANGED:
-            return f"as in the record of {self.compared_with}"
-        return "; ".join(f"{change.kind}: {change.text}" for change in self.changes)
+            found = f"as in the record of {self.compared_with}"
+        if self.not_compared:
+            axes = ", ".join(self.not_compared)
+            found += (
+                f"; not compared, since the record was taken before they were stored: {axes}. Record again."
+            )
+        return found
 
 
 _EXIT_CODES = {
@@ -140,17 +148,21 @@ def compare_with_records(
     if not ours:
         return WatchedController(address, WatchState.NO_RECORD, files.serial)
     changes: list[FileChange] = []
-    compared_with = ""
+    compared_with, not_compared = "", set[str]()
     groups = {each.controller.group for each in ours}
     for group in sorted(groups):
         *earlier, last = [each for each in ours if each.controller.group == group]
         changes += compare_files(files, last, earlier, groups)
         compared_with = max(compared_with, last.day)
+        if last.controller.other_axes is None:
+            left_out = find_other_axes(files, group)
+            not_compared |= {name for name in left_out if int(name.partition(".")[0]) not in groups - {group}}
     unique = tuple(dict.fromkeys(changes))
     state = WatchState.CHANGED if unique else WatchState.UNCHANGED
     if any(change.kind is ChangeKind.LOSS for change in unique):
         state = WatchState.LOST
-    return WatchedController(address, state, files.serial, compared_with, unique)
+    axes = tuple(map(name_axis, sorted(not_compared)))
+    return WatchedController(address, state, files.serial, compared_with, unique, axes)
 
 
 def _records_of(files: ControllerFiles, stored: Sequence[StoredRecord]) -> list[StoredRecord]:
