@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 
+pytestmark = pytest.mark.xdist_group("documentation")  # all of it reads the whole tree, once
 ROOT = Path(__file__).parents[2]
 PACKAGES = ("calibration", "drivers", "procedures", "service", "fake_devices", "deploy", "tests")
 QUOTED_NAME = re.compile(r"`([A-Za-z_][\w.]*)(?:\(\))?`")
@@ -58,15 +59,20 @@ def remarks(text: str) -> Iterator[tuple[int, str]]:
             yield token.start[0], token.string
 
 
-@pytest.mark.parametrize("package", PACKAGES)
-def test_names_in_docstrings_and_comments_are_in_the_code(package: str) -> None:
-    found = [
-        (f"{path}:{line}", name)
+@cache
+def remarks_of(package: str) -> tuple[tuple[str, str], ...]:
+    """Return place and text of each docstring and comment of a package."""
+    return tuple(
+        (f"{path}:{line}", remark)
         for path, text in sources().items()
         if Path(path).parts[0] == package
         for line, remark in remarks(text)
-        for name in QUOTED_NAME.findall(remark)
-    ]
+    )
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_names_in_docstrings_and_comments_are_in_the_code(package: str) -> None:
+    found = [(place, name) for place, remark in remarks_of(package) for name in QUOTED_NAME.findall(remark)]
     unknown = [
         f"{place} {name}"
         for place, name in found
@@ -78,13 +84,7 @@ def test_names_in_docstrings_and_comments_are_in_the_code(package: str) -> None:
 
 @pytest.mark.parametrize("package", PACKAGES)
 def test_docstrings_and_comments_contain_no_metaphors(package: str) -> None:
-    found = [
-        f"{path}:{line} {word}"
-        for path, text in sources().items()
-        if Path(path).parts[0] == package
-        for line, remark in remarks(text)
-        for word in METAPHOR.findall(remark)
-    ]
+    found = [f"{place} {word}" for place, remark in remarks_of(package) for word in METAPHOR.findall(remark)]
     assert not found
 
 
