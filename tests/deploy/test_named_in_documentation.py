@@ -7,6 +7,7 @@ import tokenize
 from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
+from typing import NamedTuple
 
 import pytest
 
@@ -35,39 +36,44 @@ def sources() -> dict[str, str]:
     }
 
 
+class FileWords(NamedTuple):
+    """What a file contains: its names with the words of its short strings, and its docstrings and comments by line."""
+
+    words: frozenset[str]
+    remarks: tuple[tuple[int, str], ...]
+
+
+@cache
+def words_of_file(path: str) -> FileWords:
+    """Read a file once."""
+    text = sources()[path]
+    words = {part.removesuffix(".py") for part in Path(path).parts}
+    remarks = [
+        (getattr(node, "lineno", 1), ast.get_docstring(node) or "")
+        for node in ast.walk(ast.parse(text))
+        if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef)
+    ]
+    for token in tokenize.generate_tokens(io.StringIO(text).readline):
+        if token.type == tokenize.NAME:
+            words.add(token.string)
+        elif token.type == tokenize.STRING and '"""' not in token.string:
+            words.update(re.findall(r"\w+", token.string))
+        elif token.type == tokenize.COMMENT:
+            remarks.append((token.start[0], token.string))
+    return FileWords(frozenset(words), tuple(remarks))
+
+
 @cache
 def words_of_the_code() -> frozenset[str]:
     """Return every name of the code, every word of its short strings, and the names of files and folders."""
-    words: set[str] = set()
-    for path, text in sources().items():
-        words.update(part.removesuffix(".py") for part in Path(path).parts)
-        for token in tokenize.generate_tokens(io.StringIO(text).readline):
-            if token.type == tokenize.NAME:
-                words.add(token.string)
-            elif token.type == tokenize.STRING and '"""' not in token.string:
-                words.update(re.findall(r"\w+", token.string))
-    return frozenset(words)
+    return frozenset().union(*(words_of_file(path).words for path in sources()))
 
 
-def remarks(text: str) -> Iterator[tuple[int, str]]:
-    """Yield line and text of each docstring and comment of a file."""
-    for node in ast.walk(ast.parse(text)):
-        if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef):
-            yield getattr(node, "lineno", 1), ast.get_docstring(node) or ""
-    for token in tokenize.generate_tokens(io.StringIO(text).readline):
-        if token.type == tokenize.COMMENT:
-            yield token.start[0], token.string
-
-
-@cache
-def remarks_of(package: str) -> tuple[tuple[str, str], ...]:
-    """Return place and text of each docstring and comment of a package."""
-    return tuple(
-        (f"{path}:{line}", remark)
-        for path, text in sources().items()
-        if Path(path).parts[0] == package
-        for line, remark in remarks(text)
-    )
+def remarks_of(package: str) -> Iterator[tuple[str, str]]:
+    """Yield place and text of each docstring and comment of a package."""
+    for path in sources():
+        if Path(path).parts[0] == package:
+            yield from ((f"{path}:{line}", remark) for line, remark in words_of_file(path).remarks)
 
 
 @pytest.mark.parametrize("package", PACKAGES)
