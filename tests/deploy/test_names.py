@@ -6,9 +6,11 @@ from collections import defaultdict
 from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
+from typing import NamedTuple
 
 import pytest
 
+pytestmark = pytest.mark.xdist_group("names")  # all of it reads the whole tree, once
 ROOT = Path(__file__).parents[2]
 PACKAGES = ("calibration", "drivers", "procedures", "service", "fake_devices")
 PARTICIPLES = frozenset(
@@ -46,11 +48,25 @@ INDEFINITE_PERSON = re.compile("whoever|(no|some|any|every)body|(some|any|every)
 SHARED_CLASS_NAMES: frozenset[str] = frozenset(("RuntimeState", "Waypoint"))
 
 
+class PackageNames(NamedTuple):
+    """The names that a package defines; its syntax trees would fill a gigabyte and are not kept."""
+
+    identifiers: tuple[str, ...]
+    functions: tuple[str, ...]
+    public_classes: frozenset[str]
+
+
 @cache
-def trees(package: str) -> tuple[ast.Module, ...]:
-    """Return the syntax trees of a package's files."""
-    return tuple(
-        ast.parse(file.read_text(encoding="utf-8")) for file in sorted((ROOT / package).rglob("*.py"))
+def names_of(package: str) -> PackageNames:
+    """Return the names of a package."""
+    found, functions, classes = list[str](), list[str](), set[str]()
+    for file in sorted((ROOT / package).rglob("*.py")):
+        tree = ast.parse(file.read_text(encoding="utf-8"))
+        found += identifiers(tree)
+        functions += function_names(tree)
+        classes |= {node.name for node in ast.walk(tree) if isinstance(node, ast.ClassDef)}
+    return PackageNames(
+        tuple(found), tuple(functions), frozenset(name for name in classes if not name.startswith("_"))
     )
 
 
@@ -77,17 +93,15 @@ def class_packages() -> dict[str, set[str]]:
     """Return in which packages each public class name occurs."""
     found: dict[str, set[str]] = defaultdict(set)
     for package in PACKAGES:
-        for tree in trees(package):
-            for node in ast.walk(tree):
-                if isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
-                    found[node.name].add(package)
+        for name in names_of(package).public_classes:
+            found[name].add(package)
     return found
 
 
 @pytest.mark.parametrize("words", [PARTICIPLES, METAPHORS], ids=("participles", "metaphors"))
 @pytest.mark.parametrize("package", [*PACKAGES, "tests"])
 def test_bare_participles_and_metaphors_are_rare_as_names(package: str, words: frozenset[str]) -> None:
-    names = [name for tree in trees(package) for name in identifiers(tree)]
+    names = names_of(package).identifiers
     faults = [name for name in names if name.strip("_").lower() in words]
     assert len(names) > 1000
     assert 1000 * len(faults) / len(names) <= MOST_PLAIN_FAULTS, sorted(set(faults))
@@ -95,7 +109,7 @@ def test_bare_participles_and_metaphors_are_rare_as_names(package: str, words: f
 
 @pytest.mark.parametrize("package", [*PACKAGES, "deploy", "tests"])
 def test_function_names_have_more_than_one_word(package: str) -> None:
-    names = [name for tree in trees(package) for name in function_names(tree)]
+    names = names_of(package).functions
     one_word = [name for name in names if "_" not in name.strip("_")]
     assert len(names) > 20
     assert len(one_word) / len(names) <= MOST_ONE_WORD, sorted(set(one_word))
