@@ -17,6 +17,7 @@ from typing import Self
 from cellcal.calibration.documents.json_text import parse_json
 from cellcal.service.export.webhook_target import WebhookError
 from cellcal.service.files import create_private_file, make_private_folder
+from cellcal.service.record.database_setup import prepare_database
 from cellcal.service.site.alarms import CellAlarm
 
 OUTBOX_NAME = "webhook_outbox.sqlite"
@@ -66,8 +67,7 @@ class WebhookOutbox:
         try:
             create_private_file(self.path)
             self._database = sqlite3.connect(self.path, isolation_level=None)
-            for statement in (*_PRAGMAS, *_SCHEMA):
-                self._database.execute(statement)
+            prepare_database(self._database, (*_PRAGMAS, *_SCHEMA))
         except sqlite3.Error as error:
             raise WebhookError(
                 f"the outbox {self.path} cannot be used: {error}.",

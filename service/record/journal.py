@@ -23,6 +23,7 @@ from cellcal.calibration.message import make_message
 from cellcal.calibration.message_table import MESSAGES
 from cellcal.procedures.canonical_json import canonical_json
 from cellcal.service.files import create_private_file, make_private_folder
+from cellcal.service.record.database_setup import prepare_database
 
 _GENESIS = bytes(32)
 _BUSY_MS = 5000
@@ -132,9 +133,7 @@ class Journal:
         self._boot_id = _boot_id()
         self._database = connect(path)
         try:
-            for pragma in _PRAGMAS:
-                self._database.execute(pragma).fetchall()
-            self._database.execute(_SCHEMA).fetchall()
+            prepare_database(self._database, (*_PRAGMAS, _SCHEMA))
             self.damage = self._find_damage()
         except sqlite3.DatabaseError as error:
             if _sqlite_code(error) not in (sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_NOTADB):

@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Self
 
 from cellcal.service.files import create_private_file, make_private_folder
+from cellcal.service.record.database_setup import prepare_database
 from cellcal.service.record.journal_reading import read_only
 from cellcal.service.site.keys import SiteError
 
@@ -64,8 +65,7 @@ class SiteOutbox:
         try:
             create_private_file(self.path)
             self._database = sqlite3.connect(self.path, isolation_level=None)
-            for sql in (*_PRAGMAS, *_SCHEMA):
-                self._database.execute(sql).fetchall()
+            prepare_database(self._database, (*_PRAGMAS, *_SCHEMA))
             self.epoch, self._starts = self._begin_epoch()
         except sqlite3.Error as error:
             os.close(self._lock)

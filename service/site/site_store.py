@@ -11,6 +11,7 @@ from typing import Any, Self
 
 from cellcal.calibration.message import make_message
 from cellcal.service.files import create_private_file, make_private_folder
+from cellcal.service.record.database_setup import prepare_database
 from cellcal.service.site.keys import SiteError
 from cellcal.service.site.signed_messages import SignedMessage
 
@@ -72,8 +73,7 @@ class SiteStore:
             if path.name != _IN_MEMORY:
                 create_private_file(path)
             self._database = sqlite3.connect(path, isolation_level=None, check_same_thread=False)
-            for sql in (*_PRAGMAS, *_SCHEMA):
-                self._database.execute(sql).fetchall()
+            prepare_database(self._database, (*_PRAGMAS, *_SCHEMA))
         except (OSError, sqlite3.Error) as error:
             raise SiteError(
                 make_message("the monitor's store {path} cannot be used: {error}.", path=path, error=error),
