@@ -85,7 +85,7 @@ def acceptance_gaps(
 
 
 def enough_poses(
-    expectation: MeasurementPrediction,
+    prediction: MeasurementPrediction,
     candidates_rad: Array,
     acceptance: AcceptanceLimits,
     tests: TestPoses,
@@ -97,7 +97,7 @@ def enough_poses(
 
     Parameters
     ----------
-    expectation : MeasurementPrediction
+    prediction : MeasurementPrediction
         From nominal, or from a fit onward: then the poses are those still to be measured, perhaps none.
     candidates_rad : (C, n)
         Postures that can be measured [rad].
@@ -115,21 +115,21 @@ def enough_poses(
     The number is found by bisection: a good choice of more poses is not worse.
     """
     candidates = np.asarray(candidates_rad, dtype=float)
-    now = predict_accuracy(expectation, tests)
+    now = predict_accuracy(prediction, tests)
     if not acceptance_gaps(now, acceptance):
-        plan = PosePlan((), candidates[:0], DesignCriterion.TEST_POSES, now, expectation)
-        return Sufficiency(plan, now, "what is known already is enough", expectation)
+        plan = PosePlan((), candidates[:0], DesignCriterion.TEST_POSES, now, prediction)
+        return Sufficiency(plan, now, "what is known already is enough", prediction)
     only_offsets = acceptance.tip_rms_m is None and acceptance.tip_max_m is None
     chosen_by = criterion or (DesignCriterion.OFFSETS if only_offsets else DesignCriterion.TEST_POSES)
     most = min(most, len(candidates))
 
     def plan_of(k: int, starts: int = 1) -> PosePlan:
-        return choose_poses(expectation, candidates, k, tests, criterion=chosen_by, starts=starts)
+        return choose_poses(prediction, candidates, k, tests, criterion=chosen_by, starts=starts)
 
     last = plan_of(most)
     missing = acceptance_gaps(last.prediction, acceptance)
     if missing:
-        words = explain_shortfall(missing[0], expectation, candidates, acceptance, tests)
+        words = explain_shortfall(missing[0], prediction, candidates, acceptance, tests)
         return Sufficiency(None, last.prediction, f"not reachable with {most} poses: {words}", last.after)
     short, enough = 0, most
     while enough - short > 1:
@@ -150,7 +150,7 @@ def enough_poses(
 
 def explain_shortfall(
     gap: AcceptanceGap,
-    expectation: MeasurementPrediction,
+    prediction: MeasurementPrediction,
     candidates: Array,
     acceptance: AcceptanceLimits,
     tests: TestPoses,
@@ -158,11 +158,11 @@ def explain_shortfall(
     """Say what stands in the way: too few poses, an instrument too coarse, or something that no pose shows."""
     scale, unit = (1e3, "mm") if gap.unit == "m" else (float(np.rad2deg(1.0)), "deg")
     words = f"{gap.what} {gap.predicted * scale:.3g} {unit}, allowed {gap.allowed * scale:.3g} {unit}"
-    every = expectation.with_measured(candidates)
+    every = prediction.with_measured(candidates)
     remaining = {item.what: item for item in acceptance_gaps(predict_accuracy(every, tests), acceptance)}
     if gap.what not in remaining:
         return f"{words}; all candidates together would reach it: measure more poses, or each more than once"
-    endless = expectation.with_measured(candidates, times=_ENDLESS)
+    endless = prediction.with_measured(candidates, times=_ENDLESS)
     if gap.what in {item.what for item in acceptance_gaps(predict_accuracy(endless, tests), acceptance)}:
         return f"{words}, because {_hidden_behind(gap.what, endless)}"
     ratio = remaining[gap.what].predicted / remaining[gap.what].allowed

@@ -1,6 +1,6 @@
 """Which poses to measure for an identification, and how good it will be, before anything is measured.
 
-An expectation holds what would be measured, what is unknown and what is known already: priors only, or a fit.
+A prediction holds what would be measured, what is unknown and what is known already: priors only, or a fit.
 From it follow the rows of any candidate pose, hence the covariance of parameters and tool point after any
 choice of poses. Kinds of observation other than the usual three come in as a function of the joints.
 """
@@ -111,11 +111,11 @@ class MeasurementPrediction:
         return place_columns(self.layout, self.state, problem)[0] * self.scales[:, None, None]
 
     def of_target(self, mounting: int) -> "MeasurementPrediction":
-        """Return the expectation on readings of another of the targets; 0 is the first."""
+        """Return the prediction on readings of another of the targets; 0 is the first."""
         return replace(self, observe=lambda joints: rows_of_mounting(self.observe(joints), mounting))
 
     def with_measured(self, joints_rad: Array, *, times: float = 1.0) -> "MeasurementPrediction":
-        """Return the expectation once these joints are measured, too, so many times each."""
+        """Return the prediction once these joints are measured, too, so many times each."""
         rows = self.measurement_rows(joints_rad).reshape(len(self.scales), -1)
         return replace(self, information=self.information + times * (rows @ rows.T))
 
@@ -144,7 +144,7 @@ def predict_from_poses(
     priors: Priors | None = None,
     drop_redundant: bool = False,
 ) -> MeasurementPrediction:
-    """Return the expectation on a robot of which nothing is known but its nominal model and the priors.
+    """Return the prediction on a robot of which nothing is known but its nominal model and the priors.
 
     From the level of gravity on, the terms of sag are unknown, too; gear ripple is not planned for. Parameters
     that others can imitate are carried by their priors, and widen those others; or they are dropped, and the
@@ -163,12 +163,12 @@ def predict_from_poses(
 
 
 def with_targets(
-    expectation: MeasurementPrediction, places: Sequence[Place], priors: Priors
+    prediction: MeasurementPrediction, places: Sequence[Place], priors: Priors
 ) -> MeasurementPrediction:
     """Return what is expected before any measurement, with further targets on the flange seen from one place."""
     further = tuple(homogeneous_matrix(np.eye(3), np.array(place)) for place in places)
-    layout = with_further(expectation.layout, len(places), priors)
-    return _predict_prior(layout, replace(expectation.state, further=further), expectation.observe)
+    layout = with_further(prediction.layout, len(places), priors)
+    return _predict_prior(layout, replace(prediction.state, further=further), prediction.observe)
 
 
 def _predict_prior(layout: ParameterLayout, state: ArmState, observe: Observe) -> MeasurementPrediction:
@@ -182,7 +182,7 @@ def rows_of_mounting(observations: Observations, mounting: int) -> Observations:
 
 
 def predict_after_fit(fit: ArmFit, observe: Observe) -> MeasurementPrediction:
-    """Return the expectation after a fit: what more measurements would add to what it knows."""
+    """Return the prediction after a fit: what more measurements would add to what it knows."""
     scales = _design_scales(fit.layout)
     information = np.linalg.inv(fit.covariance / np.outer(scales, scales))
     return MeasurementPrediction(fit.layout, fit.state, observe, scales, (information + information.T) / 2)
@@ -232,13 +232,13 @@ class TestPoses:
     joints_rad: Array  # (T, n)
     tip_in_flange_m: Place | None = None  # None: the measured target itself
 
-    def tool_point_rows(self, expectation: MeasurementPrediction) -> Array:
+    def tool_point_rows(self, prediction: MeasurementPrediction) -> Array:
         """Return how the tool point follows each parameter (p, 3, T), scaled.
 
         With a tracker, in the tracker's frame. Lengths have no frame: what a user frame set at the test poses
         would take away is taken away, any rigid motion of all of them together.
         """
-        state, joints = expectation.state, np.asarray(self.joints_rad, dtype=float)
+        state, joints = prediction.state, np.asarray(self.joints_rad, dtype=float)
         mounting = len(state.devices) - 1
         values = term_values(state.nominal, joints, state.terms)
         rotations, origins = chain_frames(state.seen_from(mounting), state.moved_joints(joints, values))
@@ -250,12 +250,12 @@ class TestPoses:
         columns = placement_columns(rotations, origins, tip).reshape(-1, 3, len(joints))
         moved = [columns[6 * term.joint + 5] * value for term, value in zip(state.terms, values, strict=True)]
         every = np.concatenate([columns, np.reshape(moved, (-1, 3, len(joints)))])
-        tangent = expectation.layout.tangent_rows(state, mounting)[:, : len(every)]
-        rows = np.einsum("pr,rcn->pcn", tangent, every, optimize=True) * expectation.scales[:, None, None]
-        for row, parameter in enumerate(expectation.layout.parameters):
+        tangent = prediction.layout.tangent_rows(state, mounting)[:, : len(every)]
+        rows = np.einsum("pr,rcn->pcn", tangent, every, optimize=True) * prediction.scales[:, None, None]
+        for row, parameter in enumerate(prediction.layout.parameters):
             if self.tip_in_flange_m is not None and parameter.role == "tool":
                 rows[row] = 0.0
-        return _without_rigid_motion(rows, tip) if expectation.layout.kind == "length" else rows
+        return _without_rigid_motion(rows, tip) if prediction.layout.kind == "length" else rows
 
 
 @dataclass(frozen=True, slots=True)
@@ -281,13 +281,13 @@ class PosePlan:
     after: MeasurementPrediction  # once they are measured
 
 
-def predict_accuracy(expectation: MeasurementPrediction, tests: TestPoses) -> AccuracyPrediction:
-    """Predict parameter and tool point uncertainty from the information of an expectation."""
-    covariance = np.linalg.inv(expectation.information)
-    rows = tests.tool_point_rows(expectation)
+def predict_accuracy(prediction: MeasurementPrediction, tests: TestPoses) -> AccuracyPrediction:
+    """Predict parameter and tool point uncertainty from the information of a prediction."""
+    covariance = np.linalg.inv(prediction.information)
+    rows = tests.tool_point_rows(prediction)
     variance = np.einsum("pcn,pq,qcn->n", rows, covariance, rows, optimize=True)
-    sigma = np.sqrt(np.diag(covariance)) * expectation.scales
-    parameters = expectation.layout.parameters
+    sigma = np.sqrt(np.diag(covariance)) * prediction.scales
+    parameters = prediction.layout.parameters
     offsets = tuple(
         (parameter.name, float(deviation))
         for parameter, deviation in zip(parameters, sigma, strict=True)
@@ -304,7 +304,7 @@ def predict_accuracy(expectation: MeasurementPrediction, tests: TestPoses) -> Ac
 
 
 def choose_poses(
-    expectation: MeasurementPrediction,
+    prediction: MeasurementPrediction,
     candidates_rad: Array,
     k: int,
     tests: TestPoses,
@@ -316,7 +316,7 @@ def choose_poses(
 
     Parameters
     ----------
-    expectation : MeasurementPrediction
+    prediction : MeasurementPrediction
         From nominal, or from a fit onward.
     candidates_rad : (C, n)
         Postures that can be measured [rad].
@@ -330,46 +330,46 @@ def choose_poses(
         Of the search; more find slightly better plans [1].
     """
     candidates = np.asarray(candidates_rad, dtype=float)
-    task = design_task(expectation, candidates, criterion, tests)
+    task = design_task(prediction, candidates, criterion, tests)
     choice = choose_blocks(task, k, starts=starts)
     indices = list(choice.indices)
-    after = replace(expectation, information=task.information_of(np.array(indices, dtype=np.intp)))
+    after = replace(prediction, information=task.information_of(np.array(indices, dtype=np.intp)))
     return PosePlan(choice.indices, candidates[indices], criterion, predict_accuracy(after, tests), after)
 
 
 def plan_efficiency(
-    expectation: MeasurementPrediction, candidates_rad: Array, plan: PosePlan, tests: TestPoses
+    prediction: MeasurementPrediction, candidates_rad: Array, plan: PosePlan, tests: TestPoses
 ) -> float:
     """Return how near a plan from these candidates comes to what no choice can exceed, at most 1.
 
     The bound is that of a relaxation to fractions of poses; with few poses nothing real comes near it.
     """
-    task = design_task(expectation, np.asarray(candidates_rad, dtype=float), plan.criterion, tests)
+    task = design_task(prediction, np.asarray(candidates_rad, dtype=float), plan.criterion, tests)
     value = task.criterion_value(task.information_of(np.array(plan.indices, dtype=np.intp)))
     return design_efficiency(task, DesignChoice(plan.indices, value), rank=_learnable_directions(task))
 
 
 def design_task(
-    expectation: MeasurementPrediction, candidates_rad: Array, criterion: DesignCriterion, tests: TestPoses
+    prediction: MeasurementPrediction, candidates_rad: Array, criterion: DesignCriterion, tests: TestPoses
 ) -> DesignTask:
     """Return the rows of all candidates and what to make small, for `optimal_design`."""
     task = DesignTask(
-        np.ascontiguousarray(expectation.measurement_rows(candidates_rad)), expectation.information
+        np.ascontiguousarray(prediction.measurement_rows(candidates_rad)), prediction.information
     )
     if criterion is DesignCriterion.DETERMINANT:
         return task
     if criterion is DesignCriterion.TEST_POSES:
-        rows = tests.tool_point_rows(expectation)
+        rows = tests.tool_point_rows(prediction)
         square = np.einsum("pcn,qcn->pq", rows, rows, optimize=True) / rows.shape[2]
         return replace(task, interest=_square_root(square))
     every = np.linalg.inv(task.information_of(np.arange(task.candidate_count)))
-    is_known = np.sqrt(np.diag(every)) * expectation.scales < _LEARNT_SHARE * expectation.layout.prior_sigmas
+    is_known = np.sqrt(np.diag(every)) * prediction.scales < _LEARNT_SHARE * prediction.layout.prior_sigmas
     offset_indices = [
-        i for i, item in enumerate(expectation.layout.parameters) if item.role == "offset" and is_known[i]
+        i for i, item in enumerate(prediction.layout.parameters) if item.role == "offset" and is_known[i]
     ]
     if not offset_indices:
         raise DegenerateDataError("no candidate tells anything about a joint offset")
-    return replace(task, interest=np.eye(len(expectation.layout))[:, offset_indices])
+    return replace(task, interest=np.eye(len(prediction.layout))[:, offset_indices])
 
 
 def _design_scales(layout: ParameterLayout) -> Array:

@@ -50,8 +50,6 @@ class BatchDeclarations:
         self._numbers = {routine: number for number, routine in enumerate(self._names)}
         self._found_declarations: dict[tuple[str, str], tuple[Sequence[str], str]] = {}
         self._own: dict[str, tuple[list[str], Imports]] = {}  # by file: those of its module, their imports
-        self._marks: tuple[_Around, _Around] | None = None
-        self._resets_below: list[Marks] = []  # by routine: those that it calls and that reset
         self._tools = DeclaredPoses({file: one.tools for file, one in declarations.items() if one.tools})
         self._bases = DeclaredPoses({file: one.bases for file, one in declarations.items() if one.bases})
         for file, one in declarations.items():
@@ -134,9 +132,7 @@ class BatchDeclarations:
     def _frames_left(self) -> dict[str, dict[str, frozenset[str]]]:
         """Return by folder and routine the frames that it, or a routine that it calls, chooses."""
         found: dict[str, dict[str, frozenset[str]]] = defaultdict(dict)
-        if self._marks is None:
-            self._marks = self._effects_around()
-        (_, (below, _)) = self._marks
+        _, (below, _) = self._effects_around
         for number, (file, name) in enumerate(self._names):
             frames = frozenset(value for value, _ in below[number] if value != _NOT_GIVEN)
             if self._by_file[file].flat and frames:
@@ -273,9 +269,7 @@ class BatchDeclarations:
         if number is None:
             return ""
         own = self._by_file[file].routines[name]
-        if self._marks is None:
-            self._marks = self._effects_around()
-        tools, frames = self._marks
+        tools, frames = self._effects_around
         effects = [*([(tools, own.tools)] if tool else ()), *([(frames, own.frames)] if frame else ())]
         below = [(value, subject) for (marks, _), has in effects for value, subject in marks[number]
                  if value not in has and (has or value != _NOT_GIVEN)]  # fmt: skip
@@ -288,27 +282,40 @@ class BatchDeclarations:
                  if value != _NOT_GIVEN]  # fmt: skip
         return self._name_text(_CALLER, above[0]) if above else ""
 
-    def _effects_around(self) -> "tuple[_Around, _Around]":
-        routines = [self._by_file[file].routines[name] for file, name in self._numbers]
-        calls = [
+    @cached_property
+    def _calls(self) -> list[list[int]]:
+        """Return by routine the numbers of those that it calls."""
+        return [
             [
                 self._numbers[called]
-                for name in sorted(one.calls)
+                for name in sorted(self._by_file[file].routines[own].calls)
                 for called in self._called_routines(file, name)
             ]
-            for (file, _), one in zip(self._numbers, routines, strict=True)
+            for file, own in self._names
         ]
+
+    @cached_property
+    def _resets_below(self) -> list[Marks]:
+        """Return by routine those that it calls and that reset."""
+        routines = [self._by_file[file].routines[name] for file, name in self._names]
+        resets, _ = reached_settings(
+            self._calls, [frozenset([""]) if one.resets else frozenset() for one in routines]
+        )
+        return [tuple(mark for called in some for mark in resets[called]) for some in self._calls]
+
+    @cached_property
+    def _effects_around(self) -> "tuple[_Around, _Around]":
+        """Return what is set below and around each routine: the tools, and the frames."""
+        routines = [self._by_file[file].routines[name] for file, name in self._numbers]
         more = [
             frozenset([_NOT_GIVEN]) if self._has_missing_calls(file, one) else frozenset[str]()
             for (file, _), one in zip(self._numbers, routines, strict=True)
         ]
-        resets, _ = reached_settings(
-            calls, [frozenset([""]) if one.resets else frozenset() for one in routines]
-        )
-        self._resets_below = [tuple(mark for called in some for mark in resets[called]) for some in calls]
         return (
-            reached_settings(calls, [one.tools | its for one, its in zip(routines, more, strict=True)]),
-            reached_settings(calls, [one.frames | its for one, its in zip(routines, more, strict=True)]),
+            reached_settings(self._calls, [one.tools | its for one, its in zip(routines, more, strict=True)]),
+            reached_settings(
+                self._calls, [one.frames | its for one, its in zip(routines, more, strict=True)]
+            ),
         )
 
     def _has_missing_calls(self, file: str, routine: RoutineEffects) -> bool:

@@ -17,7 +17,7 @@ from typing import Self
 from cellcal.calibration.documents.json_text import parse_json
 from cellcal.service.export.webhook_target import WebhookError
 from cellcal.service.files import create_private_file, make_private_folder
-from cellcal.service.record.database_setup import prepare_database
+from cellcal.service.record.database_setup import DURABLE, prepare_database
 from cellcal.service.site.alarms import CellAlarm
 
 OUTBOX_NAME = "webhook_outbox.sqlite"
@@ -27,12 +27,6 @@ _SCHEMA = (
     " body BLOB NOT NULL, refusals INTEGER NOT NULL DEFAULT 0, refused TEXT) STRICT",
     "CREATE TABLE IF NOT EXISTS up(id TEXT PRIMARY KEY, alarm TEXT NOT NULL) STRICT",
     "CREATE TABLE IF NOT EXISTS tally(name TEXT PRIMARY KEY, value TEXT NOT NULL) STRICT",
-)
-_PRAGMAS = (
-    "PRAGMA busy_timeout=5000",
-    "PRAGMA journal_mode=WAL",
-    "PRAGMA synchronous=FULL",
-    "PRAGMA trusted_schema=OFF",
 )
 
 
@@ -67,7 +61,7 @@ class WebhookOutbox:
         try:
             create_private_file(self.path)
             self._database = sqlite3.connect(self.path, isolation_level=None)
-            prepare_database(self._database, (*_PRAGMAS, *_SCHEMA))
+            prepare_database(self._database, (*DURABLE, *_SCHEMA))
         except sqlite3.Error as error:
             raise WebhookError(
                 f"the outbox {self.path} cannot be used: {error}.",

@@ -7,22 +7,38 @@ then answers "database is locked" at once and does not wait as ``busy_timeout`` 
 
 import sqlite3
 import time
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import Any, Protocol
 
+DURABLE = (  # what is committed survives a power cut
+    "PRAGMA busy_timeout=5000",
+    "PRAGMA journal_mode=WAL",
+    "PRAGMA synchronous=FULL",
+    "PRAGMA trusted_schema=OFF",
+)
 _PATIENCE_S = 10.0
 _PAUSE_S = 0.02
 
 
-class Database(Protocol):
-    """The part of a connection that is used here."""
+class SqlRows(Protocol):
+    """What a statement returns."""
 
-    def execute(self, sql: str, /) -> Any:
-        """Execute one statement."""
-        ...
+    def fetchall(self) -> list[Any]: ...
 
 
-def prepare_database(database: Database, statements: Iterable[str]) -> None:
+class SqlDatabase(Protocol):
+    """The part of a sqlite3 connection (autocommit) that is used; tests give the journal a failing disk."""
+
+    def execute(self, sql: str, parameters: Sequence[Any] = ..., /) -> SqlRows: ...
+    def close(self) -> None: ...
+
+
+def primary_code(error: sqlite3.Error) -> int:
+    """Return SQLite's primary result code, which extended codes have in their low byte; 0 for Python's own errors."""
+    return getattr(error, "sqlite_errorcode", 0) & 0xFF
+
+
+def prepare_database(database: SqlDatabase, statements: Iterable[str]) -> None:
     """Execute statements in order, each again while the file is locked, for ten seconds at most.
 
     Raises
@@ -37,7 +53,7 @@ def prepare_database(database: Database, statements: Iterable[str]) -> None:
                 database.execute(statement).fetchall()
                 break
             except sqlite3.OperationalError as error:
-                if getattr(error, "sqlite_errorcode", 0) & 0xFF not in (
+                if primary_code(error) not in (
                     sqlite3.SQLITE_BUSY,
                     sqlite3.SQLITE_LOCKED,
                 ):

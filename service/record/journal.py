@@ -9,11 +9,11 @@ import hashlib
 import os
 import sqlite3
 import time
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any, Protocol, Self
+from typing import Any, Self
 from uuid import NAMESPACE_URL, uuid5
 
 from cellcal.calibration.documents.json_text import parse_json
@@ -23,7 +23,7 @@ from cellcal.calibration.message import make_message
 from cellcal.calibration.message_table import MESSAGES
 from cellcal.procedures.canonical_json import canonical_json
 from cellcal.service.files import create_private_file, make_private_folder
-from cellcal.service.record.database_setup import prepare_database
+from cellcal.service.record.database_setup import SqlDatabase, prepare_database, primary_code
 
 _GENESIS = bytes(32)
 _BUSY_MS = 5000
@@ -58,19 +58,6 @@ class StoreError(CellError):
     ) -> None:
         super().__init__(message, remedy=remedy, code=code)
         self.safe_points = safe_points
-
-
-class SqlRows(Protocol):
-    """What a statement returns."""
-
-    def fetchall(self) -> list[Any]: ...
-
-
-class JournalDatabase(Protocol):
-    """The part of a sqlite3 connection (autocommit) that the journal uses; tests give it a failing disk."""
-
-    def execute(self, sql: str, parameters: Sequence[Any] = ..., /) -> SqlRows: ...
-    def close(self) -> None: ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,7 +101,7 @@ class JournalDamage:
     reason: str
 
 
-def open_database(path: Path) -> JournalDatabase:
+def open_database(path: Path) -> SqlDatabase:
     """Connect in autocommit mode: transactions are written out in the journal itself."""
     return sqlite3.connect(path, isolation_level=None, timeout=_BUSY_MS / 1000)
 
@@ -126,7 +113,7 @@ class Journal:
     After a failed write nothing more is accepted: a second fsync may report success over lost pages.
     """
 
-    def __init__(self, path: Path, *, connect: Callable[[Path], JournalDatabase] = open_database) -> None:
+    def __init__(self, path: Path, *, connect: Callable[[Path], SqlDatabase] = open_database) -> None:
         self.path = path
         self.damage: JournalDamage | None = None
         self._broken: StoreError | None = None
@@ -136,7 +123,7 @@ class Journal:
             prepare_database(self._database, (*_PRAGMAS, _SCHEMA))
             self.damage = self._find_damage()
         except sqlite3.DatabaseError as error:
-            if _sqlite_code(error) not in (sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_NOTADB):
+            if primary_code(error) not in (sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_NOTADB):
                 raise StoreError(
                     make_message("the journal {path} cannot be opened: {error}", path=path, error=error),
                     code="store.io",
@@ -291,14 +278,14 @@ class Journal:
             )
 
     def _store_error(self, run_id: str, error: sqlite3.Error) -> StoreError:
-        if isinstance(error, sqlite3.IntegrityError) or _sqlite_code(error) == sqlite3.SQLITE_BUSY:
+        if isinstance(error, sqlite3.IntegrityError) or primary_code(error) == sqlite3.SQLITE_BUSY:
             return StoreError(
                 make_message("the journal is in use by another program: {error}", error=error),
                 code="store.busy",
             )
         safe = self._safe_points(run_id)
         points = "everything stored before is safe" if safe is None else f"your {safe} points are safe"
-        if _sqlite_code(error) == sqlite3.SQLITE_FULL:
+        if primary_code(error) == sqlite3.SQLITE_FULL:
             text, code = f"disk full: nothing more can be saved, {points}.", "store.full"
         else:
             text, code = f"the disk refuses to store ({error}): {points}.", "store.io"
@@ -340,11 +327,6 @@ def _checked_body(event: NewEvent) -> str:
             ),
             code="store.not_a_fact",
         ) from error
-
-
-def _sqlite_code(error: sqlite3.Error) -> int:
-    # extended codes carry the primary one in their low byte; Python's own errors carry none
-    return getattr(error, "sqlite_errorcode", 0) & 0xFF
 
 
 def _boot_id() -> str:

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Self
 
 from cellcal.service.files import create_private_file, make_private_folder
-from cellcal.service.record.database_setup import prepare_database
+from cellcal.service.record.database_setup import DURABLE, prepare_database
 from cellcal.service.record.journal_reading import read_only
 from cellcal.service.site.keys import SiteError
 
@@ -27,12 +27,6 @@ _SCHEMA = (
     "CREATE TABLE IF NOT EXISTS outbox(seq INTEGER PRIMARY KEY, key TEXT NOT NULL, journal_seq INTEGER UNIQUE,"
     " message BLOB NOT NULL) STRICT",
     "CREATE TABLE IF NOT EXISTS counter(epoch TEXT NOT NULL, starts INTEGER NOT NULL) STRICT",
-)
-_PRAGMAS = (
-    "PRAGMA busy_timeout=5000",
-    "PRAGMA journal_mode=WAL",
-    "PRAGMA synchronous=FULL",
-    "PRAGMA trusted_schema=OFF",
 )
 
 
@@ -65,7 +59,7 @@ class SiteOutbox:
         try:
             create_private_file(self.path)
             self._database = sqlite3.connect(self.path, isolation_level=None)
-            prepare_database(self._database, (*_PRAGMAS, *_SCHEMA))
+            prepare_database(self._database, (*DURABLE, *_SCHEMA))
             self.epoch, self._starts = self._begin_epoch()
         except sqlite3.Error as error:
             os.close(self._lock)

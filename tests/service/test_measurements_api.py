@@ -370,6 +370,7 @@ async def test_columns_that_no_heading_tells_are_named_by_the_page(tmp_path: Pat
             service_client, failed, layout=uploaded_file("a.toml", layout.encode()), wishes={"level": 2}
         )
         assert same["state"] == "done", same["fault"]
+        assert same["result"]["report"]["level"] == found["result"]["report"]["level"]
         assert same["result"]["report"]["held_out"] == pytest.approx(
             known["result"]["report"]["held_out"], rel=1e-6
         )

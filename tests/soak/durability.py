@@ -1,12 +1,9 @@
 """Campaigns over what must survive: kill -9 in the middle of a recovery, and power cuts under the journal."""
 
-import os
-import subprocess
-import sys
-
 from tests.e2e.test_kill_nine import kill_and_resume
 from tests.e2e.test_power_cut import lost_in
 from tests.soak.campaign_figures import CampaignFigures
+from tests.soak.pytest_runs import run_tests
 
 MATRIX = "tests/procedures/test_crash_and_cancel.py"
 STORIES = "tests/stories/test_stories.py"
@@ -20,22 +17,7 @@ def kill(kills: int) -> CampaignFigures:
 
 def matrix(most: int) -> CampaignFigures:
     """Crash every procedure after every write and cancel it in every step, up to so many of each."""
-    command = [
-        sys.executable,
-        "-m",
-        "pytest",
-        "-q",
-        "-p",
-        "no:randomly",
-        "--timeout",
-        "1800",
-        "-n",
-        "2",
-        MATRIX,
-    ]
-    ended = subprocess.run(
-        command, env=os.environ | {"CELLCAL_CRASHES": str(most)}, capture_output=True, text=True, check=False
-    )
+    ended = run_tests("-n", "2", MATRIX, CELLCAL_CRASHES=str(most))
     lines = ended.stdout.strip().splitlines()
     failed = [line.split(" - ")[0] for line in lines if line.startswith(("FAILED", "ERROR"))]
     summary = f"{len(failed)} failed {failed}" if failed else lines[-1]
@@ -46,22 +28,7 @@ def matrix(most: int) -> CampaignFigures:
 
 def corner_story(times: int) -> CampaignFigures:
     """A corner felt in a browser's view, to its certificate."""
-    command = [
-        sys.executable,
-        "-m",
-        "pytest",
-        "-q",
-        "-p",
-        "no:randomly",
-        "--timeout",
-        "1800",
-        "-m",
-        "soak",
-        STORIES,
-    ]
-    failed = sum(
-        subprocess.run(command, capture_output=True, check=False).returncode != 0 for _ in range(times)
-    )
+    failed = sum(run_tests("-m", "soak", STORIES).returncode != 0 for _ in range(times))
     return CampaignFigures(f"corner_story: {failed} of {times} failed", failed == 0)
 
 

@@ -66,10 +66,10 @@ def test_a_wire_that_reaches_nothing_is_reported():
 @pytest.mark.parametrize("instrument", [POINT, POSE, WIRE], ids=["point", "pose", "length"])
 @pytest.mark.parametrize("criterion", list(DesignCriterion))
 def test_chosen_poses_promise_more_than_random_ones(instrument, criterion):
-    expectation = predict_from_poses(MODEL, instrument, tool_in_flange_m=TOOL)
-    plan = choose_poses(expectation, CANDIDATES, 25, TESTS, criterion=criterion)
+    prediction = predict_from_poses(MODEL, instrument, tool_in_flange_m=TOOL)
+    plan = choose_poses(prediction, CANDIDATES, 25, TESTS, criterion=criterion)
     random = [
-        predict_accuracy(expectation.with_measured(draw_candidates(25, seed)), TESTS) for seed in range(15)
+        predict_accuracy(prediction.with_measured(draw_candidates(25, seed)), TESTS) for seed in range(15)
     ]
     assert plan.joints_rad.shape == (25, 6)
     if criterion is DesignCriterion.TEST_POSES:
@@ -78,7 +78,7 @@ def test_chosen_poses_promise_more_than_random_ones(instrument, criterion):
         assert plan.prediction.tip_rms_m < np.median([p.tip_rms_m for p in random])
     if criterion is DesignCriterion.OFFSETS:
         everything = {
-            name for name, _ in predict_accuracy(expectation.with_measured(CANDIDATES), TESTS).offsets_rad
+            name for name, _ in predict_accuracy(prediction.with_measured(CANDIDATES), TESTS).offsets_rad
         }
         index = [i for i, name in enumerate(plan.prediction.parameters) if name in everything]
 
@@ -89,28 +89,26 @@ def test_chosen_poses_promise_more_than_random_ones(instrument, criterion):
 
 
 def test_test_poses_are_served_better_by_their_own_criterion():
-    expectation = predict_from_poses(MODEL, POINT, tool_in_flange_m=TOOL)
+    prediction = predict_from_poses(MODEL, POINT, tool_in_flange_m=TOOL)
     corner = TestPoses(CANDIDATES[:1] + 0.1 * np.random.default_rng(3).normal(size=(20, 6)))
-    own = choose_poses(expectation, CANDIDATES, 20, corner, criterion=DesignCriterion.TEST_POSES).prediction
-    other = choose_poses(
-        expectation, CANDIDATES, 20, corner, criterion=DesignCriterion.DETERMINANT
-    ).prediction
+    own = choose_poses(prediction, CANDIDATES, 20, corner, criterion=DesignCriterion.TEST_POSES).prediction
+    other = choose_poses(prediction, CANDIDATES, 20, corner, criterion=DesignCriterion.DETERMINANT).prediction
     assert own.tip_rms_m < 0.9 * other.tip_rms_m
 
 
-def simulate_errors(expectation, joints, truth_of, trials):
+def simulate_errors(prediction, joints, truth_of, trials):
     """Return tip errors (trials, T, 3) [m] and parameter errors (trials, p) of fits of noisy measurements."""
     rng = np.random.default_rng(5)
     tips, parameters = [], []
-    places = [p.role in ("base", "anchor", "tool") for p in expectation.layout.parameters]
+    places = [p.role in ("base", "anchor", "tool") for p in prediction.layout.parameters]
     for _ in range(trials):
-        change = rng.normal(size=len(expectation.layout)) * expectation.layout.prior_sigmas
+        change = rng.normal(size=len(prediction.layout)) * prediction.layout.prior_sigmas
         change[places] = 0.0  # metres of doubt need a start of their own
-        truth = expectation.layout.apply_step(expectation.state, change)
+        truth = prediction.layout.apply_step(prediction.state, change)
         fit = estimate_arm(
-            expectation.layout,
-            expectation.state,
-            FitProblem.from_observations(expectation.state, truth_of(truth, joints, rng)),
+            prediction.layout,
+            prediction.state,
+            FitProblem.from_observations(prediction.state, truth_of(truth, joints, rng)),
         )
         fitted_state, real = fit.state.seen_from(0), truth.seen_from(0)
         zero = np.zeros(3)
@@ -122,20 +120,20 @@ def simulate_errors(expectation, joints, truth_of, trials):
 
 
 def test_simulated_calibrations_are_as_good_as_predicted_for_points():
-    expectation = predict_from_poses(MODEL, POINT, tool_in_flange_m=TOOL, priors=Priors(offset_rad=5e-3))
+    prediction = predict_from_poses(MODEL, POINT, tool_in_flange_m=TOOL, priors=Priors(offset_rad=5e-3))
     joints = draw_candidates(30)
 
     def measure_points(truth, joints, rng):
         points = truth.seen_from(0).tip_positions(joints, np.zeros(3)) + rng.normal(scale=1e-4, size=(30, 3))
         return PointObservations(joints, points, np.full(30, 1e-4), np.zeros(30, dtype=np.intp))
 
-    tips, _ = simulate_errors(expectation, joints, measure_points, 60)
-    predicted = predict_accuracy(expectation.with_measured(joints), TESTS)
+    tips, _ = simulate_errors(prediction, joints, measure_points, 60)
+    predicted = predict_accuracy(prediction.with_measured(joints), TESTS)
     assert np.sqrt((tips**2).sum(axis=2).mean()) == pytest.approx(predicted.tip_rms_m, rel=0.06)
 
 
 def test_simulated_calibrations_are_as_good_as_predicted_for_lengths():
-    expectation = predict_from_poses(MODEL, WIRE, tool_in_flange_m=TOOL)
+    prediction = predict_from_poses(MODEL, WIRE, tool_in_flange_m=TOOL)
     joints = draw_candidates(60)
     anchor = np.array(WIRE.anchor_in_base_m)
 
@@ -146,8 +144,8 @@ def test_simulated_calibrations_are_as_good_as_predicted_for_lengths():
         noise = rng.normal(scale=2e-4, size=60)
         return LengthObservations(joints, lengths + noise, np.full(60, 2e-4), np.zeros(60, dtype=np.intp))
 
-    tips, parameters = simulate_errors(expectation, joints, measure_lengths, 40)
-    predicted = predict_accuracy(expectation.with_measured(joints), TESTS)
+    tips, parameters = simulate_errors(prediction, joints, measure_lengths, 40)
+    predicted = predict_accuracy(prediction.with_measured(joints), TESTS)
     sigma = dict(zip(predicted.parameters, predicted.sigma, strict=True))
     names = list(predicted.parameters)
     for name in ("J2 offset", "J3 offset", "J2 a"):
@@ -168,15 +166,15 @@ def _after_best_frame(errors):
 
 
 def test_the_next_poses_go_on_from_a_fit():
-    expectation = predict_from_poses(MODEL, POINT, tool_in_flange_m=TOOL)
+    prediction = predict_from_poses(MODEL, POINT, tool_in_flange_m=TOOL)
     small_box = CANDIDATES[:1] + 0.15 * np.random.default_rng(1).normal(size=(20, 6))
     tips = MODEL.tip_positions(small_box, np.array(TOOL))
     points = PointObservations(small_box, tips, np.full(20, 1e-4), np.zeros(20, dtype=np.intp))
     fit = estimate_arm(
-        expectation.layout, expectation.state, FitProblem.from_observations(expectation.state, points)
+        prediction.layout, prediction.state, FitProblem.from_observations(prediction.state, points)
     )
     after = predict_after_fit(fit, POINT.make_observations)
-    prediction_before = predict_accuracy(expectation.with_measured(small_box), TESTS)
+    prediction_before = predict_accuracy(prediction.with_measured(small_box), TESTS)
     assert predict_accuracy(after, TESTS).tip_rms_m == pytest.approx(prediction_before.tip_rms_m, rel=1e-3)
     plan = choose_poses(after, CANDIDATES, 8, TESTS)
     again = predict_accuracy(after.with_measured(small_box[:8]), TESTS)
@@ -185,19 +183,19 @@ def test_the_next_poses_go_on_from_a_fit():
 
 
 def test_a_known_tip_counts_instead_of_the_target():
-    expectation = predict_from_poses(MODEL, POINT, tool_in_flange_m=TOOL).with_measured(CANDIDATES)
-    target = predict_accuracy(expectation, TESTS).tip_rms_m
-    same_place = predict_accuracy(expectation, TestPoses(TESTS.joints_rad, TOOL)).tip_rms_m
-    far = predict_accuracy(expectation, TestPoses(TESTS.joints_rad, (0.0, 0.0, 0.5))).tip_rms_m
+    prediction = predict_from_poses(MODEL, POINT, tool_in_flange_m=TOOL).with_measured(CANDIDATES)
+    target = predict_accuracy(prediction, TESTS).tip_rms_m
+    same_place = predict_accuracy(prediction, TestPoses(TESTS.joints_rad, TOOL)).tip_rms_m
+    far = predict_accuracy(prediction, TestPoses(TESTS.joints_rad, (0.0, 0.0, 0.5))).tip_rms_m
     assert same_place != pytest.approx(target, rel=1e-3)  # where target and flange meet is not known
     assert far > same_place
 
 
 def test_what_cannot_be_known_is_named_with_its_partner():
-    expectation = predict_from_poses(MODEL, POINT, tool_in_flange_m=TOOL, level=OFFSETS).with_measured(
+    prediction = predict_from_poses(MODEL, POINT, tool_in_flange_m=TOOL, level=OFFSETS).with_measured(
         CANDIDATES
     )
-    hidden = {item.parameter: item for item in expectation.not_identified()}
+    hidden = {item.parameter: item for item in prediction.not_identified()}
     assert set(hidden) == {"J1 offset", "J6 offset"}
     assert "base" in hidden["J1 offset"].partner
     assert "tool" in hidden["J6 offset"].partner
@@ -219,34 +217,34 @@ def test_parameters_that_others_imitate_are_dropped_when_asked():
 
 
 def test_sag_is_planned_for_when_asked():
-    expectation = predict_from_poses(MODEL, POINT, tool_in_flange_m=TOOL, level=GRAVITY)
-    names = choose_poses(expectation, CANDIDATES, 30, TESTS).prediction.parameters
+    prediction = predict_from_poses(MODEL, POINT, tool_in_flange_m=TOOL, level=GRAVITY)
+    names = choose_poses(prediction, CANDIDATES, 30, TESTS).prediction.parameters
     assert any("sag" in name for name in names)
 
 
 def test_the_efficiency_is_that_against_a_bound():
-    expectation = predict_from_poses(MODEL, POINT, tool_in_flange_m=TOOL)
+    prediction = predict_from_poses(MODEL, POINT, tool_in_flange_m=TOOL)
     for criterion in (DesignCriterion.DETERMINANT, DesignCriterion.TEST_POSES):
-        plan = choose_poses(expectation, CANDIDATES, 40, TESTS, criterion=criterion)
-        assert 0.85 < plan_efficiency(expectation, CANDIDATES, plan, TESTS) <= 1.0
+        plan = choose_poses(prediction, CANDIDATES, 40, TESTS, criterion=criterion)
+        assert 0.85 < plan_efficiency(prediction, CANDIDATES, plan, TESTS) <= 1.0
 
 
 def test_enough_poses_are_the_fewest_that_keep_the_acceptance():
-    expectation = predict_from_poses(MODEL, POINT, tool_in_flange_m=TOOL)
+    prediction = predict_from_poses(MODEL, POINT, tool_in_flange_m=TOOL)
     acceptance = AcceptanceLimits(tip_rms_m=1.5e-4)
-    found = enough_poses(expectation, CANDIDATES, acceptance, TESTS)
+    found = enough_poses(prediction, CANDIDATES, acceptance, TESTS)
     assert found.plan is not None
     count = len(found.plan.indices)
     assert not acceptance_gaps(found.prediction, acceptance)
     assert found.prediction.tip_rms_m <= 1.5e-4 / 1.2
-    fewer = choose_poses(expectation, CANDIDATES, count - 1, TESTS, starts=1)
+    fewer = choose_poses(prediction, CANDIDATES, count - 1, TESTS, starts=1)
     assert acceptance_gaps(fewer.prediction, acceptance)
     assert f"{count} poses" in found.reason
 
 
 def test_nothing_is_measured_when_enough_is_known():
-    expectation = predict_from_poses(MODEL, POINT, tool_in_flange_m=TOOL).with_measured(CANDIDATES)
-    found = enough_poses(expectation, CANDIDATES, AcceptanceLimits(tip_rms_m=1e-3), TESTS)
+    prediction = predict_from_poses(MODEL, POINT, tool_in_flange_m=TOOL).with_measured(CANDIDATES)
+    found = enough_poses(prediction, CANDIDATES, AcceptanceLimits(tip_rms_m=1e-3), TESTS)
     assert found.plan.indices == ()
     assert "already" in found.reason
 
@@ -265,17 +263,17 @@ def test_nothing_is_measured_when_enough_is_known():
     ],
 )
 def test_an_acceptance_that_cannot_be_reached_is_explained(acceptance, level, words):
-    expectation = predict_from_poses(MODEL, POINT, tool_in_flange_m=TOOL, level=level)
-    found = enough_poses(expectation, CANDIDATES, acceptance, TESTS, most=40)
+    prediction = predict_from_poses(MODEL, POINT, tool_in_flange_m=TOOL, level=level)
+    found = enough_poses(prediction, CANDIDATES, acceptance, TESTS, most=40)
     assert found.plan is None
     assert re.search(words, found.reason), found.reason
 
 
 def test_offsets_alone_need_few_poses():
-    expectation = predict_from_poses(MODEL, POINT, tool_in_flange_m=TOOL, level=OFFSETS)
+    prediction = predict_from_poses(MODEL, POINT, tool_in_flange_m=TOOL, level=OFFSETS)
     offset_names = tuple(f"J{i} offset" for i in (2, 3, 4, 5))
     found = enough_poses(
-        expectation, CANDIDATES, AcceptanceLimits(offset_rad=np.deg2rad(0.02), offsets_of=offset_names), TESTS
+        prediction, CANDIDATES, AcceptanceLimits(offset_rad=np.deg2rad(0.02), offsets_of=offset_names), TESTS
     )
     assert found.plan.criterion is DesignCriterion.OFFSETS
     assert 4 <= len(found.plan.indices) <= 10

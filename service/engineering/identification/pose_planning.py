@@ -139,7 +139,7 @@ def plan_poses(request: PlanRequest) -> PlanReport:
     if not 1 <= request.poses <= request.candidates:
         raise PlanError(f"{request.poses} poses cannot be chosen from {request.candidates} candidates.")
     model = load_model(request.robot)
-    expectation = _prediction_basis(request, model)
+    prediction = _prediction_basis(request, model)
     limits, check = MotionLimits(wire=_wire_path(request)), _collision_check(request, model)
     described = _description_check(request, model, check)
     filters = (check.is_free,) if described is None else (check.is_free, described.is_free)
@@ -148,8 +148,8 @@ def plan_poses(request: PlanRequest) -> PlanReport:
         model, limits, request.candidates, tip_in_flange_m=tip, filters=filters, seed=request.seed
     )
     tests = TestPoses(_test_joints(request, model, check))
-    before = predict_accuracy(expectation, tests)
-    plan, prediction, reason, after = _choose_poses(request, expectation, drawn, tests)
+    before = predict_accuracy(prediction, tests)
+    plan, accuracy, reason, after = _choose_poses(request, prediction, drawn, tests)
     order: tuple[int, ...] = ()
     free: tuple[bool, ...] = ()
     if plan is not None and len(plan.indices):
@@ -159,11 +159,11 @@ def plan_poses(request: PlanRequest) -> PlanReport:
         request,
         plan,
         reason,
-        prediction,
+        accuracy,
         after.not_identified(),
         before,
-        _predict_random(expectation, drawn, tests, plan),
-        plan_efficiency(expectation, drawn, plan, tests) if order and plan is not None else None,
+        _predict_random(prediction, drawn, tests, plan),
+        plan_efficiency(prediction, drawn, plan, tests) if order and plan is not None else None,
         order,
         free,
         len(drawn),
@@ -307,11 +307,11 @@ def _test_joints(request: PlanRequest, model: RobotModel, check: CollisionCheck)
 
 
 def _choose_poses(
-    request: PlanRequest, expectation: MeasurementPrediction, drawn: Array, tests: TestPoses
+    request: PlanRequest, prediction: MeasurementPrediction, drawn: Array, tests: TestPoses
 ) -> tuple[PosePlan | None, AccuracyPrediction, str, MeasurementPrediction]:
     if request.acceptance is None:
         plan = choose_poses(
-            expectation,
+            prediction,
             drawn,
             request.poses,
             tests,
@@ -319,13 +319,13 @@ def _choose_poses(
         )
         return plan, plan.prediction, "", plan.after
     found = enough_poses(
-        expectation, drawn, request.acceptance, tests, most=request.poses, criterion=request.criterion
+        prediction, drawn, request.acceptance, tests, most=request.poses, criterion=request.criterion
     )
     return found.plan, found.prediction, found.reason, found.after
 
 
 def _predict_random(
-    expectation: MeasurementPrediction, drawn: Array, tests: TestPoses, plan: PosePlan | None
+    prediction: MeasurementPrediction, drawn: Array, tests: TestPoses, plan: PosePlan | None
 ) -> AccuracyPrediction | None:
     if plan is None or not len(plan.indices):
         return None
@@ -333,13 +333,13 @@ def _predict_random(
     draws: Sequence[AccuracyPrediction] = sorted(
         (
             predict_accuracy(
-                expectation.with_measured(
+                prediction.with_measured(
                     drawn[generator.choice(len(drawn), len(plan.indices), replace=False)]
                 ),
                 tests,
             )
             for _ in range(_RANDOM_PLANS)
         ),
-        key=lambda prediction: prediction.tip_rms_m,
+        key=lambda accuracy: accuracy.tip_rms_m,
     )
     return draws[_RANDOM_PLANS // 2]

@@ -27,8 +27,8 @@ def joints_of(positions: Positions, axes: int) -> Array:
     return wide
 
 
-def held_rows(positions: Positions) -> NDArray[np.bool_]:
-    """Return (N,) which positions are seen from work in the gripper."""
-    held = np.zeros(len(positions), dtype=bool)
-    held[sorted(positions.held_work)] = True
-    return held
+def marked_rows(positions: Positions, rows: frozenset[int]) -> NDArray[np.bool_]:
+    """Return (N,) which positions are among some rows."""
+    marked = np.zeros(len(positions), dtype=bool)
+    marked[sorted(rows)] = True
+    return marked

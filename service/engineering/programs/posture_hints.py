@@ -39,6 +39,8 @@ def joints_by_hints(
     """
     joints, base_flange = stated
     hinted = np.flatnonzero(points.hinted[rows])
+    if not len(hinted):
+        return joints
     apart, _ = same_place(tip_poses(arm, joints[hinted]), base_flange[hinted])
     chosen = hinted[apart > CONTRADICTS_M]
     if not len(chosen):

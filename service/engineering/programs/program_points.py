@@ -13,7 +13,7 @@ from cellcal.drivers.programs.positions import CARTESIAN, JOINTS, UNTAUGHT, Prog
 from cellcal.service.engineering.programs.controller_joints import NO_UNIT, as_chain, lacks_units
 from cellcal.service.engineering.programs.external.point_reasons import external_reasons
 from cellcal.service.engineering.programs.external.point_values import PointAxes
-from cellcal.service.engineering.programs.point_columns import held_rows, joints_of, side_by_side
+from cellcal.service.engineering.programs.point_columns import joints_of, marked_rows, side_by_side
 from cellcal.service.engineering.programs.project import Project
 from cellcal.service.engineering.programs.project_pulses import MISSING, PULSES
 from cellcal.service.engineering.programs.starting_postures import StartingPostures
@@ -151,8 +151,8 @@ def points_of(programs: Sequence[ProgramFile], cell: Project) -> ProgramPoints:
         user_frames=tuple(name for p in all_of for name in p.user_frames),
         stays=side_by_side([each.stays for each in found], np.zeros(0, dtype=bool)),
         reasons=reasons,
-        held=side_by_side([held_rows(p) for p in all_of], np.zeros(0, dtype=bool)),
-        hinted=np.array([row in p.posture_hints for p in all_of for row in range(len(p))], dtype=bool),
+        held=side_by_side([marked_rows(p, p.held_work) for p in all_of], np.zeros(0, dtype=bool)),
+        hinted=side_by_side([marked_rows(p, p.posture_hints) for p in all_of], np.zeros(0, dtype=bool)),
         axis_values=side_by_side([each.point_axes.values for each in found], np.zeros((0, len(cell.axes)))),
         axes_of=tuple(each.point_axes for each in found),
         solved=np.full((sum(count), axes), np.nan),

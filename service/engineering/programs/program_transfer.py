@@ -244,7 +244,7 @@ class ProgramTransfer:
             joints[some] = joints_by_hints(
                 points, rows[some], (joints[some], poses), controller, self._postures
             )
-            self._refuse_contradictions(points, rows[some], joints[some], poses)
+            self._refuse_contradictions(points, rows[some], joints[some], poses, controller)
         before: Array | None = None
         for part in _row_blocks(posed[~taught]):
             poses = rows_of_poses(source_frame, part) @ points.tips_of(rows[part]) @ flange
@@ -262,12 +262,12 @@ class ProgramTransfer:
         return joints
 
     def _refuse_contradictions(
-        self, points: ProgramPoints, rows: Rows, joints: Array, base_flange: Array
+        self, points: ProgramPoints, rows: Rows, joints: Array, base_flange: Array, controller: TipArm
     ) -> None:
         """Leave positions whose joints and pose contradict: taught on another robot, or with another tool."""
         if not len(rows):
             return
-        apart, _ = same_place(tip_poses(TipArm(self._route.source.controller), joints), base_flange)
+        apart, _ = same_place(tip_poses(controller, joints), base_flange)
         wrong = apart > CONTRADICTS_M
         distances_m = dict(zip(rows.tolist(), apart.tolist(), strict=True))
         points.unusable[rows[wrong]] = True
