@@ -23,7 +23,7 @@ from cellcal.calibration.identification.parameters import GRAVITY, OFFSETS, ArmS
 from cellcal.calibration.identification.robust import RobustFit
 from cellcal.calibration.identification.selection import fit_level
 from cellcal.calibration.poses.calibrated_arm import FoundParameter
-from cellcal.calibration.poses.measurement_poses import (
+from cellcal.calibration.poses.measurement_prediction import (
     DesignInstrument,
     MeasurementPrediction,
     TestPoses,

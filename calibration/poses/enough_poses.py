@@ -8,13 +8,11 @@ from cellcal.calibration.errors import CalibrationError
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.identification.identifiability import parameter_correlations
 from cellcal.calibration.message import make_message
-from cellcal.calibration.poses.measurement_poses import (
+from cellcal.calibration.poses.measurement_poses import DesignCriterion, PosePlan, choose_poses
+from cellcal.calibration.poses.measurement_prediction import (
     AccuracyPrediction,
-    DesignCriterion,
     MeasurementPrediction,
-    PosePlan,
     TestPoses,
-    choose_poses,
     predict_accuracy,
 )
 

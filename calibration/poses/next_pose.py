@@ -7,12 +7,8 @@ import numpy as np
 
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.identification.observations import Rows
-from cellcal.calibration.poses.measurement_poses import (
-    DesignCriterion,
-    MeasurementPrediction,
-    TestPoses,
-    design_task,
-)
+from cellcal.calibration.poses.measurement_poses import DesignCriterion, design_task
+from cellcal.calibration.poses.measurement_prediction import MeasurementPrediction, TestPoses
 from cellcal.calibration.poses.optimal_design import DesignTask
 
 _LARGEST_TURN_RAD = np.pi  # the scale on which turns of joints are compared with ways of the target

@@ -7,7 +7,11 @@ import numpy as np
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.message import make_message
 from cellcal.calibration.poses.enough_poses import AcceptanceGap, AcceptanceLimits, acceptance_gaps
-from cellcal.calibration.poses.measurement_poses import MeasurementPrediction, TestPoses, predict_accuracy
+from cellcal.calibration.poses.measurement_prediction import (
+    MeasurementPrediction,
+    TestPoses,
+    predict_accuracy,
+)
 
 _ENDLESS = 1e6  # repetitions of every candidate
 _CURES = {

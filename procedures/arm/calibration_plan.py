@@ -20,8 +20,8 @@ from cellcal.calibration.poses.arm_fit import (
     with_readings,
 )
 from cellcal.calibration.poses.enough_poses import AcceptanceLimits, acceptance_gaps
-from cellcal.calibration.poses.measurement_poses import (
-    DesignCriterion,
+from cellcal.calibration.poses.measurement_poses import DesignCriterion
+from cellcal.calibration.poses.measurement_prediction import (
     MeasurementPrediction,
     TestPoses,
     predict_accuracy,

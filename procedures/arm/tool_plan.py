@@ -13,7 +13,7 @@ from cellcal.calibration.identification.observations import Rows
 from cellcal.calibration.points.end_effector import points_in_flange, refuse_tool_points, tool_u
 from cellcal.calibration.points.fixture import Triple
 from cellcal.calibration.poses.arm_fit import point_covariance, point_rows
-from cellcal.calibration.poses.measurement_poses import MeasurementPrediction
+from cellcal.calibration.poses.measurement_prediction import MeasurementPrediction
 from cellcal.calibration.poses.next_pose import choose_for_unknowns, spread_order
 from cellcal.drivers.interfaces import Joints
 from cellcal.procedures.arm.arm_bench import ArmCapture

@@ -9,7 +9,7 @@ from itertools import count
 import numpy as np
 
 from cellcal.calibration.poses.arm_fit import with_readings
-from cellcal.calibration.poses.measurement_poses import MeasurementPrediction
+from cellcal.calibration.poses.measurement_prediction import MeasurementPrediction
 from cellcal.calibration.poses.next_pose import choose_for_unknowns
 from cellcal.drivers.interfaces import Instruction, Joints
 from cellcal.procedures.arm.arm_bench import ArmCapture, of_target

@@ -103,7 +103,7 @@ def poses(  # noqa: PLR0913  # a command's options are its arguments
     as_json
         Print one JSON object on standard output.
     """
-    from cellcal.calibration.poses.measurement_poses import DesignInstrument
+    from cellcal.calibration.poses.measurement_prediction import DesignInstrument
     from cellcal.service.cli.printing import STDERR_CONSOLE, print_json
     from cellcal.service.engineering.identification.pose_planning import (
         PlanRequest,

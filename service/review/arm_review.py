@@ -28,7 +28,7 @@ from cellcal.calibration.poses.arm_fit import (
     predict_from_fit,
     target_expanded_u,
 )
-from cellcal.calibration.poses.measurement_poses import MeasurementPrediction, TestPoses
+from cellcal.calibration.poses.measurement_prediction import MeasurementPrediction, TestPoses
 from cellcal.calibration.registration import best_fit_transform
 from cellcal.procedures.arm.arm_bench import ArmCapture, Bench, observations_of
 from cellcal.procedures.arm.calibration_plan import fit_captures, task_of

@@ -14,7 +14,7 @@ from cellcal.calibration.arm.kinematics import load_model
 from cellcal.calibration.geometry import Array, Pose
 from cellcal.calibration.message import make_message
 from cellcal.calibration.poses.arm_fit import predict_from_fit
-from cellcal.calibration.poses.measurement_poses import TestPoses
+from cellcal.calibration.poses.measurement_prediction import TestPoses
 from cellcal.service.configuration.cell_file import CellConfig
 from cellcal.service.record.stored_results import JournalledResult, newest_stored_result
 from cellcal.service.review.arm_review import ArmSeries, fit_of

@@ -22,7 +22,7 @@ from cellcal.calibration.poses.arm_fit import (
     target_expanded_u,
 )
 from cellcal.calibration.poses.enough_poses import AcceptanceLimits
-from cellcal.calibration.poses.measurement_poses import TestPoses
+from cellcal.calibration.poses.measurement_prediction import TestPoses
 from cellcal.calibration.poses.next_pose import choose_in_turn, random_poses_needed, spread_order
 from cellcal.calibration.poses.shortfall import find_shortfall
 

@@ -16,11 +16,13 @@ from cellcal.calibration.motion.motion_check import MotionLimits, WirePath
 from cellcal.calibration.poses.enough_poses import AcceptanceLimits, acceptance_gaps, enough_poses
 from cellcal.calibration.poses.measurement_poses import (
     DesignCriterion,
-    DesignInstrument,
-    TestPoses,
     choose_poses,
     measurable_postures,
     plan_efficiency,
+)
+from cellcal.calibration.poses.measurement_prediction import (
+    DesignInstrument,
+    TestPoses,
     predict_accuracy,
     predict_after_fit,
     predict_from_poses,

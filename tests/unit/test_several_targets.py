@@ -23,7 +23,7 @@ from cellcal.calibration.poses.arm_fit import (
     target_expanded_u,
     with_readings,
 )
-from cellcal.calibration.poses.measurement_poses import TestPoses
+from cellcal.calibration.poses.measurement_prediction import TestPoses
 
 POINTS = ((0.10, 0.0, 0.20), (-0.05, 0.08, 0.20), (-0.05, -0.08, 0.25))
 WIRE = ArmTask("fanuc_m6ib", "length", 1e-4, (0.06, 0.05, 0.12), (0.9, -0.7, -0.45))

@@ -24,15 +24,17 @@ from cellcal.calibration.motion.description_collision import DescriptionCheck
 from cellcal.calibration.motion.motion_check import MotionLimits, WirePath
 from cellcal.calibration.poses.enough_poses import AcceptanceLimits, enough_poses
 from cellcal.calibration.poses.measurement_poses import (
-    AccuracyPrediction,
     DesignCriterion,
-    DesignInstrument,
-    MeasurementPrediction,
     PosePlan,
-    TestPoses,
     choose_poses,
     measurable_postures,
     plan_efficiency,
+)
+from cellcal.calibration.poses.measurement_prediction import (
+    AccuracyPrediction,
+    DesignInstrument,
+    MeasurementPrediction,
+    TestPoses,
     predict_accuracy,
     predict_after_fit,
     predict_from_poses,

@@ -19,7 +19,7 @@ from cellcal.calibration.identification.observations import (
 from cellcal.calibration.identification.parameters import ArmState
 from cellcal.calibration.mastering.pose_design import candidate_joints
 from cellcal.calibration.motion.motion_check import MotionLimits
-from cellcal.calibration.poses.measurement_poses import MeasurementPrediction, TestPoses
+from cellcal.calibration.poses.measurement_prediction import MeasurementPrediction, TestPoses
 from cellcal.service.engineering.identification.identify import IdentifyReport
 
 _REACHABLE = 4000  # postures: enough for a few in every cell of the map
