@@ -44,6 +44,17 @@ class UrDashboard:
             )  # fmt: skip
         return reply.lower() == "true"
 
+    async def is_program_active(self) -> bool:
+        """Whether a program runs or is paused, so that it may go on."""
+        reply = await self._ask_dashboard("programState")
+        state = reply.upper().partition(" ")[0]
+        if state not in ("STOPPED", "PLAYING", "PAUSED"):
+            raise WireProtocolError(
+                self._device, "the dashboard does not say whether a program runs.",
+                remedy=_ASK_TO_REPORT, frame=reply.encode().hex(),
+            )  # fmt: skip
+        return state != "STOPPED"
+
     async def stop_program(self) -> None:
         """Stop whatever program runs; the arm decelerates and stays where it is."""
         reply = await self._ask_dashboard("stop")

@@ -28,6 +28,8 @@ class LoginOptions:
     """File with the user's password."""
     certificate: Annotated[Path | None, Parameter(name="--certificate")] = None
     """The certificate that an ABB controller with RobotWare 7 shows (PEM)."""
+    host_keys: Annotated[tuple[str, ...], Parameter(name="--host-key", negative=())] = ()
+    """Fingerprint of the SSH key of a Universal Robots controller, SHA256:...; once per controller."""
     timeout_s: Annotated[float, Parameter(name="--timeout")] = 10.0
     """Longest wait for an answer, in seconds."""
 
@@ -63,8 +65,8 @@ def fetch(
     Parameters
     ----------
     addresses
-        abb://HOST[:PORT][/FOLDER], fanuc://HOST[:PORT], yaskawa://HOST, or a folder such as a controller's
-        mounted share.
+        abb://HOST[:PORT][/FOLDER], fanuc://HOST[:PORT], ur://HOST[:PORT][/FOLDER], yaskawa://HOST, or a folder
+        such as a controller's mounted share.
     out
         A folder; each controller gets one of its own in it.
     """
@@ -248,6 +250,7 @@ def _ask_secret(*, from_input: bool) -> str:
 
 
 def _login(options: LoginOptions) -> "StoreLogin":
+    import re
     from math import isfinite
 
     from cellcal.calibration.documents.plain_files import read_plain_text
@@ -261,7 +264,9 @@ def _login(options: LoginOptions) -> "StoreLogin":
         password = (read_plain_text(options.password_file).splitlines() or [""])[0]
     if any(mark in options.user + (password or "") for mark in "\r\n\0"):
         raise CellError("a user or password holds no line ends.", code="usage")
-    return StoreLogin(options.user, password, options.certificate, options.timeout_s)
+    if not all(re.fullmatch("SHA256:[A-Za-z0-9+/]{43}", key) for key in options.host_keys):
+        raise CellError("--host-key is SHA256: and 43 characters, as ssh-keygen -lf shows it.", code="usage")
+    return StoreLogin(options.user, password, options.certificate, options.host_keys, options.timeout_s)
 
 
 def _plain_name(address: str) -> str:

@@ -1,4 +1,4 @@
-"""Where programs lie: ``abb://``, ``fanuc://`` or ``yaskawa://`` and a host, or a folder of this computer."""
+"""Where programs lie: ``abb://``, ``fanuc://``, ``ur://``, ``yaskawa://`` and a host, or a folder of this machine."""
 
 from collections.abc import AsyncIterator, Callable
 from contextlib import AbstractAsyncContextManager, asynccontextmanager
@@ -19,7 +19,7 @@ from cellcal.drivers.wire.folder_store import FolderStore
 from cellcal.drivers.yaskawa.hses_frames import ROBOT_PORT
 from cellcal.drivers.yaskawa.job_store import YaskawaJobStore
 
-_ABB, _FANUC, _YASKAWA = "abb://", "fanuc://", "yaskawa://"
+_ABB, _FANUC, _UR, _YASKAWA = "abb://", "fanuc://", "ur://", "yaskawa://"
 _HOME = "$HOME"
 _ABB_USER, _ABB_PASSWORD = "Default User", "robotics"  # the maker's defaults
 OpenStore: TypeAlias = Callable[[], AbstractAsyncContextManager[ProgramStore]]
@@ -32,6 +32,7 @@ class StoreLogin:
     user: str = ""
     password: str | None = None
     certificate: Path | None = None
+    host_keys: tuple[str, ...] = ()
     timeout_s: float = 10.0
 
 
@@ -49,6 +50,8 @@ def store_at(address: str, login: StoreLogin) -> OpenStore:
         controller = parse_address(address.removeprefix(_FANUC))
         ftp = FtpLogin(login.user or "anonymous", login.password or "", login.timeout_s)
         return lambda: FtpProgramStore(controller, ftp)
+    if address.startswith(_UR):
+        return _ur_store(address, login)
     if address.startswith(_YASKAWA):
         where = address.removeprefix(_YASKAWA)
         found = parse_address(where)
@@ -57,7 +60,7 @@ def store_at(address: str, login: StoreLogin) -> OpenStore:
     if "://" in address or not Path(address).is_dir():
         raise CellError(
             make_message("{address!r} is neither a controller nor a folder.", address=address[:80]),
-            remedy="Give abb://HOST, fanuc://HOST, yaskawa://HOST or a folder, such as a controller's mounted share.",
+            remedy="Give abb://HOST, fanuc://HOST, ur://HOST, yaskawa://HOST or a folder, such as a mounted share.",
             code="usage",
         )
     return lambda: _open_folder(Path(address))
@@ -82,6 +85,25 @@ def _abb_store(address: str, login: StoreLogin) -> OpenStore:
             await link.close()
 
     return open_store
+
+
+def _ur_store(address: str, login: StoreLogin) -> OpenStore:
+    from cellcal.drivers.universal_robots.program_store import (  # noqa: PLC0415  SSH takes long to load
+        PROGRAM_FOLDER,
+        SSH_PORT,
+        USUAL_PASSWORD,
+        USUAL_USER,
+        UrProgramStore,
+    )
+    from cellcal.drivers.wire.sftp_link import SshLogin  # noqa: PLC0415  as above
+
+    where, _, folder = address.removeprefix(_UR).partition("/")
+    controller = parse_address(where)
+    port = controller.port if ":" in where.rpartition("]")[2] else SSH_PORT
+    password = USUAL_PASSWORD if login.password is None else login.password
+    ssh = SshLogin(login.user or USUAL_USER, password, login.host_keys)
+    path = f"/{folder.strip('/')}" if folder.strip("/") else PROGRAM_FOLDER
+    return lambda: UrProgramStore(address, (controller.host, port), path, ssh, deadline_s=login.timeout_s)
 
 
 @asynccontextmanager
