@@ -150,6 +150,28 @@ async def test_the_picture_follows_a_moving_arm_twelve_times_a_second_at_most(pi
         )
 
 
+@pytest.mark.parametrize(
+    ("renderer", "smooth", "most_hz"),
+    [("ANGLE (Google, Vulkan 1.3 (SwiftShader Device))", False, 3.0), ("ANGLE (Intel, Iris Xe)", True, 12.0)],
+)
+async def test_a_picture_that_the_processor_computes_is_drawn_plainly(
+    picture_view: Seen, renderer: str, smooth: bool, most_hz: float
+) -> None:
+    said = f"""{{ const asked = WebGL2RenderingContext.prototype.getParameter;
+        WebGL2RenderingContext.prototype.getParameter = function (name) {{
+            return name === 0x9246 ? {json.dumps(renderer)} : asked.call(this, name); }} }}"""
+    async with picture_view[0].open_page() as page:
+        await page.add_init_script(said)
+        await page.reload()
+        await wait_for_picture(page, "joints_rad")
+        is_smooth, rate_hz = await page.evaluate(
+            """() => [document.querySelector('canvas').getContext('webgl2').getContextAttributes().antialias,
+                window.__robot.most_hz]"""
+        )
+        assert is_smooth is smooth
+        assert rate_hz == pytest.approx(most_hz)
+
+
 async def test_without_webgl_frames_and_doubt_are_words(picture_view: Seen) -> None:
     async with picture_view[0].open_page() as page:
         await page.add_init_script(NO_WEBGL)

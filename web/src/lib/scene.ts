@@ -1,4 +1,5 @@
-// The robot in its cell as a picture, drawn only when something changed, and never more than twelve times a second.
+// The robot in its cell as a picture, drawn only when something changed, and never more than twelve times a second; where
+// the processor computes every pixel, three times a second and without smoothing: it has other work, the robot's above all.
 //
 // Everything is in the robot's base frame, metres, z up. Nothing here is measured: it shows what the cell file and the
 // model tables tell, in the posture that the controller tells.
@@ -35,6 +36,7 @@ import { colour } from "./theme.svelte";
 import type { CellSeen } from "./types";
 
 const LEAST_MS = 1000 / 12;
+const LEAST_PLAIN_MS = 1000 / 3;
 const STILL_RAD = 5e-5; // a smaller turn moves no pixel
 const UP = new Vector3(0, 0, 1);
 const WIRE_RADIUS_M = 0.006; // drawn thicker than it is, or nobody would see it
@@ -45,6 +47,7 @@ export interface Shown {
   joints_rad: number[];
   flange_m: number[];
   frames: number; // pictures drawn so far
+  most_hz: number; // pictures a second, at most
   ghosts: GhostShown[];
   axes: string[]; // names of the frames that are drawn
   wire_m: number[][]; // its two ends, where there is one
@@ -74,10 +77,12 @@ export class RobotScene {
   #high_px = 300; // of the picture
   #timer: ReturnType<typeof setTimeout> | undefined;
   #lastMs = 0;
+  #leastMs: number;
 
-  constructor(canvas: HTMLCanvasElement, cellView: CellSeen, description: string) {
-    this.#renderer = new WebGLRenderer({ canvas, antialias: true, alpha: true });
-    this.#renderer.setPixelRatio(Math.min(devicePixelRatio, 2));
+  constructor(canvas: HTMLCanvasElement, cellView: CellSeen, description: string, { plainly = false } = {}) {
+    this.#leastMs = plainly ? LEAST_PLAIN_MS : LEAST_MS;
+    this.#renderer = new WebGLRenderer({ canvas, antialias: !plainly, alpha: true });
+    this.#renderer.setPixelRatio(plainly ? 1 : Math.min(devicePixelRatio, 2));
     this.#cellView = cellView;
     this.#arm = new URDFLoader().parse(description);
     this.#arm.traverse((part) => (part.matrixAutoUpdate = true));
@@ -89,7 +94,8 @@ export class RobotScene {
     this.#scene.add(this.#surroundings(), this.#ghosts.group, this.#doubt.group);
     this.#camera.up.copy(UP);
     this.shown = {
-      robot: cellView.robot, joints_rad: [], flange_m: [], frames: 0, ghosts: [], axes: [], wire_m: [], ellipsoid: null,
+      robot: cellView.robot, joints_rad: [], flange_m: [], frames: 0, most_hz: 1000 / this.#leastMs, ghosts: [], axes: [],
+      wire_m: [], ellipsoid: null,
     };
     this.frames([], "base");
     window.__robot = this.shown;
@@ -170,7 +176,7 @@ export class RobotScene {
   /** Draw soon; many wishes are one picture. */
   draw() {
     if (this.#timer !== undefined) return;
-    const wait = Math.max(0, LEAST_MS - (performance.now() - this.#lastMs));
+    const wait = Math.max(0, this.#leastMs - (performance.now() - this.#lastMs));
     this.#timer = setTimeout(() => {
       this.#timer = undefined;
       this.#lastMs = performance.now();
