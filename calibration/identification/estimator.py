@@ -16,6 +16,7 @@ from cellcal.calibration.identification.fit_problem import FitProblem, places_in
 from cellcal.calibration.identification.parameters import ArmState, ParameterLayout
 
 _MAX_ITERATIONS = 40
+_WINDOW = 8  # evaluations over which progress is looked at
 _SETTLED = 1e-3  # of a posterior standard deviation: a smaller step is negligible
 _CURVED = 1e-2  # of the smallest posterior deviation
 _INVISIBLE_M = 1e-7  # a tenth of a micrometre: no arm and no tracker shows it
@@ -63,6 +64,7 @@ def estimate_arm(
     weights: Array | None = None,
     *,
     from_afar: bool = False,
+    least_progress: float = 0.0,
 ) -> ArmFit:
     r"""Minimise ``sum w r^2 + sum (x / prior)^2`` from a start, by damped Gauss-Newton.
 
@@ -78,6 +80,9 @@ def estimate_arm(
         Weight of each row's squared residual [1].
     from_afar : bool
         The start is rough: walk most of the way with a few hundred of the rows, the last step with all.
+    least_progress : float
+        End also where eight evaluations lower the cost by less than this share of it [1]. For rows that no arm of
+        this model fits: their deviations are no measure of what is left, and small steps would not end.
 
     Returns
     -------
@@ -105,18 +110,25 @@ def estimate_arm(
     if from_afar and count > 2 * _COARSE:
         few = problem.select_rows(np.arange(0, count, min(count // _COARSE, _THINNEST)))
         state = _iterate_steps(_NormalEquations(layout, few), state, enough_m=_NEAR_M).state
-    return _iterate_steps(_NormalEquations(layout, problem), state)
+    return _iterate_steps(_NormalEquations(layout, problem), state, least_progress=least_progress)
 
 
 def _iterate_steps(
-    equations: "_NormalEquations", state: ArmState, *, enough_m: float = _INVISIBLE_M
+    equations: "_NormalEquations",
+    state: ArmState,
+    *,
+    enough_m: float = _INVISIBLE_M,
+    least_progress: float = 0.0,
 ) -> ArmFit:
     layout = equations.layout
     information, gradient, cost = equations.evaluate_at(state)
     damping = 0.0
     iterations = 0
     inverse = inverse_information(information)
+    costs = [cost]
     while iterations < _MAX_ITERATIONS and damping <= _MAX_DAMPING:
+        if iterations >= _WINDOW and costs[-_WINDOW - 1] - cost < least_progress * cost:
+            break
         iterations += 1
         damped = (
             inverse_information(information + damping * np.diag(np.diag(information))) if damping else inverse
@@ -133,6 +145,7 @@ def _iterate_steps(
             damping = 0.0 if damping < 1e-3 else damping / 10
         else:
             damping = max(1e-3, damping * 10)
+        costs.append(cost)
     covariance = inverse * np.outer(layout.prior_sigmas, layout.prior_sigmas)
     return ArmFit(state, layout, covariance, layout.prior_deviations(state), cost, iterations)
 

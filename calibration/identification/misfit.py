@@ -57,6 +57,7 @@ _ROUND_RAD = float(np.deg2rad(2.0))
 _MOST_CAUSES = 4
 _PARTS = 4  # of a series, one of which is likely without a break
 _MANY_REPEATED = 0.5  # of the rows: fewer are typing errors
+_LEAST_PROGRESS = 0.01  # of the cost: whether rows fit shows in factors of it
 _CONSTANT = 1e-3  # of the motion of the flange
 _STANDS_STILL_M = 1e-3
 _NO_CAUSE = (
@@ -246,12 +247,12 @@ def _places_only(observations: Observations) -> Observations:
 def _fit_from(model: RobotModel, observations: Observations, start: ArmState) -> MisfitScore:
     layout = make_layout(model, observations.kind, start.mounting_count, level=OFFSETS)
     problem = FitProblem.from_observations(start, observations)
-    fit = estimate_arm(layout, start, problem)
+    fit = estimate_arm(layout, start, problem, least_progress=_LEAST_PROGRESS)
     for share in (0.6, 0.75):
         sizes = errors_m(fit.state, problem)
         weights = np.where(sizes <= np.quantile(sizes, share), 1.0, 1e-6)
         # After outliers the start may be far: the rows that fit best lead back.
-        fit = estimate_arm(layout, fit.state, problem, weights)
+        fit = estimate_arm(layout, fit.state, problem, weights, least_progress=_LEAST_PROGRESS)
     sizes = errors_m(fit.state, problem)
     freedom = 1.0 - len(layout) / (0.75 * observations.channels * len(observations))
     score = float(trimmed_rms(sizes)) / float(np.sqrt(max(freedom, 0.1)))
