@@ -19,7 +19,7 @@ from cellcal.calibration.points.fixture import PlacedPoints, Triple
 from cellcal.calibration.wires.network import WirePlace
 from cellcal.calibration.wires.network_fit import WireNetwork
 from cellcal.drivers.interfaces import Instruction
-from cellcal.procedures.arm.tool_write import UNTOLD_AXES, ToolOrder, frame_figures, tool_instruction
+from cellcal.procedures.arm.tool_write import UNKNOWN_ORIENTATION, ToolOrder, frame_figures, tool_instruction
 from cellcal.procedures.canonical_json import sha256_of
 from cellcal.procedures.forecast import Forecast, Knowledge
 from cellcal.procedures.procedure_definition import Phase, ProcedureDefinition, StoredResult
@@ -289,7 +289,7 @@ def _judge_result(spec: EndEffectorPoints, result: MeasuredTool | FoundToolFrame
             state_figure("residual of the lengths", result.network.residual_rms_m, "m"),
         ),
         limits_from="limits of the settings",
-        not_verified=(UNTOLD_AXES,) if result.placed is None else (),
+        not_verified=(UNKNOWN_ORIENTATION,) if result.placed is None else (),
         remarks=(saving_text(result.captures, result.fixed_plan_captures),),
         set_aside=result.set_aside,
     )

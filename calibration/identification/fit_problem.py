@@ -14,7 +14,7 @@ from cellcal.calibration.identification.observations import Observations, Rows
 from cellcal.calibration.identification.parameters import ArmState
 
 _BLOCK = 2048  # postures at once: large enough for BLAS, small enough for the cache
-_MOST_HELD = 10_000_000  # values of joint terms: 80 MB
+_MOST_CACHED = 10_000_000  # values of joint terms: 80 MB
 
 Block: TypeAlias = tuple[int, Rows | slice]  # mounting and its rows
 Span: TypeAlias = tuple[Block, ...]  # blocks whose rows follow each other
@@ -45,7 +45,7 @@ class FitProblem:
     def from_observations(cls, state: ArmState, observations: Observations) -> "FitProblem":
         """Prepare the observations for states with the same nominal arm and joint terms."""
         cached_values = None
-        if len(state.terms) * len(observations) <= _MOST_HELD:
+        if len(state.terms) * len(observations) <= _MOST_CACHED:
             cached_values = term_values(state.nominal, observations.joints_rad, state.terms)
         angles = state.nominal.joint_coupling @ observations.joints_rad.T
         return cls(
@@ -67,7 +67,7 @@ class FitProblem:
         """Return the same for some of the rows."""
         taken = self.observations.select_rows(rows)
         root = None if self.root is None else self.root[rows]
-        cached_values = self.term_values_of(rows) if len(self.terms) * len(taken) <= _MOST_HELD else None
+        cached_values = self.term_values_of(rows) if len(self.terms) * len(taken) <= _MOST_CACHED else None
         angles = self.angles_rad[:, rows]
         return FitProblem(
             taken, self.arm, self.terms, cached_values, angles, tuple(_iterate_blocks(taken)), root

@@ -41,7 +41,7 @@ _LOOK = (
     "See the scale of the device (scale bar, temperature, air pressure, wavelength) and whether a unit was converted "
     "by a rounded factor."
 )
-_UNTOLD = (
+_SCALE_REMEDY = (
     "What these rows cannot tell: an arm whose links are all longer by the same factor measures the same. If the "
     "device is proved right, the named robot is the wrong one."
 )
@@ -174,7 +174,7 @@ def refuse_wrong_scale(model: RobotModel, scale: PositionScale | None) -> None:
         "Nothing was stored.",
         look=_LOOK,
         factor=scale.factor,
-        remedy=_UNTOLD,
+        remedy=_SCALE_REMEDY,
     )
     raise MisfitError(
         make_message("the measurements fit {model_name} only if {says}.", model_name=model.name, says=says),
@@ -187,4 +187,4 @@ def scale_note(scale: PositionScale | None) -> list[Lint]:
     """Return a note where a factor is likely and not sure."""
     if scale is None or is_wrong(scale) or not scale.is_beyond(_LIKELY, _DOUBTFUL):
         return []
-    return [Lint("scale", f"perhaps all measured positions are {scale.words}: {_LOOK} {_UNTOLD}")]
+    return [Lint("scale", f"perhaps all measured positions are {scale.words}: {_LOOK} {_SCALE_REMEDY}")]

@@ -48,7 +48,7 @@ SPARE_CAPTURES = 6  # captures beyond the unknown turns, so that the residuals c
 _DECISIVE = 4.6  # log of the evidence ratio (100 to 1) needed to name what happened
 # Log of how much rarer an unreported exchange is than turns lost alone; any of six motors may look like one,
 # and every further capture is one more look.
-_UNTOLD_EXCHANGE = 6.0
+_UNREPORTED_EXCHANGE = 6.0
 _SPARE_FOR_CHANGE = 8  # captures beyond the turns before a change of geometry may be stated
 _NEAR_WHOLE_TURNS = 0.05  # an untold new reference nearer to a whole turn needs another witness
 _SPARE_FOR_EQUIPMENT = 12  # captures beyond the turns before equipment may be measured anew along with them
@@ -263,7 +263,7 @@ class _RecoveryTest:
     def _required_lead(self, best: Hypothesis, rival: Hypothesis) -> float:
         """Return by how much a hypothesis must beat a rival before it is named, as the log of their evidence."""
         rarer = rival.kind in ("turns", "equipment") and bool(self._unreported_motors(best))
-        return _DECISIVE + (_UNTOLD_EXCHANGE if rarer else 0.0)
+        return _DECISIVE + (_UNREPORTED_EXCHANGE if rarer else 0.0)
 
     def _refine_hypothesis(self, hypothesis: Hypothesis) -> Hypothesis:
         """Judge a hypothesis again at its own turns, where nothing is linearised."""

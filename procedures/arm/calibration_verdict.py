@@ -6,7 +6,7 @@ from cellcal.calibration.message import make_message
 from cellcal.procedures.accuracy_limits import CHECK, limits_in_force, limits_text
 from cellcal.procedures.arm.calibration_result import ArmIdentification
 from cellcal.procedures.arm.calibration_spec import CalibrationResult, RobotCalibration
-from cellcal.procedures.arm.tool_write import UNTOLD_AXES, tool_figures
+from cellcal.procedures.arm.tool_write import UNKNOWN_ORIENTATION, tool_figures
 from cellcal.procedures.verdict import (
     Characteristic,
     ProcedureVerdict,
@@ -116,7 +116,7 @@ def _not_verified(spec: RobotCalibration, result: CalibrationResult) -> tuple[st
         for h in result.identified.hidden
     )
     if result.identified.tool is not None and result.identified.tool.placed is None:
-        hidden = (UNTOLD_AXES, *hidden)
+        hidden = (UNKNOWN_ORIENTATION, *hidden)
     if spec.method == "wire":
         scale = "lengths of the arm and the scale of the wire are told apart by the wire's certificate only"
         return ("The check poses saw the error along the wire, not across it.", scale, *hidden)

@@ -29,7 +29,7 @@ from cellcal.procedures.verdict import (
 )
 from cellcal.procedures.write_review import ask_to_write, shift_text
 
-UNTOLD_AXES = "the orientation: one point tells x, y, z only"
+UNKNOWN_ORIENTATION = "the orientation: one point tells x, y, z only"
 
 
 @dataclass(frozen=True, slots=True)

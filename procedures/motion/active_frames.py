@@ -16,7 +16,7 @@ from cellcal.procedures.run import ProcedureError
 WRITTEN_M = 5e-6  # controllers keep frames as float32 millimetres and degrees
 WRITTEN_RAD = 5e-6
 PAYLOAD_KG = 1e-3  # what a pendant shows
-_UNTOLD = "Whether {what} was changed on the controller during the run: this robot does not tell it."
+_NO_FRAME_REPORT = "Whether {what} was changed on the controller during the run: this robot does not tell it."
 
 
 Change = tuple[str, str]  # a sentence, and what undoes it
@@ -126,7 +126,7 @@ def unread_frames(frames: ActiveFrames | None) -> tuple[str, ...]:
         ("the payload", known_frames.payload_kg is None),
     )
     unknown = [what for what, missing in parts if missing]
-    return (make_message(_UNTOLD, what=" or ".join(unknown)),) if unknown else ()
+    return (make_message(_NO_FRAME_REPORT, what=" or ".join(unknown)),) if unknown else ()
 
 
 _SELECTIONS = {  # what is different, and what undoes it

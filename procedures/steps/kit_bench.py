@@ -11,7 +11,7 @@ from cellcal.procedures.questions import ask_for_value
 from cellcal.procedures.run import ProcedureError
 from cellcal.procedures.steps.mastering import nominal_model, read_motors_alone
 
-ASKED_AGAIN = 3
+MOST_QUESTIONS = 3
 _SHORTEST_TOOL_M = 0.02  # a shorter tool frame counts as not entered
 
 
@@ -59,7 +59,7 @@ async def choose_kit(cell: Cell, text: str, names: tuple[str, ...]) -> KitChoice
         Three answers named none of them.
     """
     question = text
-    for _ in range(ASKED_AGAIN):
+    for _ in range(MOST_QUESTIONS):
         answer = await ask_for_value(cell, Question("choose_kit", question))
         kit_name = answer.value.strip().lower() or names[0]
         if kit_name in ("yes", "y"):

@@ -38,16 +38,18 @@ FURTHER: dict[str, Callable[[], Awaitable[ProcedureScene]]] = {
     for procedure, made in (("mastering_record", record), ("mastering_recovery", recovery))
 } | {"fixture_alignment by all lengths but one": alignment_with_outlier}
 CASES = [*NAMES, *FURTHER]
-ASKED = os.environ.get("CELLCAL_CRASHES", "")
-CRASHES = int(ASKED or 5)  # of a procedure's writes, evenly spread; `make soak ARGS=matrix` takes all of them
-FEW = int(ASKED or 2)  # of further scenes of a procedure, and of moves
+LIMIT_BY_ENVIRONMENT = os.environ.get("CELLCAL_CRASHES", "")
+CRASHES = int(
+    LIMIT_BY_ENVIRONMENT or 5
+)  # of a procedure's writes, evenly spread; `make soak ARGS=matrix` takes all of them
+FEW = int(LIMIT_BY_ENVIRONMENT or 2)  # of further scenes of a procedure, and of moves
 LONG = {  # of procedures that take long: an arm that waits at each contact, and many lengths to judge
-    "probed_frame": int(ASKED or 2),
-    "robot_calibration": int(ASKED or 3),
-    "mastering_record": int(ASKED or 2),
-    "mastering_recovery": int(ASKED or 2),
-    "position_record": int(ASKED or 2),
-    "position_cure": int(ASKED or 1),
+    "probed_frame": int(LIMIT_BY_ENVIRONMENT or 2),
+    "robot_calibration": int(LIMIT_BY_ENVIRONMENT or 3),
+    "mastering_record": int(LIMIT_BY_ENVIRONMENT or 2),
+    "mastering_recovery": int(LIMIT_BY_ENVIRONMENT or 2),
+    "position_record": int(LIMIT_BY_ENVIRONMENT or 2),
+    "position_cure": int(LIMIT_BY_ENVIRONMENT or 1),
 }
 
 
@@ -129,7 +131,7 @@ async def test_a_length_is_left_out_in_the_scene_that_says_so() -> None:
 async def test_a_crash_at_any_write_loses_and_doubles_nothing(case: str, stored: bool) -> None:
     result, whole, _ = await _find_undisturbed(case)
     steps = [finding.step for finding in whole.past().findings]
-    for dies_at in _spread_places(case, len(whole.facts), between=stored and not ASKED):
+    for dies_at in _spread_places(case, len(whole.facts), between=stored and not LIMIT_BY_ENVIRONMENT):
         made = await _scene_of(case)
         facts: list = []
         mortal = MortalLedger(facts, dies_at, stored=stored)

@@ -45,7 +45,9 @@ _CALLED = """
 # Calls with (where, code, text) of a line of a program.
 _REMARKS = "Remark _element_remarks _grouped_remarks _line_remarks _of_functions add_remark"
 SAID_BY_NAME, SAYING = frozenset(_BY_NAME.split()), frozenset(_CALLED.split())
-ASKED = frozenset(("Instruction", "Question", "MeterReading"))  # a key or a code, and what is said
+INSTRUCTION_CLASSES = frozenset(
+    ("Instruction", "Question", "MeterReading")
+)  # a key or a code, and what is said
 REMARKING = frozenset(_REMARKS.split())
 _PROSE = re.compile(
     r"(?:[^\s\\|]+\s){2,}[^\\|]*[.]"
@@ -141,7 +143,7 @@ def _sentence_expressions(node: ast.AST) -> Iterator[ast.expr]:
             yield from node.args
         elif name in REMARKING:
             yield from node.args[2:]
-        elif name in ASKED:
+        elif name in INSTRUCTION_CLASSES:
             yield from node.args[1:2]
         yield from (each.value for each in node.keywords if each.arg in SAID_BY_NAME)
     elif isinstance(node, ast.Assign | ast.AnnAssign) and node.value is not None:

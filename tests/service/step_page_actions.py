@@ -23,7 +23,7 @@ from tests.service.test_pages import PageViewer, view_service
 
 MODEL = load_model("fanuc_m6ib")
 HOME = np.radians([5.0, -5.0, 5.0, 12.0, -78.0, 8.0])
-NOT_HELD = re.compile(r"--share: ?0;")
+NOTHING_HELD_DOWN = re.compile(r"--share: ?0;")
 TIP_IN_FLANGE_M = np.array([0.02, 0.01, 0.18])
 
 
@@ -120,7 +120,7 @@ async def let_go_early(page: Page) -> None:
     hold = page.get_by_test_id("yes")
     await hold.hover()
     await page.mouse.down()
-    await expect(hold).not_to_have_attribute("style", NOT_HELD)
+    await expect(hold).not_to_have_attribute("style", NOTHING_HELD_DOWN)
     await page.mouse.up()
-    await expect(hold).to_have_attribute("style", NOT_HELD)
+    await expect(hold).to_have_attribute("style", NOTHING_HELD_DOWN)
     await at_rest(page)

@@ -23,7 +23,7 @@ from tests.service.browser_pages import (
 )
 from tests.service.cell_process_session import a_cell
 
-HANDS = (
+PERSONS_ACTIONS = (
     "new_battery",
     "power_cycle",
     "mount_wire",
@@ -43,7 +43,7 @@ async def test_the_demos_buttons_are_for_everybody_and_a_pressed_loss_is_noticed
 
 
 def test_all_that_can_happen_has_its_words_in_every_language() -> None:
-    action_keys = {f"hand_{name}" for name in HANDS}
+    action_keys = {f"hand_{name}" for name in PERSONS_ACTIONS}
     expected_keys = {
         f"demo_do_{name}" for name in {each.name for each in DEMO_FAULTS} | action_keys | {CLEARED}
     }

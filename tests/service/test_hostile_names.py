@@ -17,8 +17,8 @@ from cellcal.service.people.roles import Role
 from tests.service.browser_pages import at_rest, go_to_page
 from tests.service.service_client import ServiceClock, cheap_hasher
 from tests.service.service_with_tablets import ServiceWithTablets, give_pin, open_service_with_tablets
-from tests.service.test_people_door import XSS
 from tests.service.test_people_pages import OneQuestionProcess
+from tests.service.test_sign_in import XSS
 
 pytestmark = pytest.mark.xdist_group("hostile_names")
 WHO, PIN = XSS[1], "161803"

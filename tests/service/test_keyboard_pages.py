@@ -25,7 +25,7 @@ PLACES = (
 MOST_STOPS = 200
 FORGET = "() => { document.activeElement.blur(); scrollTo(0, 0); window.__met = new Set(); }"
 # A field whose own look is hidden is drawn by the label around it. A column is what begins at the same left edge.
-HELD = """() => { const held = document.activeElement;
+FOCUSED_ELEMENT = """() => { const held = document.activeElement;
     if (held === document.body || window.__met.has(held)) return null;
     window.__met.add(held);
     const drawn = getComputedStyle(held).opacity === '0' ? held.closest('label') : held;
@@ -50,7 +50,7 @@ async def tab_stops(page: Page) -> list[dict[str, Any]]:
     found: list[dict[str, Any]] = []
     while len(found) < MOST_STOPS:
         await page.keyboard.press("Tab")
-        held_elements = await page.evaluate(HELD)
+        held_elements = await page.evaluate(FOCUSED_ELEMENT)
         if held_elements is None:
             break
         found.append(held_elements)

@@ -36,7 +36,7 @@ NO_WAKE = {
     "refused": """Object.defineProperty(Navigator.prototype, 'wakeLock', {value: {request: async () => {
         window.__refused = (window.__refused ?? 0) + 1; throw new DOMException('low', 'NotAllowedError'); }}})""",
 }
-HELD = "window.__locks.filter(lock => !lock.released).map(lock => lock.kind)"
+UNRELEASED_LOCKS = "window.__locks.filter(lock => !lock.released).map(lock => lock.kind)"
 HIDDEN = """(hidden) => { Object.defineProperty(document, 'hidden', {value: hidden, configurable: true});
     document.dispatchEvent(new Event('visibilitychange')); }"""
 
@@ -146,7 +146,7 @@ async def test_the_screen_stays_on_while_a_run_goes_on_and_no_longer(page_viewer
         await page.get_by_test_id("device-robot").wait_for()
 
         async def read_wake_locks() -> list[str]:
-            found: list[str] = await page.evaluate(HELD)
+            found: list[str] = await page.evaluate(UNRELEASED_LOCKS)
             return found
 
         assert await page.evaluate("window.__locks") == []

@@ -11,7 +11,7 @@ from cellcal.drivers.abb.program_files.literals import AGGREGATES, AggregateErro
 from cellcal.drivers.abb.program_files.target_uses import TargetUses
 from cellcal.drivers.programs.positions import ProgramFrames
 
-_HELD_TEXT = (
+_HELD_WORK_TEXT = (
     "{} is held by the robot: its targets are seen from the flange, and need [held_work] in the project."
 )
 _MOVED_TEXT = "The user frame of {} is moved by {}; it is not taken as fixed."
@@ -82,7 +82,7 @@ class DeclaredFrames:
         if found[1].upper() == "TRUE":
             self.uses.seen_from_flange.add(name.lower())
             self.uses.held_objects.add(name.lower())
-            self.found.add_remark(found.start(), "foreign", make_message(_HELD_TEXT, name))
+            self.found.add_remark(found.start(), "foreign", make_message(_HELD_WORK_TEXT, name))
         elif found[2].upper() == "FALSE":
             self.uses.moved.add(name.lower())
             self.found.add_remark(found.start(), "foreign", make_message(_MOVED_TEXT, name, found[3]))
