@@ -11,6 +11,8 @@ import {
   Matrix4,
   Mesh,
   MeshLambertMaterial,
+  Points,
+  PointsMaterial,
   SphereGeometry,
   SRGBColorSpace,
   Sprite,
@@ -34,6 +36,8 @@ const AXIS_M = 0.2;
 const AXIS_RADIUS_M = 0.006;
 const LETTER_PX = 17; // on the screen, however far away
 const NAME_PX = 20;
+const DOT_PX = 6;
+const MOST_BONES = 6; // poses whose links are drawn; of more, they would hide the robot, and places say where it goes
 const FIELD_RAD = (FIELD_DEG * Math.PI) / 180;
 const GHOSTS = { to_do: "--pose-to-do", next: "--pose-next", measured: "--pose-measured" } as const; // by where the series stands
 
@@ -139,16 +143,21 @@ export class Ghosts {
     this.shown = [];
     this.group.visible = poses.length > 0;
     const bones = { to_do: [] as Vector3[], next: [] as Vector3[], measured: [] as Vector3[] };
+    const places = { to_do: [] as Vector3[], next: [] as Vector3[], measured: [] as Vector3[] };
+    const many = poses.length > MOST_BONES;
     for (const pose of poses) {
       bend(this.#arm, this.#cellView, pose.joints_rad);
       const joints = this.#cellView.joints.map((name) => this.#arm.joints[name]!.getWorldPosition(new Vector3()));
       const flange = this.#arm.links["flange"]!.getWorldPosition(new Vector3());
       const chain = [...joints, flange];
-      for (let i = 1; i < chain.length; i++) bones[pose.state].push(chain[i - 1]!, chain[i]!);
+      if (many) places[pose.state].push(flange);
+      else for (let i = 1; i < chain.length; i++) bones[pose.state].push(chain[i - 1]!, chain[i]!);
       this.shown.push({ name: pose.name, state: pose.state, flange_m: flange.toArray() });
     }
-    for (const state of ["measured", "to_do", "next"] as const)
+    for (const state of ["measured", "to_do", "next"] as const) {
       if (bones[state].length) this.group.add(lines(bones[state], colour(GHOSTS[state])));
+      else if (places[state].length) this.group.add(dots(places[state], colour(GHOSTS[state])));
+    }
     const whole = poses[chosen];
     if (!whole) return;
     bend(this.#arm, this.#cellView, whole.joints_rad);
@@ -190,8 +199,8 @@ export class Doubt {
 /** Give back what drawing a part holds. */
 export function release(part: Object3D) {
   part.traverse((each) => {
-    const { isSprite, isLineSegments, material } = each as Sprite & LineSegments;
-    if (isLineSegments) (each as LineSegments).geometry.dispose();
+    const { isSprite, isLineSegments, isPoints, material } = each as Sprite & LineSegments & Points;
+    if (isLineSegments || isPoints) (each as LineSegments).geometry.dispose();
     if (isSprite) (material as SpriteMaterial).map?.dispose();
   });
 }
@@ -200,4 +209,10 @@ function lines(points: Vector3[], ink: string): LineSegments {
   const geometry = new BufferGeometry();
   geometry.setAttribute("position", new Float32BufferAttribute(points.flatMap((p) => p.toArray()), 3));
   return new LineSegments(geometry, new LineBasicMaterial({ color: ink }));
+}
+
+function dots(points: Vector3[], ink: string): Points {
+  const geometry = new BufferGeometry();
+  geometry.setAttribute("position", new Float32BufferAttribute(points.flatMap((p) => p.toArray()), 3));
+  return new Points(geometry, new PointsMaterial({ color: ink, size: DOT_PX, sizeAttenuation: false }));
 }
