@@ -4,12 +4,15 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple, Protocol, TypeAlias
 
+from cellcal.drivers.programs.barred import OVERWRITTEN
 from cellcal.drivers.programs.declared_poses import Poses
 from cellcal.drivers.programs.routine_calls import RoutineCall, RoutineTargets
 
 # By its name here: the module that declares a position, and its name there.
 Imports: TypeAlias = Mapping[str, tuple[str, str]]
 COPIED = "the program copies it, and only the copy is moved to"
+COMPONENT_SET = "the program sets a component of it while it runs"
+NO_MOTION = frozenset((COPIED, OVERWRITTEN, COMPONENT_SET))  # what is done to a position without going there
 
 
 class MoveFrames(NamedTuple):
@@ -51,6 +54,7 @@ class FileDeclarations:
     imports: Imports = field(default_factory=dict)  # for all files of its module
     routine_targets: Mapping[str, RoutineTargets] = field(default_factory=dict)  # routines that get places
     calls: tuple[RoutineCall, ...] = ()  # of routines that other files declare
+    capitals: bool = False  # the one case of its names
     flat: bool = False  # a call means a program of this folder, and one that is not there may set anything
 
 

@@ -143,7 +143,7 @@ class AbbFile:
                 routine_targets=module.parameters.to_targets(uses),
                 calls=tuple(uses.calls_abroad),
             ),
-            keys=tuple(found.names[row].lower() for row in order.tolist()),
+            keys=tuple(uses.local_keys.get(row, found.names[row].lower()) for row in order.tolist()),
             used=frozenset(k for k, row in enumerate(order.tolist()) if uses.of_row.get(row)),
             declared=frozenset(module.frames.declared),
             name=module.name or PurePath(name).stem,
