@@ -211,23 +211,27 @@ class BatchDeclarations:
         """Find for every name that is used whose declaration it means."""
         passed = PassedPlaces(self._by_file, self._nearest_files)
         for file, one in self._by_file.items():
-            for name, frames_of_moves in (*one.uses.items(), *passed.uses_by(file)):
+            for name, frames_of_moves in one.uses.items():
+                self._give_use(file, name, [(each, file) for each in frames_of_moves])
+            for name, move_frames, there in passed.uses_by(file):
                 if name.startswith(OWN):
-                    self._uses[file][name.removeprefix(OWN)] += [(each, file) for each in frames_of_moves]
-                    continue
-                bare = array_name_of(name)
-                owners, there = self.find_declarations(file, bare)
-                gone_to = frozenset(each for each in frames_of_moves if each.why not in NO_MOTION)
-                if not owners and gone_to:
-                    self._absent[file][name] = gone_to
-                for owner in owners:
-                    self._uses[owner][there + name[len(bare) :]] += [
-                        (move_frames, file) for move_frames in frames_of_moves
-                    ]
+                    self._uses[file][name.removeprefix(OWN)].append((move_frames, there))
+                else:
+                    self._give_use(file, name, [(move_frames, there)])
             for name, use in passed.uses_stated_by(file):
                 for owner in self.find_declarations(file, array_name_of(name))[0]:
                     self._uses[owner][name].append((use, file))
             self._doubtful |= dict.fromkeys(passed.frames_set_by(file), COMPUTED)
+
+    def _give_use(self, file: str, name: str, uses: list[tuple[MoveFrames, str]]) -> None:
+        """Give uses of a name that a file sees to whose declaration it means."""
+        bare = array_name_of(name)
+        owners, declared = self.find_declarations(file, bare)
+        gone_to = frozenset(each for each, _ in uses if each.why not in NO_MOTION)
+        if not owners and gone_to:
+            self._absent[file][name] = self._absent[file].get(name, frozenset()) | gone_to
+        for owner in owners:
+            self._uses[owner][declared + name[len(bare) :]] += uses
 
     def _own_files(self, file: str) -> tuple[list[str], Imports]:
         """Return the other files that declare for a file's module, and what all of them import."""

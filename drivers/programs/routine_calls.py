@@ -14,6 +14,7 @@ class ParameterUse(NamedTuple):
     frame: str | None
     why: str = ""  # why they cannot be determined; "" where they can
     routine: str = ""  # whose callers and called routines may set others
+    file: str = ""  # of that routine, where it is not the one that gets the place
 
 
 class RoutineParameter(NamedTuple):
@@ -73,6 +74,7 @@ class RoutineTargets(NamedTuple):
     parameters: tuple[RoutineParameter, ...]
     uses: Mapping[str, frozenset[ParameterUse]]  # of its moves, by parameter
     written: frozenset[str] = frozenset()  # parameters that it gives a value, for its caller too
+    shown: bool = True  # other files may call it
 
     def passed_uses(self, call: RoutineCall) -> Iterator[tuple[str, ParameterUse]]:
         """Yield the names that a call passes, and how the routine goes there."""

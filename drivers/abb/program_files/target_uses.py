@@ -228,7 +228,7 @@ class TargetUses:
 
     def _note_external_use(self, name: str, uses: set[ToolAndFrame]) -> None:
         seen = [self.seen_abroad(tool, frame) for tool, frame in uses]
-        self.external_uses.setdefault(name.lower(), set()).update(MoveFrames(*use) for use in seen)
+        self.external_uses.setdefault(name.lower(), set()).update(MoveFrames(*use[:4]) for use in seen)
 
     def note_external_value(self, name: str, scope: str, why: str) -> None:
         """Note that a place which no declaration of this file means gets a value, or a component of it."""
