@@ -13,6 +13,7 @@ from typing import TypeAlias
 from cellcal.calibration.message import make_message
 from cellcal.drivers.programs.barred import COMPUTED, MOVED_FRAMES, SEEN_FROM_FLANGE
 from cellcal.drivers.programs.call_graph import Marks, reached_missing, reached_settings
+from cellcal.drivers.programs.controller_tasks import ControllerTask, find_task, other_moving_task
 from cellcal.drivers.programs.declared_poses import DeclaredPoses
 from cellcal.drivers.programs.file_declarations import (
     COPIED,
@@ -93,6 +94,7 @@ class BatchDeclarations:
             open_calls,
             self._frames_left.get(self._folders[file], {}) if one.flat else {},
             running,
+            other_moving_task(file, self._moving_tasks),
         )
 
     def find_declarations(self, file: str, name: str, /) -> tuple[Sequence[str], str]:
@@ -171,6 +173,11 @@ class BatchDeclarations:
                 if started in reached or started not in given[folder]
             }
         return reaching, running
+
+    @cached_property
+    def _moving_tasks(self) -> frozenset[ControllerTask]:
+        tasks = [find_task(file) for file, one in self._by_file.items() if one.moves]
+        return frozenset(task for task in tasks if task is not None)
 
     @cached_property
     def _called_in(self) -> Set[tuple[str, str]]:
