@@ -12,7 +12,8 @@ from cellcal.drivers.programs.routine_calls import RoutineCall, RoutineTargets
 Imports: TypeAlias = Mapping[str, tuple[str, str]]
 COPIED = "the program copies it, and only the copy is moved to"
 COMPONENT_SET = "the program sets a component of it while it runs"
-NO_MOTION = frozenset((COPIED, OVERWRITTEN, COMPONENT_SET))  # what is done to a position without going there
+VALUES_GIVEN = frozenset((OVERWRITTEN, COMPONENT_SET))
+NO_MOTION = VALUES_GIVEN | {COPIED}  # what is done to a position without going there
 
 
 class MoveFrames(NamedTuple):

@@ -4,8 +4,9 @@ from pathlib import Path
 
 import pytest
 
+from cellcal.drivers.abb.program_files.programs import AbbFile
 from cellcal.service.exit_codes import ExitCode
-from tests.programs.test_abb_passed_targets import BOTH, IN, REST, move
+from tests.programs.test_abb_passed_targets import BOTH, IN, MODULE, REST, move
 
 WRITES = "  PROC Find(INOUT {} x)\n    {}\n  ENDPROC"
 OVERWRITTEN = "the program gives it another value while it runs"
@@ -135,3 +136,42 @@ def test_a_target_that_is_copied_into_a_record_counts_where_that_is_moved_to(tmp
     moved = move(tmp_path, BOTH + "r1.pos:=p10;\n" + IN.format("r1.pos", "wobj2"))
     assert moved["points"]["p10"]["status"] == "left"
     assert moved["points"]["p20"]["status"] == "changed"
+
+
+JOINTS = "[[0,20,10,0,40,0],[9E9,9E9,9E9,9E9,9E9,9E9]]"
+JOINT_MOVE = f"{BOTH}MoveAbsJ j1,v100,fine,tool1;\n"
+DECLARED = f"  VAR jointtarget j1:={JOINTS};"
+
+
+@pytest.mark.parametrize(
+    "statement", ["j1:=fHome();", "j1.robax.rax_1:=20;", "ok:=StrToVal(line,j1);", "Add j1.robax.rax_1,5;"]
+)
+@pytest.mark.parametrize("elsewhere", [False, True])
+def test_a_joint_target_that_gets_a_value_is_left_where_joints_move(
+    tmp_path: Path, statement: str, elsewhere: bool
+) -> None:
+    abroad = f"  PROC Run()\n    {statement}\n  ENDPROC" if elsewhere else ""
+    body = JOINT_MOVE + statement * (not elsewhere)
+    moved = move(tmp_path, body, DECLARED, abroad=abroad, options=("--joints", "move"))
+    assert moved["points"]["j1"]["status"] == "left"
+    assert moved["points"]["j1"]["reason"] in (OVERWRITTEN, PART)
+
+
+def test_it_stays_as_any_other_where_joints_are_kept(tmp_path: Path) -> None:
+    moved = move(tmp_path, JOINT_MOVE + "j1:=fHome();", DECLARED, options=("--joints", "keep"))
+    assert moved["points"]["j1"]["status"] == "unchanged"
+    assert moved["code"] == ExitCode.PASS
+
+
+@pytest.mark.parametrize(
+    ("statement", "tool"),
+    [
+        ("MoveAbsJ j1,v100,fine,tool1;", "tool1"),
+        ("MoveAbsJ j1,v100,fine,tool1;\nMoveAbsJ j1,v100,fine,tool0;", None),
+        ("MoveAbsJ j1,v100,fine,tool1;\ntool1.tframe.trans.z:=70;", None),
+    ],
+)
+def test_a_joint_target_has_the_tool_of_its_moves(statement: str, tool: str | None) -> None:
+    text = MODULE.format(statement, DECLARED)
+    positions = AbbFile.from_bytes("M1.mod", text.encode("ascii")).positions
+    assert positions.tools[positions.names.index("j1")] == tool

@@ -122,3 +122,25 @@ def test_a_place_that_a_function_brings_into_a_frame_is_in_two(
     if status == "left":
         assert moved.code == ExitCode.REFUSED
         assert moved.report_point("pick")["reason"] == "the program goes to it in different frames"
+
+
+AXES = "{A1 0,A2 -90,A3 90,A4 0,A5 10,A6 0}"
+AXES_SET = """DEF a ()
+E6AXIS AX
+AX={}
+PTP AX
+{}
+END
+"""
+
+
+@pytest.mark.parametrize(("joints", "status"), [("move", "left"), ("keep", "unchanged")])
+@pytest.mark.parametrize("statement", ["AX=$AXIS_ACT", "AX.A1=20"])
+def test_an_axis_point_that_gets_a_value_is_left_where_joints_move(
+    tmp_path: Path, statement: str, joints: str, status: str
+) -> None:
+    text = AXES_SET.format(AXES, statement)
+    moved = move_program(tmp_path, "kuka", "no_posture.src", offset="10,-5,5,0,0,4", text=text, joints=joints)
+    assert moved.report_point("AX")["status"] == status
+    assert moved.code == (ExitCode.REFUSED if status == "left" else ExitCode.PASS)
+    assert not moved.list_findings()

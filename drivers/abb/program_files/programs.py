@@ -28,7 +28,7 @@ from cellcal.drivers.programs.brands import ProgramBrand
 from cellcal.drivers.programs.columns import BEYOND, gets_only_a_pose, part_of
 from cellcal.drivers.programs.declared_poses import with_declared
 from cellcal.drivers.programs.errors import ProgramFileError
-from cellcal.drivers.programs.file_declarations import ExternalUses, FileDeclarations
+from cellcal.drivers.programs.file_declarations import ExternalUses, FileDeclarations, lower_name
 from cellcal.drivers.programs.positions import (
     CARTESIAN,
     JOINTS,
@@ -182,6 +182,7 @@ class AbbFile:
         )
         places = absent_places(self.source, external_uses.absent, MOVES, comment="!", statement_end=";")
         positions = replace(positions, shifts=(*positions.shifts, *places))
+        positions = _with_agreed_tools(positions, external_uses, self.keys)
         positions = _without_other_robots(positions, external_uses.other_task)
         return replace(self, positions=positions, frames=frames, remarks=(*self.remarks, *remarks))
 
@@ -266,6 +267,19 @@ def _pose_quaternions(count: int, frame_tip: Array | None) -> Array:
 
 def _changed_text(texts: Sequence[str] | None, k: int, old: str) -> str | None:
     return None if texts is None or texts[k] == old else texts[k]
+
+
+def _with_agreed_tools(positions: Positions, external_uses: ExternalUses, keys: Sequence[str]) -> Positions:
+    """Return positions of which joint targets have a tool only where all files agree on it."""
+    tools = list(positions.tools)
+    for row, kind in enumerate(positions.kinds):
+        if kind == JOINTS:
+            named = {lower_name(move_frames.tool) for move_frames, _ in external_uses.uses_of_name(keys[row])}
+            named |= {lower_name(tools[row])} if tools[row] else set()
+            alone = len(named) == 1 and "" not in named
+            tool = tools[row] or next((each.tool for each, _ in external_uses.uses_of_name(keys[row])), None)
+            tools[row] = None if not alone or external_uses.doubt_reason(tool, None) else tool
+    return replace(positions, tools=tuple(tools))
 
 
 def _without_other_robots(positions: Positions, task: str) -> Positions:

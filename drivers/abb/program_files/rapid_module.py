@@ -180,8 +180,8 @@ class RapidModule(RapidDeclarations):
             bare = one.name.partition("{")[0].lower()
             if bare in self.frames.declared or bare not in self.uses.shown:
                 self.uses.set_while_running.add(bare)
-            if one.is_part:
-                self.shifts.set_component(one.place, one.name, one.scope)
+            if one.part:
+                self.shifts.set_component(one.place, one.name, one.scope, one.part)
             else:
                 self.shifts.overwritten.append((one.name, one.scope))
 

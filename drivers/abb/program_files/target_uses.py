@@ -236,8 +236,11 @@ class TargetUses:
             self.external_uses.setdefault(name.lower(), set()).add(MoveFrames(None, None, why))
 
     def _settle_row(self, found: RapidPositions, row: int, settled: "_AgreedUse") -> None:
-        if found.kinds[row] != CARTESIAN:
-            return  # axes are in no frame
+        if found.kinds[row] != CARTESIAN:  # axes are in no frame, but a tool is at their end
+            open_tools = self.several | self.set_while_running | self.seen_from_flange
+            if settled.tool is not None and settled.tool.lower() not in open_tools:
+                self.tools[row] = settled.tool
+            return
         self._settle_reason(row, settled.why)
         if settled.different:
             found.add_remark(found.starts[row], "indirect", make_message(_DIFFERENT, found.names[row]))

@@ -22,7 +22,7 @@ _NOT_CODE = r'![^\n]*+|"(?:[^"\n]++|"")*+"?+'
 _DATA = re.compile(
     rf"{W}({NAME}){W}(?:\{{([^{{}};]*+)\}}{W})?+(?P<part>\.[^;,()]*+)?+(?:\\[^;,]*+)?+", re.ASCII
 )
-_PLACE = re.compile(r"\.\s*+(?:trans|rot|uframe|oframe|tframe)\b|\A\Z", re.IGNORECASE)
+_PLACE = re.compile(r"\.\s*+(?:trans|rot|robax|uframe|oframe|tframe)\b|\A\Z", re.IGNORECASE)
 _OPTION = re.compile(rf"{W}({NAME}){W}:=", re.ASCII)
 _BY_NAME = re.compile(rf'{W}"({NAME})"{W}', re.ASCII)
 _OPENED = re.compile(rf"{W}(\()?+", re.ASCII)
@@ -36,7 +36,7 @@ class WrittenArgument(NamedTuple):
     place: int  # of the call
     scope: str
     name: str
-    is_part: bool
+    part: str  # the component; "" for the whole
 
 
 class _Passed(NamedTuple):
@@ -157,4 +157,4 @@ def _read_data(parameter: tuple[str, str], part: str, where: tuple[int, str]) ->
         return
     index = "".join((found[2] or "").split())
     name = decode_name(found[1]) + (f"{{{index}}}" if _INDEX.fullmatch(index) else "")
-    yield _Passed(parameter, WrittenArgument(*where, name, bool(found["part"])))
+    yield _Passed(parameter, WrittenArgument(*where, name, found["part"] or ""))

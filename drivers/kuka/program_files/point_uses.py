@@ -18,7 +18,7 @@ from cellcal.drivers.kuka.program_files.frame_uses import (
 from cellcal.drivers.programs.barred import OVERWRITTEN, TURNED_BASE
 from cellcal.drivers.programs.conditions import ConditionalBar, ProjectNeed
 from cellcal.drivers.programs.file_declarations import COPIED, MoveFrames, RoutineEffects, array_name_of
-from cellcal.drivers.programs.positions import CARTESIAN, ProgramFrames
+from cellcal.drivers.programs.positions import CARTESIAN, JOINTS, ProgramFrames
 from cellcal.drivers.programs.routine_calls import ParameterUse, RoutineCall
 
 FRAME_DATA = "FDAT "  # before the name of a point's frame data, which stands in the data list
@@ -101,6 +101,9 @@ class PointUses:
         frames_of_moves = {
             move_frames for move_frames in frames_of_moves if move_frames.why != COPIED
         } or frames_of_moves
+        given = any(move_frames.why == OVERWRITTEN for move_frames in frames_of_moves)
+        if given and self.found.kinds[row] == JOINTS:
+            self.found.barred[row] = OVERWRITTEN
         if not frames_of_moves or self.found.kinds[row] != CARTESIAN:
             return
         if self.external_tool:
