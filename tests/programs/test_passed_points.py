@@ -109,6 +109,10 @@ end
         ("movel(pose_trans(p[0.1,0,0,0,0,0], q))", "over(pick)", "left"),
         ("t = pose_trans(plane, q)\n  movel(t)", "go(1, pick)", "left"),
         ("movel(pose_trans(p[0.1,0,0,0,0,0], q))", "go(pick, 1)", "changed"),
+        ("t = q\n  movel(pose_trans(p[0.1,0,0,0,0,0], t))", "go(1, pick)", "left"),
+        ("movel(q)", "t = pick\n  movel(pose_trans(p[0.1,0,0,0,0,0], t))", "left"),
+        ("movel(q)", "global t = pick  # again\n  s = t\n  u = pose_trans(plane, s)\n  movel(u)", "left"),
+        ("movel(q)", "t = pick\n  movel(t)", "changed"),
         ("movel(q)", "go(1, pick)", "changed"),
         ("movel(pose_trans(q, p[0,0,-0.1,0,0,0]))", "go(1, pick)", "changed"),  # a step from there
     ],
