@@ -102,8 +102,9 @@ def _iterate_calls(
     text: str, routines: Mapping[str, tuple[int, int]], names: Sequence[str]
 ) -> Iterator[tuple[str, tuple[int, str], list[tuple[bool, str]]]]:
     """Yield the calls of some names: the name, its place and scope, and the arguments."""
-    words = "|".join(map(re.escape, names))
-    if re.search(rf"(?<!\w)(?:{words})(?!\w)", text, re.IGNORECASE) is None:
+    small = text.lower()
+    words = "|".join(re.escape(name) for name in names if name in small)  # a large program has none of them
+    if not words:
         return
     code = re.compile(rf"{_NOT_CODE}|(?<!\w)(?P<called>{words})(?!\w)", re.IGNORECASE)
     for scope, (begin, end) in routines.items():
