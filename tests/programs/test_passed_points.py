@@ -11,7 +11,13 @@ from tests.programs.test_field_cases import move_program
 
 POINT = "{X 1.0,Y 2.0,Z 3.0,A 0.0,B 0.0,C 0.0,S 2,T 2}"
 DATA = '{TOOL_NO 1,BASE_NO 2,IPO_FRAME #BASE,POINT2[] " "}'
-POINTS = (f"DECL E6POS XP1={POINT}", f"DECL FDAT FP1={DATA}", f"DECL E6POS XP2={POINT}")
+POINTS = (
+    f"DECL E6POS XP1={POINT}",
+    f"DECL FDAT FP1={DATA}",
+    f"DECL E6POS XP2={POINT}",
+    "DECL E6POS PT[1]",
+    f"PT[1]={POINT}",
+)
 P1 = ("FDAT_ACT=FP1", "BAS(#PTP_PARAMS,100)", "PTP XP1")
 
 
@@ -37,6 +43,9 @@ def frames_set(base: int) -> tuple[str, ...]:
         ("IF OK(XP1) THEN", ("P:IN", *frames_set(3), "LIN P"), "XP1", ("1", "2")),  # of another routine
         ("SUB(XP1.X)", ("R:OUT", "R=R+7"), "XP1", OVERWRITTEN),
         ("SUB(BASE_DATA[2])", ("F:OUT", "F.X=F.X+7"), "XP1", COMPUTED),
+        ("SUB(PT[])", ("P[]:OUT", "P[1]=$POS_ACT"), "PT[1]", OVERWRITTEN),
+        ("SUB(PT[])", ("P[]:OUT", *frames_set(3), "LIN P[1]"), "PT[1]", ("1", "3")),
+        ("SUB(PT[N])", ("P:IN", *frames_set(3), "LIN P"), "PT[1]", ("1", "3")),
         ("SUB(BASE_DATA[3])", ("F:OUT", "F.X=F.X+7"), "XP1", ("1", "2")),
     ],
 )

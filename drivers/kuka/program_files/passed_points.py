@@ -112,6 +112,7 @@ def _key_abroad(name: str, routine: KrlRoutine) -> str:
     bare = name.partition("[")[0]
     if any(one.name == bare for one in routine.parameters):
         return PARAMETER + bare
+    name = name.removesuffix("[]")  # the whole array, or an element whose number the program computes
     return OWN + name if bare in routine.declared else name
 
 

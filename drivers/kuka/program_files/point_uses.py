@@ -54,6 +54,7 @@ class PointUses:
         default_factory=set
     )  # "BASE 16": BASE_DATA[16] is set; "BASE *": one of them
     calls: list[RoutineCall] = field(default_factory=list)  # that pass data with a name
+    used_names: dict[str, list[str]] = field(default_factory=dict)  # by array, when all is read
     external_tool: bool = False
     turned_bases: set[str] = field(default_factory=set)  # those that an external axis turns
     copies: dict[str, set[str]] = field(default_factory=dict)  # of named points: the names they are given to
@@ -191,11 +192,14 @@ class PointUses:
         return BARRED["several"] if written else ""
 
     def uses_in(self, routine: KrlRoutine, name: str) -> frozenset[ParameterUse]:
-        """Return how a routine moves to a parameter, or to copies of it."""
+        """Return how a routine moves to a parameter, to an element of it, or to copies of it."""
+        if not self.used_names:
+            for one in self.uses:
+                self.used_names.setdefault(array_name_of(one), []).append(one)
         move_frames = {
             self.frames_of_move(used, joints=False)
-            for one in (name, f"{name}[]")
-            for used in self.uses.get(one, {}).values()
+            for one in self.used_names.get(name, ())
+            for used in self.uses[one].values()
             if used.routine == routine.number and used.why != OVERWRITTEN
         }
         if self.external_tool:
