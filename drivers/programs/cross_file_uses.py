@@ -5,7 +5,7 @@ files together (`BatchDeclarations`) give for each file how the others use its p
 """
 
 from collections import defaultdict
-from collections.abc import Iterator, Mapping, Sequence, Set
+from collections.abc import Mapping, Sequence, Set
 from functools import cached_property
 from pathlib import PurePath
 from typing import TypeAlias
@@ -13,9 +13,11 @@ from typing import TypeAlias
 from cellcal.calibration.message import make_message
 from cellcal.drivers.programs.barred import COMPUTED, MOVED_FRAMES, SEEN_FROM_FLANGE
 from cellcal.drivers.programs.call_graph import Marks, reached_missing, reached_settings
+from cellcal.drivers.programs.controller_tasks import ControllerTask, find_task, other_moving_task
 from cellcal.drivers.programs.declared_poses import DeclaredPoses
 from cellcal.drivers.programs.file_declarations import (
     COPIED,
+    NO_MOTION,
     ExternalUses,
     FileDeclarations,
     Imports,
@@ -24,6 +26,8 @@ from cellcal.drivers.programs.file_declarations import (
     array_name_of,
     lower_name,
 )
+from cellcal.drivers.programs.passed_places import PassedPlaces
+from cellcal.drivers.programs.routine_calls import OWN
 
 Routine: TypeAlias = tuple[str, str]  # its file and name
 _MANY_USES = 64
@@ -90,6 +94,7 @@ class BatchDeclarations:
             open_calls,
             self._frames_left.get(self._folders[file], {}) if one.flat else {},
             running,
+            other_moving_task(file, self._moving_tasks),
         )
 
     def find_declarations(self, file: str, name: str, /) -> tuple[Sequence[str], str]:
@@ -170,6 +175,11 @@ class BatchDeclarations:
         return reaching, running
 
     @cached_property
+    def _moving_tasks(self) -> frozenset[ControllerTask]:
+        tasks = [find_task(file) for file, one in self._by_file.items() if one.moves]
+        return frozenset(task for task in tasks if task is not None)
+
+    @cached_property
     def _called_in(self) -> Set[tuple[str, str]]:
         """Return the folders, and the routines that are called there."""
         return {
@@ -206,33 +216,29 @@ class BatchDeclarations:
 
     def _give_uses(self) -> None:
         """Find for every name that is used whose declaration it means."""
-        getting: dict[str, list[str]] = defaultdict(list)  # by routine: the files whose routine gets places
+        passed = PassedPlaces(self._by_file, self._nearest_files)
         for file, one in self._by_file.items():
-            for routine in one.routine_targets:
-                getting[routine].append(file)
-        for file, one in self._by_file.items():
-            for name, frames_of_moves in (*one.uses.items(), *self._passed_uses(file, getting)):
-                bare = array_name_of(name)
-                owners, there = self.find_declarations(file, bare)
-                gone_to = frozenset(each for each in frames_of_moves if each.why != COPIED)
-                if not owners and gone_to:
-                    self._absent[file][name] = gone_to
-                for owner in owners:
-                    self._uses[owner][there + name[len(bare) :]] += [
-                        (move_frames, file) for move_frames in frames_of_moves
-                    ]
+            for name, frames_of_moves in one.uses.items():
+                self._give_use(file, name, [(each, file) for each in frames_of_moves])
+            for name, move_frames, there in passed.uses_by(file):
+                if name.startswith(OWN):
+                    self._uses[file][name.removeprefix(OWN)].append((move_frames, there))
+                else:
+                    self._give_use(file, name, [(move_frames, there)])
+            for name, use in passed.uses_stated_by(file):
+                for owner in self.find_declarations(file, array_name_of(name))[0]:
+                    self._uses[owner][name].append((use, file))
+            self._doubtful |= dict.fromkeys(passed.frames_set_by(file), COMPUTED)
 
-    def _passed_uses(
-        self, file: str, getting: Mapping[str, Sequence[str]]
-    ) -> Iterator[tuple[str, frozenset[MoveFrames]]]:
-        """Yield what routines of other files do to the places that a file's calls pass."""
-        for call in self._by_file[file].calls if getting else ():
-            for other in self._nearest_files(file, getting.get(call.routine, ())):
-                for name, tool, frame in self._by_file[other].routine_targets[call.routine].passed_uses(call):
-                    yield (
-                        name.lower(),
-                        frozenset([MoveFrames(tool, frame, "" if tool and frame else COMPUTED)]),
-                    )
+    def _give_use(self, file: str, name: str, uses: list[tuple[MoveFrames, str]]) -> None:
+        """Give uses of a name that a file sees to whose declaration it means."""
+        bare = array_name_of(name)
+        owners, declared = self.find_declarations(file, bare)
+        gone_to = frozenset(each for each, _ in uses if each.why not in NO_MOTION)
+        if not owners and gone_to:
+            self._absent[file][name] = self._absent[file].get(name, frozenset()) | gone_to
+        for owner in owners:
+            self._uses[owner][declared + name[len(bare) :]] += uses
 
     def _own_files(self, file: str) -> tuple[list[str], Imports]:
         """Return the other files that declare for a file's module, and what all of them import."""

@@ -4,12 +4,16 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple, Protocol, TypeAlias
 
+from cellcal.drivers.programs.barred import OVERWRITTEN
 from cellcal.drivers.programs.declared_poses import Poses
 from cellcal.drivers.programs.routine_calls import RoutineCall, RoutineTargets
 
 # By its name here: the module that declares a position, and its name there.
 Imports: TypeAlias = Mapping[str, tuple[str, str]]
 COPIED = "the program copies it, and only the copy is moved to"
+COMPONENT_SET = "the program sets a component of it while it runs"
+VALUES_GIVEN = frozenset((OVERWRITTEN, COMPONENT_SET))
+NO_MOTION = VALUES_GIVEN | {COPIED}  # what is done to a position without going there
 
 
 class MoveFrames(NamedTuple):
@@ -51,6 +55,8 @@ class FileDeclarations:
     imports: Imports = field(default_factory=dict)  # for all files of its module
     routine_targets: Mapping[str, RoutineTargets] = field(default_factory=dict)  # routines that get places
     calls: tuple[RoutineCall, ...] = ()  # of routines that other files declare
+    capitals: bool = False  # the one case of its names
+    moves: bool = False  # its routines move a robot
     flat: bool = False  # a call means a program of this folder, and one that is not there may set anything
 
 
@@ -96,6 +102,8 @@ class ExternalUses:
     running: Mapping[str, str] = field(
         default_factory=dict
     )  # routines not given that other files start to run beside all others, and the file
+
+    other_task: str = ""  # of the same controller, whose files move, too
 
     def doubt_reason(self, tool: str | None, frame: str | None) -> str:
         """Return why nothing is carried in a tool or frame, or ""."""

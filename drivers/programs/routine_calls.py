@@ -4,6 +4,17 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 PARAMETER = "\0"  # begins the name of a tool or frame that a routine's caller gives
+OWN = "\1"  # begins the name of a place that only the calling file sees, as its positions are keyed
+
+
+class ParameterUse(NamedTuple):
+    """How a routine moves to a parameter: its tool and frame, None where its file does not say."""
+
+    tool: str | None
+    frame: str | None
+    why: str = ""  # why they cannot be determined; "" where they can
+    routine: str = ""  # whose callers and called routines may set others
+    file: str = ""  # of that routine, where it is not the one that gets the place
 
 
 class RoutineParameter(NamedTuple):
@@ -22,6 +33,25 @@ class RoutineCall(NamedTuple):
     routine: str  # in small letters
     arguments: tuple[str, ...]  # for the parameters that are not optional, in order
     options: Mapping[str, str]  # for optional ones, by name in small letters
+    parts: tuple[str, ...] = ()  # for the arguments that are a component of data: the name of the data
+    stated: ParameterUse | None = None  # the tool and frame that the call itself names beside places
+
+    @property
+    def passes_on(self) -> bool:
+        """Tell whether a routine passes what it gets itself."""
+        names = (*self.arguments, *self.parts, *self.options.values())
+        return any(name.startswith(PARAMETER) for name in names)
+
+    @property
+    def caller(self) -> str:
+        """Return the routine that calls."""
+        return self.scope.rpartition("/")[2]
+
+    def data_for(self, parameters: Sequence["RoutineParameter"], name: str) -> str:
+        """Return the data of which a parameter gets the whole or a component; "" for nothing that has a name."""
+        required = [one.name for one in parameters if not one.optional]
+        part = "".join(self.parts[required.index(name) :][:1]) if name in required else ""
+        return part or self.argument_for(parameters, name)
 
     def argument_for(self, parameters: Sequence[RoutineParameter], name: str) -> str:
         """Return what is passed for a parameter; "" for nothing that has a name."""
@@ -42,11 +72,20 @@ class RoutineTargets(NamedTuple):
     """What a routine does to places that it gets as parameters."""
 
     parameters: tuple[RoutineParameter, ...]
-    uses: Mapping[str, frozenset[tuple[str | None, str | None]]]  # tool and frame of its moves, by parameter
+    uses: Mapping[str, frozenset[ParameterUse]]  # of its moves, by parameter
+    written: frozenset[str] = frozenset()  # parameters that it gives a value, for its caller too
+    shown: bool = True  # other files may call it
 
-    def passed_uses(self, call: RoutineCall) -> Iterator[tuple[str, str | None, str | None]]:
-        """Yield the names that a call passes, and the tool and frame that the routine goes there with."""
+    def passed_uses(self, call: RoutineCall) -> Iterator[tuple[str, ParameterUse]]:
+        """Yield the names that a call passes, and how the routine goes there."""
         for name, some in self.uses.items():
             passed = call.argument_for(self.parameters, name)
-            for tool, frame in some if passed else ():
-                yield passed, call.frame_for(self.parameters, tool), call.frame_for(self.parameters, frame)
+            for use in some if passed else ():
+                tool, frame = (call.frame_for(self.parameters, one) for one in use[:2])
+                yield passed, use._replace(tool=tool, frame=frame)
+
+    def passed_values(self, call: RoutineCall) -> Iterator[str]:
+        """Yield the names of data that the routine gives a value, or a component's, where it is called so."""
+        for name in sorted(self.written):
+            if passed := call.data_for(self.parameters, name):
+                yield passed

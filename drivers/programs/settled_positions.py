@@ -9,12 +9,13 @@ from cellcal.drivers.programs.barred import MOVED_FRAMES, SEEN_FROM_FLANGE
 from cellcal.drivers.programs.conditions import ConditionalBar, ProjectNeed
 from cellcal.drivers.programs.file_declarations import (
     COPIED,
+    VALUES_GIVEN,
     ExternalUses,
     MoveFrames,
     array_name_of,
     lower_name,
 )
-from cellcal.drivers.programs.positions import CARTESIAN, Positions, Remark
+from cellcal.drivers.programs.positions import CARTESIAN, JOINTS, Positions, Remark
 
 _DIFFERENT = "it is used with different tools or frames, in {}"
 _OTHERWISE = "it was taught with another tool or frame than {} moves there with"
@@ -43,6 +44,11 @@ def settle_positions(
     conditions = dict(positions.conditions)
     unused: list[int] = []
     for row, kind in enumerate(positions.kinds):
+        if kind == JOINTS and row not in barred:
+            values = {move_frames.why for move_frames, _ in external_uses.uses_of_name(keys[row])}
+            barred |= dict.fromkeys(
+                [row] if values & VALUES_GIVEN else (), "".join(sorted(values & VALUES_GIVEN)[:1])
+            )
         if kind != CARTESIAN or row in barred:
             continue
         uses = external_uses.uses_of_name(keys[row])

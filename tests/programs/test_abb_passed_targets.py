@@ -34,7 +34,15 @@ def pick(body: str, parameters: str = "robtarget p") -> str:
     return f"  PROC Pick({parameters})\n    {body}\n  ENDPROC"
 
 
-def move(tmp_path: Path, body: str, more: str = "", *, abroad: str = "", offset: str = ABOUT_Z) -> dict:
+def move(
+    tmp_path: Path,
+    body: str,
+    more: str = "",
+    *,
+    abroad: str = "",
+    offset: str = ABOUT_Z,
+    options: tuple[str, ...] = (),
+) -> dict:
     source = tmp_path / "src"
     source.mkdir()
     (source / "M1.mod").write_text(MODULE.format(body, more), encoding="ascii")
@@ -48,6 +56,7 @@ def move(tmp_path: Path, body: str, more: str = "", *, abroad: str = "", offset:
         "--project",
         str(tmp_path / "project.toml"),
         f"--offset={offset}",
+        *options,
     ]
     code = run_command_line([*words, "--out", str(tmp_path / "out"), "--json", str(tmp_path / "r.json")])
     programs = json.loads((tmp_path / "r.json").read_text())["programs"]

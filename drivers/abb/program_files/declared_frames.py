@@ -37,6 +37,7 @@ class DeclaredFrames:
         self.declared.add(name.lower())
         if shown:
             self.seen_outside.add(name.lower())
+        self.uses.local_frames = self.declared - self.seen_outside
 
     def drop_ambiguous(self) -> None:
         """Take away what is declared twice, differently."""

@@ -11,11 +11,11 @@ from cellcal.drivers.abb.program_files.instructions import COMPUTED, MoveTarget,
 from cellcal.drivers.abb.program_files.literals import NAME, NUMBER, W, after_blanks, decode_name
 from cellcal.drivers.abb.program_files.target_uses import TargetUses
 from cellcal.drivers.programs.barred import OVERWRITTEN
-from cellcal.drivers.programs.positions import CARTESIAN, UNTAUGHT
+from cellcal.drivers.programs.file_declarations import COMPONENT_SET
+from cellcal.drivers.programs.positions import CARTESIAN, JOINTS, UNTAUGHT
 from cellcal.drivers.programs.shifts import NO_TURN, UNREADABLE, ProgramShift, Quaternion, ShiftAxes, Triple
 
 EXTERNAL_OFFSET = "an external axis is offset here, and the project does not know what it moves"
-COMPONENT_SET = "the program sets a component of it while it runs"
 REFERENCE = "a displacement is taken from it (PDispOn), and no move of this file goes to it"
 _OTHERS = "what other routines go to while it holds"
 _COMPUTED = "a computed place"
@@ -24,6 +24,7 @@ _SUM = re.compile(r"([^;+\-]*+)([+-])([^;]*+);", re.ASCII)
 _TERM = re.compile(rf"{W}({NUMBER}){W}", re.ASCII)
 _AXIS = re.compile(r"\.trans\.([xyz])$", re.IGNORECASE)
 _PLACE = re.compile(r"\.(?:trans|rot)\b", re.IGNORECASE)
+_AXES = re.compile(r"\.robax\b", re.IGNORECASE)
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,10 +77,12 @@ class FoundShifts:
 
     def take_component(self, place: int, target: tuple[str, str], path: str, value_place: int) -> None:
         """Note that a component of a target, a name in a scope, is assigned."""
+        name, scope = target
+        if _AXES.search(path) is not None:
+            self.set_components.append((name, scope))
         if _PLACE.search(path) is None:
             return
         text = self.displacements.text
-        name, scope = target
         translation: Triple = UNREADABLE
         axis, added = _AXIS.search(path), _SUM.match(text, value_place)
         itself = "".join(text[place:value_place].split()).removesuffix(":=").lower()
@@ -89,7 +92,14 @@ class FoundShifts:
             translation = _along_axis(axis[1].lower(), size)
             self._add_shift(place, name, scope, translation, NO_TURN)
             return
+        self.set_component(place, name, scope)
+
+    def set_component(self, place: int, name: str, scope: str, path: str = "") -> None:
+        """Note that a component of a target, a name in a scope, gets a value."""
         self.set_components.append((name, scope))
+        if _AXES.search(path) is not None:
+            return
+        text = self.displacements.text
         end = text.find(";", place)
         what = " ".join(text[place : end if end >= 0 else place].split())[:80]
         self.found.append(FoundShift(place, what, scope, name, None, UNREADABLE, None, sets=True))
@@ -118,8 +128,10 @@ class FoundShifts:
         """Leave targets whose place is no longer what stands in the file when they are moved to."""
         for targets, why in ((self.set_components, COMPONENT_SET), (self.overwritten, OVERWRITTEN)):
             for name, scope in targets:
-                for row in _cartesian_rows(uses.rows_of(name, scope), collected):
-                    uses.barred.setdefault(row, why)
+                uses.note_external_value(name, scope, why)
+                for row in uses.rows_of(name, scope):
+                    if collected.kinds[row] in (CARTESIAN, JOINTS):
+                        uses.barred.setdefault(row, why)
         self._bar_references(collected, uses)
         for displacement in self.displacements.active_displacements():
             if displacement.event.word.startswith("eoffs"):

@@ -4,10 +4,16 @@ import re
 from collections.abc import Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass, field
 
+from cellcal.drivers.abb.program_files.displacements import WORDS
 from cellcal.drivers.abb.program_files.instructions import MOVES
 from cellcal.drivers.abb.program_files.literals import NAME, W, decode_name
 from cellcal.drivers.abb.program_files.target_uses import TargetUses
-from cellcal.drivers.programs.routine_calls import RoutineCall, RoutineParameter, RoutineTargets
+from cellcal.drivers.programs.routine_calls import (
+    ParameterUse,
+    RoutineCall,
+    RoutineParameter,
+    RoutineTargets,
+)
 
 _CODE = re.compile(rf'![^\n]*+|"(?:[^"\n]++|"")*+"?+|Move[LJC] [^;!"(]*+;|{NAME}|;', re.ASCII)
 _ARGUMENT = re.compile(r'![^\n]*+|"(?:[^"\n]++|"")*+"?+|[\[\](){},;\\]|[^\[\](){},;!"\\]++')
@@ -21,6 +27,7 @@ _PLACE = re.compile(  # a target, or one that a function of the language shifts
     rf"{W}(?:(?:Offs|RelTool){W}\({W}){{0,4}}+({NAME}){W}(?:\{{([^{{}};]*+)\}}{W})?+(?:,[^;]*+)?+",
     re.ASCII | re.IGNORECASE,
 )
+_COMPONENT = re.compile(rf"{W}({NAME}){W}(?:\{{[^{{}};]*+\}}{W})?+\.[^;,(]*+", re.ASCII)
 _INDEX = re.compile(r"\d+(?:,\d+)*")
 _OPENED = re.compile(rf"{W}(\()?+", re.ASCII)
 _HEADER = re.compile(rf"{W}\((?:[^()!]++|![^\n]*+){{0,1000}}+\)", re.ASCII)
@@ -29,6 +36,8 @@ _PASSES = re.compile(rf"{W}[\\A-Za-z\x80-\xff]", re.ASCII)
 _LEADING = frozenset(  # a statement follows
     ("then", "else", "do", "error", "undo", "endif", "endfor", "endwhile", "endtest")
 )
+_WORK_OBJECT = "wobj"  # the option that names one
+_COMPUTING_JOINTS = frozenset(("calcjointt",))  # functions of the language, for which no work object is wobj0
 _MOST_TOKENS = 400
 _MOST_ROUNDS = 20
 
@@ -39,6 +48,11 @@ class RoutineParameters:
 
     of_scope: dict[str, list[RoutineParameter]] = field(default_factory=dict)
     routines: set[str] = field(default_factory=set)  # all of the file, in small letters
+    written: set[tuple[str, str]] = field(
+        default_factory=set
+    )  # scope, name: a routine gives a value, and its caller's data gets it
+
+    passing_on: set[str] = field(default_factory=set)  # scopes that pass parameters to other files' routines
 
     def declare_routine(self, scope: str, parameters: str) -> list[str]:
         """Note a routine's parameters; return their names as written."""
@@ -55,16 +69,17 @@ class RoutineParameters:
         return [decode_name(one["name"]) for one in found]
 
     def to_targets(self, uses: TargetUses) -> dict[str, RoutineTargets]:
-        """Return by routine what it does to targets that other files pass."""
+        """Return by routine what it does to targets, and to other data, that other files pass."""
         found = {}
         for scope, parameters in self.of_scope.items():
             of_target = {
-                one.name: frozenset(some)
+                one.name: frozenset(uses.seen_abroad(*use) for use in some)
                 for one in parameters
                 if one.is_target and (some := uses.of_parameters.get((scope, one.name)))
             }
-            if of_target:
-                found[scope.partition("/")[2]] = RoutineTargets(tuple(parameters), of_target)
+            written = frozenset(name for where, name in self.written if where == scope)
+            if of_target or written or scope in self.passing_on:
+                found[scope.partition("/")[2]] = RoutineTargets(tuple(parameters), of_target, written)
         return found
 
 
@@ -75,8 +90,9 @@ def pass_targets(
 
     ``kept`` are names and scopes of parameters that a routine gives another value: what is passed by value stays.
     """
+    _use_as_stated(uses, parameters, calls)
     called = [(call, scope) for call in calls if (scope := _routine_scope(parameters, call))]
-    uses.calls_abroad = [one for call in calls if (one := _call_abroad(uses, parameters, call)) is not None]
+    uses.calls_abroad = _calls_abroad(uses, parameters, calls)
     for _ in range(_MOST_ROUNDS):  # a routine may pass its parameter on
         changes = [_pass_call(uses, parameters, one, kept) for one in called]
         if not any(changes):
@@ -84,20 +100,47 @@ def pass_targets(
     uses.forget_parameters()
 
 
-def _call_abroad(uses: TargetUses, parameters: RoutineParameters, call: RoutineCall) -> RoutineCall | None:
-    """Return a call of another file's routine, with what is seen there; None for one of this file, or of nothing."""
+def _use_as_stated(uses: TargetUses, parameters: RoutineParameters, calls: Sequence[RoutineCall]) -> None:
+    """Count the tool and work object that a call of what this file does not hold names beside its targets."""
+    for call in calls:
+        if call.stated is None or call.routine in parameters.routines or call.routine in WORDS:
+            continue
+        tool, frame = (name and uses.name_seen_from(call.scope, name) for name in call.stated[:2])
+        for name in call.arguments:
+            if name and uses.rows_of(name, call.scope):
+                uses.add_uses(call.scope, name, {(tool, frame)})
+
+
+def _calls_abroad(
+    uses: TargetUses, parameters: RoutineParameters, calls: Sequence[RoutineCall]
+) -> list[RoutineCall]:
+    """Return calls of other files' routines, and of own ones that pass on what they get to such."""
+    waiting = list(calls)
+    found: list[RoutineCall] = []
+    while True:
+        reaching = {scope.partition("/")[2] for scope in parameters.passing_on}
+        some = [one for one in waiting if one.routine not in parameters.routines or one.routine in reaching]
+        if not some:
+            return found
+        taken = set(map(id, some))
+        waiting = [one for one in waiting if id(one) not in taken]
+        new = [seen for one in some if (seen := _call_abroad(uses, one)) is not None]
+        parameters.passing_on |= {one.scope for one in new if one.passes_on}
+        found += new
+
+
+def _call_abroad(uses: TargetUses, call: RoutineCall) -> RoutineCall | None:
+    """Return a call with what other files see of its arguments; None for one of nothing."""
 
     def name_abroad(name: str) -> str:
-        is_own = (call.scope, name.partition("{")[0].lower())
-        return "" if is_own in uses.parameters or is_own in uses.rows else name
+        return uses.key_abroad(name, call.scope) if name else ""
 
-    if call.routine in parameters.routines:
-        return None
-    arguments = tuple(map(name_abroad, call.arguments))
+    arguments, parts = (tuple(map(name_abroad, some)) for some in (call.arguments, call.parts))
     options = {option: name_abroad(name) for option, name in call.options.items()}
-    return (
-        call._replace(arguments=arguments, options=options) if any((*arguments, *options.values())) else None
-    )
+    if not any((*arguments, *parts, *options.values())):
+        return None
+    stated = None if call.stated is None or call.routine in WORDS else uses.seen_abroad(*call.stated[:2])
+    return call._replace(arguments=arguments, parts=parts, options=options, stated=stated)
 
 
 def _routine_scope(parameters: RoutineParameters, call: RoutineCall) -> str:
@@ -152,21 +195,36 @@ def routine_calls(text: str, routines: Mapping[str, tuple[int, int]]) -> Iterato
             word = decode_name(found[0]).lower()
             opened = _OPENED.match(text, place)
             called = opened is not None and opened[1] is not None
-            if word in known or (leads and word not in MOVES and _PASSES.match(text, place)):
+            if (
+                word in known
+                or (called and word in _COMPUTING_JOINTS)
+                or (leads and word not in MOVES and _PASSES.match(text, place))
+            ):
                 yield _read_call(text, (opened.end() if opened and called else place, end), (scope, word))
             leads = word in _LEADING
 
 
 def _read_call(text: str, span: tuple[int, int], call: tuple[str, str]) -> RoutineCall:
     arguments: list[str] = []
+    parts: list[str] = []
     options: dict[str, str] = {}
-    for is_option, part in _split_arguments(text, span):
+    stated: ParameterUse | None = None
+    for is_option, part in split_arguments(text, span):
         named = _OPTION.match(part) if is_option else None
         if named is not None:
-            options[decode_name(named[1]).lower()] = _passed_name(part[named.end() :])
+            option = decode_name(named[1]).lower()
+            options[option] = _passed_name(part[named.end() :])
+            if option == _WORK_OBJECT:
+                stated = ParameterUse(
+                    arguments[-1] or None if len(arguments) > 1 else None, options[option] or None
+                )
         elif not is_option:
             arguments.append(_passed_name(part))
-    return RoutineCall(*call, tuple(arguments), options)
+            component = _COMPONENT.fullmatch(part)
+            parts.append(decode_name(component[1]) if component else "")
+    if call[1] in _COMPUTING_JOINTS and stated is None and len(arguments) > 1:
+        stated = ParameterUse(arguments[1] or None, "wobj0")
+    return RoutineCall(*call, tuple(arguments), options, tuple(parts), stated)
 
 
 def _passed_name(part: str) -> str:
@@ -178,7 +236,7 @@ def _passed_name(part: str) -> str:
     return decode_name(place[1]) + (f"{{{index}}}" if _INDEX.fullmatch(index) else "")
 
 
-def _split_arguments(text: str, span: tuple[int, int]) -> Iterator[tuple[bool, str]]:
+def split_arguments(text: str, span: tuple[int, int]) -> Iterator[tuple[bool, str]]:
     """Yield the arguments of a call, and whether each is an option, up to its closing sign."""
     start, is_option, depth = span[0], False, 0
     for count, found in enumerate(_ARGUMENT.finditer(text, *span)):

@@ -28,7 +28,7 @@ from cellcal.drivers.programs.brands import ProgramBrand
 from cellcal.drivers.programs.columns import BEYOND, gets_only_a_pose, part_of
 from cellcal.drivers.programs.declared_poses import with_declared
 from cellcal.drivers.programs.errors import ProgramFileError
-from cellcal.drivers.programs.file_declarations import ExternalUses, FileDeclarations
+from cellcal.drivers.programs.file_declarations import ExternalUses, FileDeclarations, lower_name
 from cellcal.drivers.programs.positions import (
     CARTESIAN,
     JOINTS,
@@ -48,6 +48,7 @@ from cellcal.drivers.programs.spans import (
 )
 
 _MODULE = re.compile(rb"^(?:\xef\xbb\xbf)?[ \t]*+(?:MODULE[ \t]++[A-Za-z]|%%%)", re.IGNORECASE | re.MULTILINE)
+_OTHER_TASK = "{} of its backup moves, too, and may be another robot: give the files of one task"
 _LOOKED_AT = 1 << 16  # bytes in which a module names itself
 
 
@@ -142,8 +143,9 @@ class AbbFile:
                 bases=module.frames.public_poses(module.frames.bases),
                 routine_targets=module.parameters.to_targets(uses),
                 calls=tuple(uses.calls_abroad),
+                moves=bool(uses.used or uses.of_parameters or any(uses.of_row.values())),
             ),
-            keys=tuple(found.names[row].lower() for row in order.tolist()),
+            keys=tuple(uses.local_keys.get(row, found.names[row].lower()) for row in order.tolist()),
             used=frozenset(k for k, row in enumerate(order.tolist()) if uses.of_row.get(row)),
             declared=frozenset(module.frames.declared),
             name=module.name or PurePath(name).stem,
@@ -180,6 +182,8 @@ class AbbFile:
         )
         places = absent_places(self.source, external_uses.absent, MOVES, comment="!", statement_end=";")
         positions = replace(positions, shifts=(*positions.shifts, *places))
+        positions = _with_agreed_tools(positions, external_uses, self.keys)
+        positions = _without_other_robots(positions, external_uses.other_task)
         return replace(self, positions=positions, frames=frames, remarks=(*self.remarks, *remarks))
 
     def _refuse_unfit(self, row: int, *, pose: bool, joints: bool, frame: str | None) -> None:
@@ -263,6 +267,29 @@ def _pose_quaternions(count: int, frame_tip: Array | None) -> Array:
 
 def _changed_text(texts: Sequence[str] | None, k: int, old: str) -> str | None:
     return None if texts is None or texts[k] == old else texts[k]
+
+
+def _with_agreed_tools(positions: Positions, external_uses: ExternalUses, keys: Sequence[str]) -> Positions:
+    """Return positions of which joint targets have a tool only where all files agree on it."""
+    tools = list(positions.tools)
+    for row, kind in enumerate(positions.kinds):
+        if kind == JOINTS:
+            named = {lower_name(move_frames.tool) for move_frames, _ in external_uses.uses_of_name(keys[row])}
+            named |= {lower_name(tools[row])} if tools[row] else set()
+            alone = len(named) == 1 and "" not in named
+            tool = tools[row] or next((each.tool for each, _ in external_uses.uses_of_name(keys[row])), None)
+            tools[row] = None if not alone or external_uses.doubt_reason(tool, None) else tool
+    return replace(positions, tools=tuple(tools))
+
+
+def _without_other_robots(positions: Positions, task: str) -> Positions:
+    """Return positions that are all left where another task of their controller moves, too."""
+    if not task:
+        return positions
+    rows = [row for row, kind in enumerate(positions.kinds) if kind in (CARTESIAN, JOINTS)]
+    return replace(
+        positions, barred={**dict.fromkeys(rows, make_message(_OTHER_TASK, task)), **positions.barred}
+    )
 
 
 def writes_program(data: bytes) -> bool:

@@ -34,6 +34,7 @@ from cellcal.drivers.abb.program_files.rapid_declarations import RapidDeclaratio
 from cellcal.drivers.abb.program_files.target_uses import TargetUses
 from cellcal.drivers.abb.program_files.unread import LIKE_A_POSITION, unread_positions
 from cellcal.drivers.abb.program_files.usual import USUAL
+from cellcal.drivers.abb.program_files.written_arguments import find_written
 from cellcal.drivers.abb.program_files.written_numbers import WrittenTargets
 from cellcal.drivers.programs.spans import ProgramText
 
@@ -165,9 +166,24 @@ class RapidModule(RapidDeclarations):
                 text = _COPY_TEXT if place in self.copies else _ASSIGNED_TEXT
                 self.found.add_remark(place, "computed", make_message(text, name))
         self.frames.drop_ambiguous()
+        self._take_written_arguments()
         self._pass_targets()
         self.uses.resolve_uses(self.found)
         self.shifts.bar_targets(self.found, self.uses)
+
+    def _take_written_arguments(self) -> None:
+        """Count what instructions and routines give a value which it is passed to as if it were assigned."""
+        given = {(scope, name.partition("{")[0].lower()) for _, name, scope in self.assigned}
+        given |= {(scope, name.partition("{")[0].lower()) for name, scope in self.assigned_here}
+        text, routines = self.found.source.text, self.shifts.displacements.routines
+        for one in find_written(text, routines, self.parameters, given):
+            bare = one.name.partition("{")[0].lower()
+            if bare in self.frames.declared or bare not in self.uses.shown:
+                self.uses.set_while_running.add(bare)
+            if one.part:
+                self.shifts.set_component(one.place, one.name, one.scope, one.part)
+            else:
+                self.shifts.overwritten.append((one.name, one.scope))
 
     def _pass_targets(self) -> None:
         kept = {(name.partition("{")[0].lower(), scope) for name, scope in self.set_whole}
@@ -208,6 +224,7 @@ class RapidModule(RapidDeclarations):
         if assigned[2]:
             path = "".join(assigned[2].split())
             self.shifts.take_component(start, (name, self.uses.scope), path, assigned.end())
+            self.note_copy(text, assigned.end(), bare)  # to a component of a record
         elif self.note_copy(text, assigned.end(), bare):
             self.copies.add(start)
         else:

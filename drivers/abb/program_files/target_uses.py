@@ -11,13 +11,14 @@ from cellcal.drivers.programs.barred import MOVED_BY_UNIT, SEEN_FROM_FLANGE
 from cellcal.drivers.programs.conditions import ConditionalBar, ProjectNeed
 from cellcal.drivers.programs.file_declarations import COPIED, MoveFrames
 from cellcal.drivers.programs.positions import CARTESIAN
-from cellcal.drivers.programs.routine_calls import PARAMETER, RoutineCall
+from cellcal.drivers.programs.routine_calls import OWN, PARAMETER, ParameterUse, RoutineCall
 
 ToolAndFrame = tuple[str | None, str | None]  # tool, work object; None where it is computed
 
 _DIFFERENT = "{} is used with different tools or work objects; its user frame and tool are not known."
 _BARRED_DIFFERENT = "the program uses it with different tools or work objects"
 _BARRED_COMPUTED = "the program uses it with a tool or work object that is computed"
+_BARRED_LOCAL = "another module goes there with a tool or work object that only that module sees"
 _BARRED_SEVERAL = "its file declares several tools or work objects of one name"
 BARRED_SET = "its tool or work object is set while the program runs"
 _MOST_USES = 64  # of one target that are told apart
@@ -45,6 +46,8 @@ class TargetUses:
         default_factory=set
     )  # tools and work objects that are declared twice, differently
     set_while_running: set[str] = field(default_factory=set)  # tools and work objects
+    local_frames: set[str] = field(default_factory=set)  # tools and work objects that other files do not see
+    local_keys: dict[int, str] = field(default_factory=dict)  # rows of routines' own targets
     external_uses: dict[str, set[MoveFrames]] = field(
         default_factory=dict
     )  # uses of what is not declared here
@@ -103,6 +106,7 @@ class TargetUses:
         """Note a declared target; an element stands for its array, too."""
         name = name.lower()
         bare = name.partition("{")[0]
+        self._note_key(row, self.scope, name)
         self.rows[self.scope, name].append(row)
         if bare != name:
             self.rows[self.scope, bare].append(row)
@@ -119,9 +123,31 @@ class TargetUses:
         where, bare = self._declared_at(name, self.scope)
         if where in ("?", ""):
             return False
+        self._note_key(row, where, name.lower())
         for key in {(where, bare), (where, name.lower())}:
             self.rows[key].append(row)
         return True
+
+    def _note_key(self, row: int, scope: str, name: str) -> None:
+        if not scope.endswith("/"):
+            self.local_keys[row] = f"{scope}:{name}"
+
+    def key_abroad(self, name: str, scope: str) -> str:
+        """Return a name as other files' routines get it; "" for a place without numbers."""
+        if (scope, name.partition("{")[0].lower()) in self.parameters:
+            return PARAMETER + name.partition("{")[0].lower()
+        where, bare = self._declared_at(name, scope)
+        if where in ("", "?") or (where.endswith("/") and self.shown.get(bare, True)):
+            return name
+        if not self.rows_of(name, scope):
+            return ""
+        return OWN + (name.lower() if where.endswith("/") else f"{where}:{name.lower()}")
+
+    def seen_abroad(self, tool: str | None, frame: str | None) -> ParameterUse:
+        """Return a use for other files, which do not see all tools and work objects of this one."""
+        if {(tool or "").lower(), (frame or "").lower()} & self.local_frames:
+            return ParameterUse(None, None, _BARRED_LOCAL)
+        return ParameterUse(tool, frame, "" if tool and frame else _BARRED_COMPUTED)
 
     def note_use(self, name: str, tool: str | None, frame: str | None) -> None:
         """Note that a move goes to a named target."""
@@ -201,13 +227,20 @@ class TargetUses:
                     self.barred[row] = COPIED
 
     def _note_external_use(self, name: str, uses: set[ToolAndFrame]) -> None:
-        self.external_uses.setdefault(name.lower(), set()).update(
-            MoveFrames(tool, frame, "" if tool and frame else _BARRED_COMPUTED) for tool, frame in uses
-        )
+        seen = [self.seen_abroad(tool, frame) for tool, frame in uses]
+        self.external_uses.setdefault(name.lower(), set()).update(MoveFrames(*use[:4]) for use in seen)
+
+    def note_external_value(self, name: str, scope: str, why: str) -> None:
+        """Note that a place which no declaration of this file means gets a value, or a component of it."""
+        if not self._is_own(name, scope):
+            self.external_uses.setdefault(name.lower(), set()).add(MoveFrames(None, None, why))
 
     def _settle_row(self, found: RapidPositions, row: int, settled: "_AgreedUse") -> None:
-        if found.kinds[row] != CARTESIAN:
-            return  # axes are in no frame
+        if found.kinds[row] != CARTESIAN:  # axes are in no frame, but a tool is at their end
+            open_tools = self.several | self.set_while_running | self.seen_from_flange
+            if settled.tool is not None and settled.tool.lower() not in open_tools:
+                self.tools[row] = settled.tool
+            return
         self._settle_reason(row, settled.why)
         if settled.different:
             found.add_remark(found.starts[row], "indirect", make_message(_DIFFERENT, found.names[row]))

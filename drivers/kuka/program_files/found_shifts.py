@@ -16,6 +16,7 @@ from cellcal.drivers.programs.shifts import NO_TURN, UNREADABLE, ProgramShift, Q
 _B = r"[ \t\r]"
 _NAME = rf"[A-Za-z_]\w*+{_B}*+(?:\[[^\[\]]*+\])?+"
 _PAIR = re.compile(rf"(?<![\w.$#\]}}])(\$?{_NAME}|\{{[^{{}}]*+\}}){_B}*+:{_B}*+({_NAME}|\{{)", re.ASCII)
+_OF_AXES = re.compile(r"A[1-6]", re.IGNORECASE)
 _COMPONENT = re.compile(
     rf"{_B}*+([A-Za-z_]\w*+)({_B}*+\[[^\[\]\n]*+\])?+{_B}*+\.{_B}*+([XYZABC]|A[1-6]){_B}*+=(?!=)(.*)",
     re.ASCII | re.IGNORECASE | re.DOTALL,
@@ -79,7 +80,7 @@ class ShiftNotes:
     def note_component(self, code: str, place: int, used: PointMove) -> None:
         """Note that a component of a point is set."""
         found = _COMPONENT.match(code)
-        if found is None:
+        if found is None or _OF_AXES.fullmatch(found[3]):  # an angle is in no frame
             return
         name = found[1] + "".join((found[2] or "").split())
         translation, quaternion = UNREADABLE, None

@@ -7,6 +7,7 @@ from typing import TypeAlias
 
 from cellcal.drivers.programs.barred import CALLED, CALLER, COMPUTED, EXTERNAL_BASE, LATER, SEVERAL
 from cellcal.drivers.programs.call_graph import Marks, reached_settings
+from cellcal.drivers.programs.routine_calls import RoutineParameter
 
 UNKNOWN = "?"
 TURNED_BY_AXIS = "!"  # a base that an external axis turns, by data of the controller
@@ -102,6 +103,8 @@ class KrlRoutine:
     shown: bool = False  # other files may call it
     declared: set[str] = field(default_factory=set)  # names that hide those of other files
     calls: set[str] = field(default_factory=set)
+    parameters: tuple[RoutineParameter, ...] = ()
+    assigned: set[str] = field(default_factory=set)  # names that get a value, or a component
     tool: FrameUse = field(default_factory=FrameUse)
     base: FrameUse = field(default_factory=FrameUse)
     jumps: RoutineJumps = field(default_factory=RoutineJumps)

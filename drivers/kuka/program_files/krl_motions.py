@@ -21,7 +21,9 @@ from cellcal.drivers.kuka.program_files.lines import (
     without_strings,
 )
 from cellcal.drivers.kuka.program_files.literals import KrlLiteral
+from cellcal.drivers.kuka.program_files.passed_points import call_of, calls_of, given_from
 from cellcal.drivers.kuka.program_files.point_uses import PointMove, PointUses
+from cellcal.drivers.programs.barred import OVERWRITTEN
 
 
 @dataclass
@@ -184,8 +186,33 @@ class KrlMotions:
         """Take the routines that a statement calls."""
         names = {name.upper() for name in patterns.CALLS.findall(code)} - patterns.KNOWN_CALLS
         self.points.routines[-1].calls |= names
+        self._take_arguments(code, line)
         if names:  # it may move, and what it sets stays
             self.force.forget()
         for name in sorted(names):
             if name.startswith(patterns.SENSOR):
                 self.found.add_remark(line.start, "vision", make_message(patterns.FOUND, name))
+
+    def _take_arguments(self, code: str, line: KrlLine) -> None:
+        """Take the data that calls pass, and what functions of the language give a value."""
+        routine = self.points.routines[-1]
+        for name, arguments in calls_of(code):
+            if name in patterns.KNOWN_CALLS:
+                continue
+            for argument in arguments[given_from(name) :]:
+                self._give_value(argument, line)
+            call = call_of(routine.name, name, arguments)
+            if call is not None and given_from(name) >= len(arguments):
+                self.points.calls.append(call)
+
+    def _give_value(self, argument: str, line: KrlLine) -> None:
+        """Take data that a function of the language gives a value."""
+        found = patterns.DATA.fullmatch(argument)
+        if found is None or patterns.OF_PLACE.fullmatch(found[3] or "") is None:
+            return
+        upper = found[1].upper()
+        self.points.routines[-1].assigned.add(upper)
+        if upper in patterns.TABLES:
+            self.points.set_tables.add(f"{patterns.TABLES[upper]} {(found[2] or '').strip() or '*'}")
+        elif upper[0] != "$":
+            self.note_use(found[1], found[2], line.start, OVERWRITTEN)

@@ -33,6 +33,7 @@ from cellcal.drivers.kuka.program_files.lines import (
     without_strings,
 )
 from cellcal.drivers.kuka.program_files.literals import KrlLiteral
+from cellcal.drivers.kuka.program_files.passed_points import parameters_of
 from cellcal.drivers.kuka.program_files.point_uses import PointUses
 from cellcal.drivers.kuka.program_files.usual import TAUGHT_MOVE
 from cellcal.drivers.programs.barred import OVERWRITTEN
@@ -63,7 +64,8 @@ class KrlProgram(KrlMotions):
         if begun is not None:
             name = begun[1].upper()
             shown = len(self.points.routines) == 1 or "GLOBAL" in begun[0].upper()
-            self.points.routines.append(KrlRoutine(len(self.points.routines), name, shown))
+            number, passed = len(self.points.routines), parameters_of(text[begun.end() : line.end])
+            self.points.routines.append(KrlRoutine(number, name, shown, parameters=passed))
             self.branches, self.force = (), FramesInForce()
         motion = patterns.MOTION.match(text, line.start, line.end) if word in patterns.MOVE else None
         if motion is not None:
@@ -202,6 +204,7 @@ class KrlProgram(KrlMotions):
         text = self.found.source.text
         name = find_item(text, line.start, line.end)
         if name is not None and name.value is not None:
+            self.points.routines[-1].assigned.add(name.name.upper())
             self._take_value(name, line)
         else:
             remark_hidden_positions(self.found, line, line.start)
@@ -270,6 +273,8 @@ class KrlProgram(KrlMotions):
             line.start, "computed", make_message(patterns.ASSIGNED, code.partition("=")[0].strip())
         )
         name = find_item(self.found.source.text, line.start, line.end)
+        if name is not None:
+            self.points.routines[-1].assigned.add(name.name.upper())
         if name is not None and name.name.upper() in patterns.TABLES:
             self._take_table_setting(name, line)
         elif name is not None:

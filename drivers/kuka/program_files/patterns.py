@@ -16,6 +16,10 @@ PREPARED = re.compile(  # what stands around every taught move
 )
 NAMES_POINT = re.compile(rf"{B}*+([A-Za-z_]\w*+){B}*+(?:\[([^\[\]]*+)\])?+", re.ASCII)
 WORD = re.compile(r"(?<![\w.$#])([A-Za-z_]\w*+)(?:\[([^\[\]]*+)\])?+", re.ASCII)
+DATA = re.compile(  # a name with its index, and a component of it
+    rf"{B}*+([$A-Za-z_][\w$]*+){B}*+(?:\[([^\[\]]*+)\]{B}*+)?+((?:\.{B}*+\w++{B}*+)*+)", re.ASCII
+)
+OF_PLACE = re.compile(rf"(?:\.{B}*+(?:[XYZABC]|A[1-6]|E[1-6]){B}*+)?", re.IGNORECASE)
 BAS = re.compile(
     rf"\bBAS{B}*+\({B}*+#(TOOL|BASE|EX_BASE|PTP_PARAMS|CP_PARAMS|FRAMES|INITMOV){B}*+,?+{B}*+([^)]*+)",
     re.IGNORECASE,

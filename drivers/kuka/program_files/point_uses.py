@@ -15,10 +15,11 @@ from cellcal.drivers.kuka.program_files.frame_uses import (
     KrlRoutine,
     reached_from,
 )
-from cellcal.drivers.programs.barred import TURNED_BASE
+from cellcal.drivers.programs.barred import OVERWRITTEN, TURNED_BASE
 from cellcal.drivers.programs.conditions import ConditionalBar, ProjectNeed
 from cellcal.drivers.programs.file_declarations import COPIED, MoveFrames, RoutineEffects, array_name_of
-from cellcal.drivers.programs.positions import CARTESIAN, ProgramFrames
+from cellcal.drivers.programs.positions import CARTESIAN, JOINTS, ProgramFrames
+from cellcal.drivers.programs.routine_calls import ParameterUse, RoutineCall
 
 FRAME_DATA = "FDAT "  # before the name of a point's frame data, which stands in the data list
 EXTERNAL_TOOL = "the program works with an external tool ($IPO_MODE)"
@@ -52,6 +53,8 @@ class PointUses:
     set_tables: set[str] = field(
         default_factory=set
     )  # "BASE 16": BASE_DATA[16] is set; "BASE *": one of them
+    calls: list[RoutineCall] = field(default_factory=list)  # that pass data with a name
+    used_names: dict[str, list[str]] = field(default_factory=dict)  # by array, when all is read
     external_tool: bool = False
     turned_bases: set[str] = field(default_factory=set)  # those that an external axis turns
     copies: dict[str, set[str]] = field(default_factory=dict)  # of named points: the names they are given to
@@ -99,6 +102,9 @@ class PointUses:
         frames_of_moves = {
             move_frames for move_frames in frames_of_moves if move_frames.why != COPIED
         } or frames_of_moves
+        given = any(move_frames.why == OVERWRITTEN for move_frames in frames_of_moves)
+        if given and self.found.kinds[row] == JOINTS:
+            self.found.barred[row] = OVERWRITTEN
         if not frames_of_moves or self.found.kinds[row] != CARTESIAN:
             return
         if self.external_tool:
@@ -184,6 +190,21 @@ class PointUses:
             routine.base.value_in_force(said_before=base_said) == "$" and len(self.set_frames["BASE"]) > 1
         )
         return BARRED["several"] if written else ""
+
+    def uses_in(self, routine: KrlRoutine, name: str) -> frozenset[ParameterUse]:
+        """Return how a routine moves to a parameter, to an element of it, or to copies of it."""
+        if not self.used_names:
+            for one in self.uses:
+                self.used_names.setdefault(array_name_of(one), []).append(one)
+        move_frames = {
+            self.frames_of_move(used, joints=False)
+            for one in self.used_names.get(name, ())
+            for used in self.uses[one].values()
+            if used.routine == routine.number and used.why != OVERWRITTEN
+        }
+        if self.external_tool:
+            move_frames = {each._replace(why=EXTERNAL_TOOL) for each in move_frames}
+        return frozenset(ParameterUse(*each) for each in move_frames | self._frames_of_copies(name))
 
     def declared_uses(self) -> dict[str, frozenset[MoveFrames]]:
         """Return the moves to points that other files declare."""

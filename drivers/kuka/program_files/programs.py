@@ -13,6 +13,11 @@ from cellcal.drivers.kuka.program_files.data_list import declared_names, read_da
 from cellcal.drivers.kuka.program_files.frame_data import TaughtFrames, uses_of_own_data, with_frame_data
 from cellcal.drivers.kuka.program_files.imports import imports_of, remark_imports
 from cellcal.drivers.kuka.program_files.krl_program import read_program
+from cellcal.drivers.kuka.program_files.passed_points import (
+    calls_of_file,
+    in_passed_table,
+    routine_targets_of,
+)
 from cellcal.drivers.kuka.program_files.patterns import MOVE
 from cellcal.drivers.kuka.program_files.point_edits import PointEdits
 from cellcal.drivers.kuka.program_files.point_uses import in_set_table
@@ -199,6 +204,9 @@ def _read_src(source: ProgramText) -> _Read:
         routines=points.routine_effects(),
         doubtful=dict.fromkeys(points.set_tables, COMPUTED),
         imports=remark_imports(points.found),
+        routine_targets=routine_targets_of(points),
+        calls=calls_of_file(points),
+        capitals=True,
     )
     routines = {used.row: points.routines[used.routine].name for used in points.rows}
     return (
@@ -270,7 +278,8 @@ def _without_set_tables(positions: Positions, module: str, external_uses: Extern
     remarks_by_frames: dict[tuple[str | None, str | None], str] = {}
     for row, row_frames in enumerate(zip(positions.tools, positions.user_frames, strict=True)):
         if row_frames not in remarks_by_frames:
-            whys = (in_set_table(external_uses.doubtful, *row_frames, f"{one} ") for one in whose)
+            whys = [in_set_table(external_uses.doubtful, *row_frames, f"{one} ") for one in whose]
+            whys.append(in_passed_table(external_uses.doubtful, *row_frames))
             remarks_by_frames[row_frames] = next(filter(None, whys), "")
         if positions.kinds[row] == CARTESIAN and remarks_by_frames[row_frames]:
             barred.setdefault(row, remarks_by_frames[row_frames])

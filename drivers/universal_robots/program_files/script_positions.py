@@ -10,6 +10,7 @@ import re
 from bisect import bisect_right
 from collections import Counter
 from collections.abc import Iterable, Iterator
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -17,6 +18,7 @@ from numpy.typing import NDArray
 
 from cellcal.calibration.message import make_message
 from cellcal.drivers.programs.positions import Remark
+from cellcal.drivers.universal_robots.program_files.script_arguments import PassedArguments
 from cellcal.drivers.universal_robots.program_files.script_frames import settle_assigned_frames
 from cellcal.drivers.universal_robots.program_files.script_numbers import LARGEST_RAD, without_comments
 from cellcal.drivers.universal_robots.program_files.script_text import ScriptLiteral, ScriptStatements
@@ -244,7 +246,11 @@ class PositionFinder:
             role == "other" and where == "pose_trans" and self._behind_frame(at)
             for at, role, where in self.found.uses.get(literal.name, ())
         )
-        return len(gone_to) + computed > 1
+        return len(gone_to) + computed > 1 or self._passed.is_brought_into_a_frame(literal.name)
+
+    @cached_property
+    def _passed(self) -> PassedArguments:
+        return PassedArguments(self.text, self.found.uses, self._behind_frame)
 
     def frame_literals(self) -> dict[str, ScriptLiteral]:
         """Return the variables that are frames: given one literal pose, and never a place to go to."""

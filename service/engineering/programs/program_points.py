@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from cellcal.calibration.geometry import Array, inverse_transform
 from cellcal.drivers.programs.barred import UNKNOWN_FRAMES
 from cellcal.drivers.programs.external_settings import sets_external_axes
+from cellcal.drivers.programs.file_declarations import VALUES_GIVEN
 from cellcal.drivers.programs.positions import CARTESIAN, JOINTS, UNTAUGHT, ProgramFile
 from cellcal.service.engineering.programs.controller_joints import NO_UNIT, as_chain, lacks_units
 from cellcal.service.engineering.programs.external.point_reasons import external_reasons
@@ -82,9 +83,13 @@ class ProgramPoints:
             self.reasons[i] = self.reasons[i] or (why if isinstance(why, str) else why(i))
 
     def keep_joint_points(self) -> None:
-        """Let points in joint angles stay whose tool or frame is unknown: they depend on none."""
+        """Let points in joint angles stay whose tool, frame or value is unknown: that depends on none."""
         for i, why in enumerate(self.reasons):
-            if why in UNKNOWN_FRAMES and not self.cartesian[i] and np.isfinite(self.joints[i]).all():
+            if (
+                why in UNKNOWN_FRAMES | VALUES_GIVEN
+                and not self.cartesian[i]
+                and np.isfinite(self.joints[i]).all()
+            ):
                 self.stays[i], self.reasons[i] = True, ""
 
     def taught_before(self, rows: Rows) -> Array:

@@ -40,6 +40,7 @@ from cellcal.service.engineering.programs.external.carried_points import (
 )
 from cellcal.service.engineering.programs.external.point_groups import carry_group
 from cellcal.service.engineering.programs.external.unconfirmed import unconfirmed_meanings
+from cellcal.service.engineering.programs.held_frames import warn_of_held_frames
 from cellcal.service.engineering.programs.other_arm_checks import (
     check_tilts,
     own_leans,
@@ -113,7 +114,10 @@ class ProgramTransfer:
             *rods_left_out(self._route.source, self._route.target),
         ]
         findings = find_turned_shifts(points, self._route, result.carried)
-        return results_of(points, result, warnings, findings, source=self._route.source)
+        results = results_of(points, result, warnings, findings, source=self._route.source)
+        if self._route.target is self._route.source:
+            return results
+        return tuple(warn_of_held_frames(each, self._route.target) for each in results)
 
     def _transfer_group(
         self, points: ProgramPoints, group: PointGroup, result: PointOutcomes, warnings: list[str]

@@ -1,0 +1,177 @@
+"""RAPID targets and work objects that a call gives a value, or that only one module sees."""
+
+from pathlib import Path
+
+import pytest
+
+from cellcal.drivers.abb.program_files.programs import AbbFile
+from cellcal.service.exit_codes import ExitCode
+from tests.programs.test_abb_passed_targets import BOTH, IN, MODULE, REST, move
+
+WRITES = "  PROC Find(INOUT {} x)\n    {}\n  ENDPROC"
+OVERWRITTEN = "the program gives it another value while it runs"
+PART = "the program sets a component of it while it runs"
+
+
+@pytest.mark.parametrize(
+    ("statement", "reason"),
+    [
+        ("ok:=StrToVal(line,p10);", OVERWRITTEN),
+        ("IF StrToVal(line,p10.trans.x) Stop;", PART),
+        ("UnpackRawBytes raw,1,p10.trans.z\\Float4;", PART),
+        ("GetDataVal stName,p10;", OVERWRITTEN),
+        ('SetDataVal "p10",pCamera;', OVERWRITTEN),
+        ("Add p10.trans.x,20;", PART),
+        ('TPReadNum p10.trans.z,"height";', PART),
+    ],
+)
+def test_an_instruction_gives_a_target_a_value(tmp_path: Path, statement: str, reason: str) -> None:
+    moved = move(tmp_path, BOTH + statement)
+    assert moved["code"] == ExitCode.REFUSED
+    assert moved["points"]["p10"]["reason"] == reason
+    assert moved["points"]["p20"]["status"] == "changed"
+
+
+@pytest.mark.parametrize(
+    "statement",
+    [
+        "ok:=StrToVal(line,nHeight);",
+        '! StrToVal(line,p10);\nTPWrite "Add p10.trans.x";',
+        "Add p10.extax.eax_a,1;",
+    ],
+)
+def test_what_gives_no_target_a_place_leaves_none(tmp_path: Path, statement: str) -> None:
+    assert move(tmp_path, BOTH + statement)["code"] == ExitCode.PASS
+
+
+@pytest.mark.parametrize("elsewhere", [False, True])
+@pytest.mark.parametrize(
+    ("call", "kind", "body", "left"),
+    [
+        ("Find p10;", "robtarget", "x:=CRobT();", ["p10"]),
+        ("Find p10.trans.x;", "num", "x:=x+7;", ["p10"]),
+        ("Find p10.trans;", "pos", "x.x:=x.x+7;", ["p10"]),
+        ("Find p10.trans;", "pos", 'TPWrite "x:=";', []),
+        ("Find wobj1;", "wobjdata", "x:=wobj2;", ["p10", "p20"]),
+        ("Find wobj1.oframe.trans.x;", "num", "ok:=StrToVal(line,x);", ["p10", "p20"]),
+        ("Find wobj2;", "wobjdata", "x.uframe.trans.x:=0;", []),
+    ],
+)
+def test_a_routine_gives_its_caller_a_value(
+    tmp_path: Path, call: str, kind: str, body: str, left: list[str], elsewhere: bool
+) -> None:
+    routine = WRITES.format(kind, body)
+    moved = move(tmp_path, BOTH + call, "" if elsewhere else routine, abroad=routine if elsewhere else "")
+    assert [name for name in ("p10", "p20") if moved["points"][name]["status"] == "left"] == left
+    if left:
+        assert moved["code"] == ExitCode.REFUSED
+
+
+@pytest.mark.parametrize(
+    ("statement", "reason"),
+    [("p10:=fCamera();", OVERWRITTEN), ("p10.trans.z:=100;", PART), ("ok:=StrToVal(line,p10);", OVERWRITTEN)],
+)
+def test_a_value_that_another_module_gives_counts(tmp_path: Path, statement: str, reason: str) -> None:
+    moved = move(tmp_path, BOTH, abroad=f"  PROC Look()\n    {statement}\n  ENDPROC")
+    assert moved["code"] == ExitCode.REFUSED
+    assert moved["points"]["p10"]["reason"] == reason
+
+
+@pytest.mark.parametrize(("there", "status"), [("wobj2", "left"), ("wobj1", "changed")])
+@pytest.mark.parametrize(
+    ("body", "more"),
+    [
+        (f"VAR robtarget pOwn:=[[320,0,300],{REST};\n{IN.format('pOwn', 'wobj1')}\nPick pOwn;", ""),
+        (IN.format("pOwn", "wobj1") + "\nPick pOwn;", f"  LOCAL CONST robtarget pOwn:=[[320,0,300],{REST};"),
+    ],
+)
+def test_a_target_of_its_own_is_passed_to_another_module(
+    tmp_path: Path, body: str, more: str, there: str, status: str
+) -> None:
+    abroad = f"  PROC Pick(robtarget p)\n    {IN.format('p', there)}\n  ENDPROC"
+    moved = move(tmp_path, BOTH + body, more, abroad=abroad)
+    assert moved["points"]["pOwn"]["status"] == status
+    assert moved["code"] == (ExitCode.REFUSED if status == "left" else ExitCode.PASS)
+    assert not moved["findings"]
+
+
+def test_a_target_is_passed_on_over_three_routines(tmp_path: Path) -> None:
+    abroad = f"  PROC Pick(robtarget p,PERS wobjdata w)\n    {IN.format('p', 'w')}\n  ENDPROC"
+    chain = (
+        "  PROC Go(robtarget q,PERS wobjdata v)\n    Then q,v;\n  ENDPROC\n"
+        "  PROC Then(robtarget q,PERS wobjdata v)\n    Pick q,v;\n  ENDPROC"
+    )
+    moved = move(tmp_path, BOTH + "Go p10,wobj2;\nGo p20,wobj1;", chain, abroad=abroad)
+    assert [moved["points"][name]["status"] for name in ("p10", "p20")] == ["left", "changed"]
+
+
+@pytest.mark.parametrize("statement", [IN.format("p10", "wobj1"), "Pick p10;"])
+def test_a_work_object_that_only_the_other_module_sees_is_not_taken_for_the_own(
+    tmp_path: Path, statement: str
+) -> None:
+    frame = '[FALSE,TRUE,"",[[0,0,0],[1,0,0,0]],[[0,0,0],[1,0,0,0]]]'
+    abroad = f"  LOCAL PERS wobjdata wobj1:={frame};\n"
+    abroad += f"  PROC Pick(robtarget p)\n    {IN.format('p', 'wobj1')}\n  ENDPROC\n"
+    abroad += f"  PROC Other()\n    {IN.format('p10', 'wobj1')}\n  ENDPROC" if "Move" in statement else ""
+    moved = move(tmp_path, IN.format("p20", "wobj1") + "\nPick p10;" * ("Pick" in statement), abroad=abroad)
+    assert moved["points"]["p10"]["status"] == "left"
+    assert "only that module sees" in moved["points"]["p10"]["reason"]
+
+
+@pytest.mark.parametrize("elsewhere", [False, True])
+@pytest.mark.parametrize(
+    "statement", ["NutL p10,v100,gun1,tool1\\WObj:={};", "j1:=CalcJointT(p10,tool1\\WObj:={});"]
+)
+@pytest.mark.parametrize(("frame", "status"), [("wobj2", "left"), ("wobj1", "changed")])
+def test_an_instruction_that_is_not_known_names_its_work_object(
+    tmp_path: Path, statement: str, elsewhere: bool, frame: str, status: str
+) -> None:
+    text = statement.format(frame)
+    abroad = f"  PROC Run()\n    {text}\n  ENDPROC" if elsewhere else ""
+    moved = move(tmp_path, BOTH + text * (not elsewhere), abroad=abroad)
+    assert moved["points"]["p10"]["status"] == status
+
+
+def test_a_target_that_is_copied_into_a_record_counts_where_that_is_moved_to(tmp_path: Path) -> None:
+    moved = move(tmp_path, BOTH + "r1.pos:=p10;\n" + IN.format("r1.pos", "wobj2"))
+    assert moved["points"]["p10"]["status"] == "left"
+    assert moved["points"]["p20"]["status"] == "changed"
+
+
+JOINTS = "[[0,20,10,0,40,0],[9E9,9E9,9E9,9E9,9E9,9E9]]"
+JOINT_MOVE = f"{BOTH}MoveAbsJ j1,v100,fine,tool1;\n"
+DECLARED = f"  VAR jointtarget j1:={JOINTS};"
+
+
+@pytest.mark.parametrize(
+    "statement", ["j1:=fHome();", "j1.robax.rax_1:=20;", "ok:=StrToVal(line,j1);", "Add j1.robax.rax_1,5;"]
+)
+@pytest.mark.parametrize("elsewhere", [False, True])
+def test_a_joint_target_that_gets_a_value_is_left_where_joints_move(
+    tmp_path: Path, statement: str, elsewhere: bool
+) -> None:
+    abroad = f"  PROC Run()\n    {statement}\n  ENDPROC" if elsewhere else ""
+    body = JOINT_MOVE + statement * (not elsewhere)
+    moved = move(tmp_path, body, DECLARED, abroad=abroad, options=("--joints", "move"))
+    assert moved["points"]["j1"]["status"] == "left"
+    assert moved["points"]["j1"]["reason"] in (OVERWRITTEN, PART)
+
+
+def test_it_stays_as_any_other_where_joints_are_kept(tmp_path: Path) -> None:
+    moved = move(tmp_path, JOINT_MOVE + "j1:=fHome();", DECLARED, options=("--joints", "keep"))
+    assert moved["points"]["j1"]["status"] == "unchanged"
+    assert moved["code"] == ExitCode.PASS
+
+
+@pytest.mark.parametrize(
+    ("statement", "tool"),
+    [
+        ("MoveAbsJ j1,v100,fine,tool1;", "tool1"),
+        ("MoveAbsJ j1,v100,fine,tool1;\nMoveAbsJ j1,v100,fine,tool0;", None),
+        ("MoveAbsJ j1,v100,fine,tool1;\ntool1.tframe.trans.z:=70;", None),
+    ],
+)
+def test_a_joint_target_has_the_tool_of_its_moves(statement: str, tool: str | None) -> None:
+    text = MODULE.format(statement, DECLARED)
+    positions = AbbFile.from_bytes("M1.mod", text.encode("ascii")).positions
+    assert positions.tools[positions.names.index("j1")] == tool
