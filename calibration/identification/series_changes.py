@@ -118,13 +118,13 @@ class _Search:
 
     def plain_scatter(self) -> float:
         """Return what is left without a change."""
-        return self.square / max(self.freedom, 1)
+        return float(self.square / max(self.freedom, 1))
 
     def drift_scatter(self, columns: Columns) -> float:
         """Return what is left if these unknowns move steadily."""
         matrix, right = self._ramp[0][np.ix_(columns, columns)], self._ramp[1][columns]
         found = np.linalg.solve(matrix + _RIDGE * np.diag(np.diag(self._own[0])[columns]), right)
-        return (self.square - float(right @ found)) / max(self.freedom - len(columns), 1)
+        return float((self.square - float(right @ found)) / max(self.freedom - len(columns), 1))
 
     def evaluate(self, parts: Sequence[tuple[int, str, Columns]]) -> _Hypothesis:
         """Return changes at certain rows, fitted beside everything else."""
