@@ -107,6 +107,15 @@ def test_a_pose_in_a_cell_is_read_as_place_and_attitude(tmp_path: Path) -> None:
     assert np.allclose(found.observations.positions_m * 1e3, MM, atol=1e-3)
 
 
+def test_a_robtarget_beside_the_joints_is_the_controllers(tmp_path: Path) -> None:
+    quaternions = quaternion_from_rotation(TURNS)
+    rows = [
+        f"[[{joined(p + 30.0)}],[{joined(w)}],[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]];{joined(q, ';')};{joined(p, ';')}"
+        for q, p, w in zip(DEG, MM, quaternions, strict=True)
+    ]
+    assert_read(write_table(tmp_path / "rows.csv", [";".join(["robtarget", *HEADING])], rows))
+
+
 def test_positions_of_a_program_are_no_measurements(tmp_path: Path) -> None:
     rows = [
         f"  CONST jointtarget p{i}:=[[{joined(q)}],[9E9,9E9,9E9,9E9,9E9,9E9]];" for i, q in enumerate(DEG)
