@@ -157,7 +157,7 @@ def _quaternion_convention(name: str, fields: str, order: list[int]) -> Orientat
 def _find_convention(name: str) -> OrientationConvention:
     if name not in CONVENTIONS:
         raise CalibrationError(
-            f"no orientation is called {name!r}.",
+            make_message("no orientation is called {name!r}.", name=name),
             remedy=make_message("Known: {conventions}.", conventions=", ".join(CONVENTIONS)),
         )
     return CONVENTIONS[name]

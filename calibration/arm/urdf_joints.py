@@ -185,7 +185,8 @@ def _refuse_range(joint: ET.Element, lower: float, upper: float) -> None:
     elif most > _MOST_TURN_RAD:
         raise CalibrationError(
             f"joint {name!r} is revolute and turns to {most:g} rad.",
-            remedy="Write its limits in radians; if it slides, its type is prismatic and its limits are metres.",
+            remedy="Write its limits in radians; if it turns without end, its type is continuous; if it slides, its "
+            "type is prismatic and its limits are metres.",
         )
 
 

@@ -177,8 +177,14 @@ def find_nominal_positions(errors_m: Array, step_m: float) -> list[Lint]:
     ]
 
 
-def find_alike_neighbours(residuals: Array) -> list[Lint]:
-    """Warn if neighbouring residuals (channels, N) are alike: something drifts unmodelled."""
+def find_alike_neighbours(residuals: Array, postures: Rows | None = None) -> list[Lint]:
+    """Warn if neighbouring residuals (channels, N) are alike: something drifts unmodelled.
+
+    Readings of one posture (N,) one after the other are alike because the posture is, and count as one.
+    """
+    if postures is not None and len(postures):
+        first = np.flatnonzero(np.diff(postures, prepend=postures[0] - 1))
+        residuals = np.add.reduceat(residuals, first, axis=1) / np.diff([*first, len(postures)])
     centred = residuals - residuals.mean(axis=1, keepdims=True)
     if residuals.shape[1] < 30:
         return []

@@ -27,6 +27,14 @@ _MOST_PERMUTED = 6  # joints: beyond, only two of them change places
 _TURN_DEG = 180.0 / np.pi
 
 
+_SLIDE_UNITS = (
+    # Taken as mm:
+    (1e3, "m"), (10.0, "cm"), (25.4, "inch"),
+    # Taken as m:
+    (1e-3, "mm"), (1e-2, "cm"), (25.4e-3, "inch"),
+)  # fmt: skip
+
+
 @dataclass(frozen=True, slots=True)
 class FileNames:
     """What the file calls its columns, for cures that can be typed."""
@@ -118,7 +126,7 @@ def _slide_units(
     """Return the joints that slide in another unit than the one that was taken."""
     if turning.all():
         return
-    for factor, unit in ((1e3, "m"), (1e-3, "mm")):
+    for factor, unit in _SLIDE_UNITS:
         yield JointInterpretation(
             "slide unit",
             1,

@@ -22,17 +22,17 @@ from cellcal.calibration.identification.observations import (
     PointObservations,
     Rows,
 )
-from cellcal.calibration.identification.parameters import GEOMETRY, OFFSETS
+from cellcal.calibration.identification.parameters import GEOMETRY, OFFSETS, ParameterLayout
 from cellcal.calibration.identification.quick_fit import spread_rows
 from cellcal.calibration.message import make_message
 
 _MOST_ROWS = 160
-_FEWEST_ROWS = 8  # on each side
+FEWEST_ROWS = 8  # on each side
 _SPARE_CHANNELS = 24
-_TIMES_BETTER = 1.6  # what the rows leave over must fall by so much
-_BETTER_THAN_MOVED = 1.3  # times, than with a device that was moved at the same row
-_DEVIATIONS = 8.0
-_SMALLEST_M = 1e-4
+TIMES_BETTER = 1.6  # what the rows leave over must fall by so much
+BETTER_THAN_MOVED = 1.3  # times, than with a device that was moved at the same row
+DEVIATIONS = 8.0
+SMALLEST_M = 1e-4
 _CURE = (
     "See which ball, target or tool was on the robot then, and whether it slipped. Divide the file there and "
     "identify each part, or describe both targets in a layout (`--layout`, examples in "
@@ -50,9 +50,20 @@ class TargetChange:
     before_m: float
 
 
-def find_target_change(model: RobotModel, observations: Observations) -> TargetChange | None:
-    """Return where the target changed its place on the flange, if one change explains the rows far better."""
-    if isinstance(observations, LengthObservations) or len(observations) < 2 * _FEWEST_ROWS:
+@dataclass(frozen=True, eq=False)
+class SeriesColumns:
+    """What the unknowns of a fit without a change move, and what the rows of a series leave over."""
+
+    layout: ParameterLayout
+    columns: Array  # (p, 3, N), whitened
+    left: Array  # (3, N), whitened
+    sigma_m: Array  # (N,)
+    rows: Rows  # (N,) of the series
+
+
+def series_columns(model: RobotModel, observations: Observations) -> SeriesColumns | None:
+    """Return the columns of at most 160 rows in their order; None where no fit tells anything."""
+    if isinstance(observations, LengthObservations) or len(observations) < 2 * FEWEST_ROWS:
         return None
     rows = spread_rows(len(observations), _MOST_ROWS)
     some = observations.select_rows(rows)
@@ -68,8 +79,20 @@ def find_target_change(model: RobotModel, observations: Observations) -> TargetC
         problem = FitProblem.from_observations(start, places)
         state = estimate_arm(layout, start, problem).state
         columns, left = place_columns(layout, state, problem)
-        return _best_change(columns, left, layout.target_slice(0), (problem.observations.sigma_m, rows))
     except (CalibrationError, LinAlgError):
+        return None
+    return SeriesColumns(layout, columns, left, problem.observations.sigma_m, rows)
+
+
+def find_target_change(model: RobotModel, observations: Observations) -> TargetChange | None:
+    """Return where the target changed its place on the flange, if one change explains the rows far better."""
+    found = series_columns(model, observations)
+    if found is None:
+        return None
+    try:
+        target = found.layout.target_slice(0)
+        return _best_change(found.columns, found.left, target, (found.sigma_m, found.rows))
+    except LinAlgError:
         return None
 
 
@@ -81,11 +104,11 @@ def _best_change(
     plain = columns.transpose(2, 1, 0).reshape(3 * count, -1)  # channels of one row beside each other
     values = left.T.reshape(-1)
     of_target, of_device = plain[:, target], plain[:, :6]
-    base = _orthonormal(plain)
+    base = orthonormal_columns(plain)
     rest = values - base @ (base.T @ values)
     before = float(rest @ rest)
     best: tuple[float, int, Array, Array] | None = None
-    for at in range(_FEWEST_ROWS, count - _FEWEST_ROWS + 1):
+    for at in range(FEWEST_ROWS, count - FEWEST_ROWS + 1):
         moved, free, sum_left = _explained(base, rest, of_target, 3 * at)
         if best is None or sum_left < best[0]:
             best = sum_left, at, moved, free
@@ -98,9 +121,9 @@ def _best_change(
     sigma_moved = float(np.sqrt(max(np.trace(np.linalg.pinv(free.T @ free)) * scatter, 1e-30)))
     device = _explained(base, rest, of_device, 3 * at)[2]
     if (
-        before < _TIMES_BETTER**2 * after
-        or device < _BETTER_THAN_MOVED**2 * after
-        or size_m < max(_DEVIATIONS * sigma_moved, _SMALLEST_M)
+        before < TIMES_BETTER**2 * after
+        or device < BETTER_THAN_MOVED**2 * after
+        or size_m < max(DEVIATIONS * sigma_moved, SMALLEST_M)
     ):
         return None
     metres = float(np.median(sigma_m) * np.sqrt(3.0))
@@ -112,8 +135,8 @@ def _best_change(
     )
 
 
-def _orthonormal(columns: Array) -> Array:
-    """Return a base of what columns span; unknowns that hide behind others add nothing."""
+def orthonormal_columns(columns: Array) -> Array:
+    """Return an orthonormal base of what columns span; unknowns that hide behind others add nothing."""
     left, sizes, _ = np.linalg.svd(
         columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-30), full_matrices=False
     )

@@ -152,6 +152,15 @@ def test_the_rounding_floor_is_stated_in_millimetres():
     assert lints.rounding_floor(model, joints, np.full(6, 1e-9), 1e-6) == []
 
 
+def test_readings_of_one_posture_one_after_the_other_are_no_drift():
+    rng = np.random.default_rng(0)
+    of_posture, postures = rng.standard_normal((3, 40)), np.repeat(np.arange(40), 5)
+    residuals = of_posture[:, postures] + 0.1 * rng.standard_normal((3, 200))
+    assert lints.find_alike_neighbours(residuals, postures) == []
+    drifting = np.cumsum(of_posture, axis=1)[:, postures]
+    assert lints.find_alike_neighbours(drifting, postures)[0].code == "drift"
+
+
 def test_other_lints_speak_only_when_there_is_something():
     rng = np.random.default_rng(0)
     assert lints.find_alike_neighbours(rng.standard_normal((3, 200))) == []

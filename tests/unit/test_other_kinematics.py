@@ -113,6 +113,19 @@ def test_a_unit_that_was_said_wrong_is_named(tmp_path):
         identify_file(path, TRACK, IdentifyOptions(read=ReadOptions(units={"slides": "deg"})))
 
 
+@pytest.mark.parametrize(("unit", "metres"), [("inch", 0.0254), ("cm", 0.01)])
+def test_a_track_in_inches_or_centimetres_is_named(tmp_path, unit, metres):
+    plain = written(tmp_path / "points.csv", TRACK, named=False, held=0)
+    head, *rows = plain.read_text().splitlines()
+    shown = [float(row.split(",", 1)[0]) * 1e-3 / metres for row in rows]
+    lines = [f"{track:.6f},{row.split(',', 1)[1]}" for track, row in zip(shown, rows, strict=True)]
+    path = tmp_path / "other_unit.csv"
+    path.write_text("\n".join([head, *lines]) + "\n")
+    with pytest.raises(MisfitError, match=f"J1 is in {unit}") as refused:
+        identify_file(path, TRACK)
+    assert f"--units slides={unit}" in refused.value.remedy
+
+
 @pytest.mark.parametrize("slides_in", ["m", "mm"])
 def test_a_sliding_joint_described_as_one_that_turns_is_named(tmp_path, slides_in):
     """The file's joint slides by 0 to 0.2 m; the description says that it turns by so many radians."""

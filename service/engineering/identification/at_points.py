@@ -128,7 +128,8 @@ def _attitude_columns(options: AtOptions) -> tuple[str, ...]:
         return _QUATERNION
     if options.convention not in CONVENTIONS:
         raise MeasurementError(
-            f"no orientation is called {options.convention!r}.", remedy=f"There are {', '.join(CONVENTIONS)}."
+            make_message("no orientation is called {name!r}.", name=options.convention),
+            remedy=f"There are {', '.join(CONVENTIONS)}.",
         )
     fields = CONVENTIONS[options.convention].fields
     return fields if len(fields) == len(_QUATERNION) else tuple(f"{field}_deg" for field in fields)

@@ -27,6 +27,7 @@ from cellcal.calibration.identification.position_scale import (
 from cellcal.calibration.identification.residual_model import errors_with
 from cellcal.calibration.identification.selection import IdentificationOptions
 from cellcal.calibration.identification.series_breaks import mounting_of
+from cellcal.calibration.identification.series_changes import find_series_changes, refuse_series_changes
 from cellcal.calibration.identification.target_change import find_target_change, refuse_target_change
 from cellcal.calibration.identification.temperature import temperature_effect
 from cellcal.calibration.identification.tip_uncertainty import HayatiTable, hayati_table
@@ -187,7 +188,7 @@ def identify_file(
     chain = start.point.rigid_arm(model)
     with naming_fixed_joints(path, robot, options.read):
         refuse_misfit(chain, prepared.observations, file_names(prepared.measurements))
-    refuse_target_change(chain, find_target_change(chain, prepared.observations), prepared.measurements.rows)
+    _refuse_changes(chain, prepared)
     train, held_out = _split_rows(len(prepared.observations), options)
     grouping = group_rows(
         prepared.measurements.observations.joints_rad[train], prepared.grouping.groups[train]
@@ -350,8 +351,14 @@ def _split_rows(count: int, options: IdentifyOptions) -> tuple[Rows, Rows]:
 def _refuse_other_causes(chain: RobotModel, prepared: PreparedMeasurements) -> None:
     """Refuse rows that fit with another reading of the file, or with a second target."""
     refuse_misfit(chain, prepared.observations, file_names(prepared.measurements))
-    change = find_target_change(chain, prepared.observations)
-    refuse_target_change(chain, change, prepared.measurements.rows)
+    _refuse_changes(chain, prepared)
+
+
+def _refuse_changes(chain: RobotModel, prepared: PreparedMeasurements) -> None:
+    """Refuse rows within which a target, or the zero of a joint, changed."""
+    observations, rows = prepared.observations, prepared.measurements.rows
+    refuse_series_changes(chain, find_series_changes(chain, observations), rows)
+    refuse_target_change(chain, find_target_change(chain, observations), rows)
 
 
 def _believed_scale(chain: RobotModel, rows: Observations) -> PositionScale | None:

@@ -167,7 +167,7 @@ def lints_of_fit(
     groups = found.grouping.groups[accepted]
     return (
         *lints.find_nominal_positions(before_m, measurements.value_step_m),
-        *lints.find_alike_neighbours(residuals),
+        *lints.find_alike_neighbours(residuals, same_postures(observations.joints_rad[accepted])),
         *sweep_lint(
             observations.joints_rad[accepted],
             left_m,

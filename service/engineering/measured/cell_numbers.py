@@ -21,6 +21,9 @@ _WITH_UNIT = re.compile(
     r"(?P<number>[+-]?[\d.,][^A-Za-z\u00b0\u00ba\u2103\u2109\u00b5\u03bc\u3040-\uffff]*?(?:[eE][+-]?\d+)?)\s*"
     r"(?P<unit>[^\d\s.,+-]\D{0,15})"
 )
+_D_EXPONENT = re.compile(
+    r"(?P<digits>[+-]?(?:\d+[.,]\d*|[.,]\d+))[dD](?P<power>[+-]?\d{1,3})"
+)  # as Fortran prints
 _SEXAGESIMAL = re.compile(
     r"(?P<sign>[+-]?)(?P<degrees>\d{1,3})\s*[\u00b0\u00ba]\s*(?:(?P<parts>[0-5]?\d[.,]\d+)\s*['\u2032\u2019]"
     r"|(?P<minutes>[0-5]?\d)\s*['\u2032\u2019]\s*(?:(?P<seconds>[0-5]?\d(?:[.,]\d+)?)\s*(?:\"|\u2033|\u201d|'')?)?)"
@@ -112,6 +115,8 @@ def _plain_number(number: str, cell: str, *, comma: bool) -> float | None:
         return None
     if _GROUPED.match(number):
         number = _GROUP_MARKS.sub("", number)
+    if exponent := _D_EXPONENT.fullmatch(number):
+        number = f"{exponent['digits']}e{exponent['power']}"
     number, mark = _with_decimal_point(number) if comma else (_without_thousands(number), "")
     try:
         value = float(number)

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 CONTROLLER_WORDS = {
     "goal", "cmd", "command", "commanded", "nominal", "nom", "set", "setpoint", "desired", "target", "robot",
     "controller", "tcp", "flange", "ctrl", "reported", "planned", "program", "programmed", "ref", "reference",
-    "fk", "theoretical", "theo", "cad", "model", "ideal", "expected", "design",
+    "fk", "theoretical", "theo", "cad", "model", "ideal", "expected", "design", "robtarget",
 }  # fmt: skip
 SPREAD_WORDS = {
     "std", "sigma", "sd", "stdev", "stddev", "uncertainty", "unc", "rms", "var", "error", "err", "residual",

@@ -49,7 +49,7 @@ _QUATERNION = ("w", "x", "y", "z")
 _TURNS = (
     ("qw", "qx", "qy", "qz"), ("q1", "q2", "q3", "q4"), ("q0", "q1", "q2", "q3"), ("q0", "qx", "qy", "qz"),
     ("e0", "e1", "e2", "e3"), ("rx", "ry", "rz"), ("phix", "phiy", "phiz"), ("roll", "pitch", "yaw"),
-    ("a", "b", "c"), ("w", "p", "r"), ("rotx", "roty", "rotz"), ("rvx", "rvy", "rvz"),
+    ("a", "b", "c", "d"), ("a", "b", "c"), ("w", "p", "r"), ("rotx", "roty", "rotz"), ("rvx", "rvy", "rvz"),
 )  # fmt: skip
 
 
@@ -265,7 +265,8 @@ def _find_positions(names: Sequence[str], plain: Mapping[str, str], *, has_lengt
 
 
 def _find_length(names: Sequence[str], plain: Mapping[str, str]) -> str:
-    exact = [name for name in names if plain[name] in _LENGTHS]
+    has_quaternion = {"a", "b", "c", "d"} <= {plain[name] for name in names}
+    exact = [name for name in names if plain[name] in _LENGTHS - ({"d"} if has_quaternion else set())]
     worded = [
         name
         for name in names
@@ -306,9 +307,21 @@ def _worded_turn(
             and not _key_words(key) & (SPREAD_WORDS | _DIFFERENCE | {"normal", "direction", "vector", "vec"})
         }
         alike = [columns for key, columns in found.items() if _key_words(key) - _ATTITUDE - _PLACE == place]
+        alike = alike or _lone_turn(found, place)
         if alike:
             return alike[0], fields
     return (), ()
+
+
+def _lone_turn(found: Mapping[tuple[str, str], tuple[str, ...]], place: set[str]) -> list[tuple[str, ...]]:
+    """Return the one attitude of a table beside a place without words: X, Y, Z and ``pose.orientation.w``.
+
+    Whether it belongs to the place is for the fit to say.
+    """
+    words = [_key_words(key) for key in found]
+    if place or len(words) != 1 or words[0] & CONTROLLER_WORDS or not words[0] & _ATTITUDE:
+        return []
+    return list(found.values())
 
 
 def _find_deviations(names: Sequence[str], plain: Mapping[str, str], of: tuple[str, ...]) -> tuple[str, ...]:

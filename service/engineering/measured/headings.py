@@ -21,7 +21,8 @@ _UNIT_NAMES = {
     "英寸": "inch", "英吋": "inch", "英尺": "ft", "微米": "um", "ミリ": "mm", "ミリメートル": "mm", "ラジアン": "rad",
     "インチ": "inch", "град": "deg", "градус": "deg", "градусы": "deg", "рад": "rad", "мм": "mm", "см": "cm",
     "м": "m", "мкм": "um", "дюйм": "inch", "millimetri": "mm", "gradi": "deg", "radianti": "rad", "graus": "deg",
-    "degrés": "deg", "degré": "deg", "stopnie": "deg",
+    "degrés": "deg", "degré": "deg", "stopnie": "deg", "graden": "deg", "grader": "deg", "derece": "deg",
+    "astetta": "deg", "fok": "deg",
 }  # fmt: skip
 # What a word of a heading means, in the words that columns are told by; the longer first where one holds another.
 _WORDS: Sequence[tuple[str, str]] = (
@@ -73,7 +74,10 @@ _WORDS: Sequence[tuple[str, str]] = (
     ("температура", "temperature"), ("длина", "length"), ("координата", ""), ("угол", "angle"), ("группа", "group"),
     ("oś", "axis"), ("przegub", "joint"), ("zmierzony", "measured"), ("zmierzona", "measured"), ("osa", "axis"),
     ("kloub", "joint"), ("změřeno", "measured"), ("měřeno", "measured"), ("eksen", "axis"), ("eklem", "joint"),
-    ("ölçülen", "measured"), ("gewricht", "joint"), ("gemeten", "measured"),
+    ("ölçülen", "measured"), ("gewricht", "joint"), ("gemeten", "measured"), ("as", "axis"), ("axel", "axis"),
+    ("uppmätt", "measured"), ("mätt", "measured"), ("akse", "axis"), ("målt", "measured"),
+    ("akseli", "axis"), ("mitattu", "measured"), ("tengely", "axis"), ("mért", "measured"),
+    ("zmierzone", "measured"), ("axa", "axis"), ("măsurat", "measured"),
 )  # fmt: skip
 
 
@@ -86,7 +90,7 @@ _WHOLE = {word: meaning for word, meaning in _WORDS if not _is_cjk(word)}
 _COMMA_UNIT = re.compile(r",\s*(?P<unit>[^\s,]+)\s*$")  # J1, deg
 _WORD_AND_NUMBER = re.compile(r"([^\W\d_]+)(\d+)")
 _GLUED = re.compile(r"(?<=[a-z])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])")  # MeasX, XNominal
-_NUMBER_FIRST = re.compile(r"(?<![a-z\d])(\d)_?(axis|joint)(?![a-z])_?(?!\d)")
+_NUMBER_FIRST = re.compile(r"(?<![a-z\d])(\d)_?(axis|joint)(?![a-z])(?!_?\d)")
 
 
 def plain_name(name: str) -> str:

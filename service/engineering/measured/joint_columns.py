@@ -10,8 +10,11 @@ from cellcal.service.engineering.measured.table import MeasurementError
 from cellcal.service.engineering.measured.table_heads import are_numbered
 from cellcal.service.engineering.measured.units import LENGTH_UNITS
 
-_STEMS = ("joint", "q", "j", "jnt", "joint_angle", "jointangle", "joint_position", "joint_pos", "axis", "a",
-          "theta", "th", "ax", "achse", "angle", "rax", "jt", "gelenk", "axe", "eje")  # fmt: skip
+_STEMS = (
+    "joint", "q", "j", "jnt", "joint_angle", "jointangle", "joint_position", "joint_pos", "axis", "a", "theta", "th",
+    "ax", "achse", "angle", "rax", "jt", "gelenk", "axe", "eje", "joints", "joint_angles", "axes", "angles",
+    "joint_positions", "jointtarget", "joint_target", "jpos", "position", "positions", "pos",
+)  # fmt: skip
 _JOINT = re.compile(rf"^(?P<before>(?:.*_)?)(?P<stem>{'|'.join(_STEMS)})_?(?P<number>\d)(?P<after>\D.*)?$")
 _BY_MAKER = (
     ("base", "shoulder", "elbow", "wrist1", "wrist2", "wrist3"),
@@ -21,6 +24,7 @@ _BY_MAKER = (
 )
 _EXTERNAL = re.compile(r"^(?:e|ex|ext|extax|eax|external|external_axis)_?(\d)$")
 _PLACE = {"x", "y", "z"}
+_SHORTEST_NAME = 3  # of a joint that is found among other words
 
 Family = tuple[str, str, str]  # what stands before the stem, the stem, what stands behind the number
 
@@ -82,7 +86,30 @@ def _called_joints(
         alike = len(set(called)) < len(called)  # joint_3 and Joint_3: a column could be either's
         if len(candidate) == len(joint_names) and not alike and set(called) <= by_plain.keys() - places:
             return tuple(by_plain[text] for text in called)
-    return ()
+    return _surrounded_joints(names, plain, joint_names)
+
+
+def _surrounded_joints(
+    names: Sequence[str], plain: Mapping[str, str], joint_names: Sequence[str]
+) -> tuple[str, ...]:
+    """Return columns called as the joints are, all with the same words around them; empty where none are.
+
+    A recording of messages writes ``/joint_states/elbow_joint/position``.
+    """
+    called = [plain_name(text) for text in joint_names]
+    if not called or min(map(len, called)) < _SHORTEST_NAME or len(set(called)) < len(called):
+        return ()
+    families: dict[Family, dict[int, str]] = {}
+    for at, joint in enumerate(called):
+        pattern = re.compile(rf"^(?P<before>(?:.*_)?){re.escape(joint)}(?P<after>(?:_.*)?)$")
+        for name in names:
+            if match := pattern.match(plain[name]):
+                families.setdefault((match["before"], _STEMS[0], match["after"]), {})[at] = name
+    full = {key: found for key, found in families.items() if len(found) == len(called)}
+    if not full:
+        return ()
+    found = full[min(full, key=_preference_rank)]
+    return tuple(found[at] for at in range(len(called)))
 
 
 def _leaves_place(names: Sequence[str], joints: Sequence[str], plain: Mapping[str, str]) -> bool:
@@ -189,7 +216,10 @@ def _preference_rank(key: tuple[str, str, str]) -> int:
     order = _STEMS.index(key[1])
     wrong = bool(
         words
-        & (SPREAD_WORDS | {"vel", "qd", "velocity", "current", "torque", "temp", "speed", "moment", "acc"})
+        & (
+            SPREAD_WORDS
+            | {"vel", "qd", "velocity", "current", "torque", "temp", "speed", "moment", "acc", "effort"}
+        )
     )
     return (
         1000 * wrong

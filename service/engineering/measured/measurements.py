@@ -17,6 +17,7 @@ from cellcal.calibration.message import make_message
 from cellcal.service.engineering.measured.columns import TableLayout, detect_layout
 from cellcal.service.engineering.measured.joint_coupling import controller_joints
 from cellcal.service.engineering.measured.joint_units import joint_units, refuse_typed_zeros
+from cellcal.service.engineering.measured.merged_cells import fill_merged_joints
 from cellcal.service.engineering.measured.nest_readings import find_nest_readings
 from cellcal.service.engineering.measured.no_readings import no_readings, usable_without
 from cellcal.service.engineering.measured.place_choice import better_places, further_places_note
@@ -99,7 +100,7 @@ def read_measurements(path: Path, model: RobotModel, options: ReadOptions | None
 def _interpret_table(
     table: MeasurementTable, path: Path, model: RobotModel, options: ReadOptions
 ) -> Measurements:
-    layout = _detect_layout(table, model, options)
+    table, layout = _lay_out(table, model, options)
     names = [name for name in (*layout.joints, *layout.position, *layout.turn, layout.length) if name]
     numbers = {name: table.column_values(name) for name in (*names, *layout.spread, *layout.controller)}
     refuse_other_headings(table, names)
@@ -151,9 +152,14 @@ def _interpret_table(
     )
 
 
-def _detect_layout(table: MeasurementTable, model: RobotModel, options: ReadOptions) -> TableLayout:
+def _lay_out(
+    table: MeasurementTable, model: RobotModel, options: ReadOptions
+) -> tuple[MeasurementTable, TableLayout]:
+    """Return what each column is, and the table with joints in rows that share those of the row above."""
     slides = () if model.sliding is None else model.sliding.tolist()
-    return detect_layout(table.names, model.joint_names, options.columns, slides, table.numeric_names())
+    numeric = table.numeric_names()
+    layout = detect_layout(table.names, model.joint_names, options.columns, slides, numeric)
+    return fill_merged_joints(table, layout.joints, (*layout.position, layout.length)), layout
 
 
 def _find_better_columns(

@@ -7,7 +7,7 @@ from array import array
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import chain, islice
+from itertools import chain, islice, pairwise
 from pathlib import Path
 
 import numpy as np
@@ -27,11 +27,13 @@ from cellcal.service.engineering.measured.encodings import encoding_of
 from cellcal.service.engineering.measured.errors import (
     MeasurementError as MeasurementError,  # noqa: PLC0414  # readers of tables import it from here
 )
+from cellcal.service.engineering.measured.list_cells import has_lists, spread_lists
 from cellcal.service.engineering.measured.summary_rows import calculated_rows, summary_rows
 from cellcal.service.engineering.measured.table_forms import refuse_divided_numbers, refuse_lying_table
 from cellcal.service.engineering.measured.table_heads import (
     doubled_name,
     heading_names,
+    is_counting_heading,
     is_remark,
     names_without_heading,
 )
@@ -146,11 +148,14 @@ def _read_text(path: Path, content: bytes) -> MeasurementTable:
             make_message("{path} holds no table: it is JSON or XML.", path=path),
             remedy="Export the measurements as CSV or Excel: a heading, and one row a posture.",
         )
-    lines = io.StringIO(content.decode(encoding_of(content), errors="replace"), newline=None)
+    lines: Iterable[str] = io.StringIO(content.decode(encoding_of(content), errors="replace"), newline=None)
+    first = list(islice(lines, _LOOK_AHEAD))
+    lines = chain(first, lines)
+    if has_lists(first):
+        lines = iter(first := spread_lists(path, list(lines)))
     separator, comma = _detect_dialect(
-        list(islice((line for line in lines if line.strip() and not is_remark([line])), _LOOK_AHEAD))
+        [line for line in first if line.strip() and not is_remark([line])][:_LOOK_AHEAD]
     )
-    lines.seek(0)
     mark = {"\t": "tab", " ": "blanks"}.get(separator, repr(separator))
     cells = ([parse_cell(cell, comma=comma) for cell in _split_line(line, separator)] for line in lines)
     return _build_table(
@@ -204,7 +209,10 @@ def _build_table(path: Path, cells: Iterable[list[float | str]], dialect: str) -
     if not widths:
         raise _no_table(path, head)
     usual = widths.most_common(1)[0][0]
-    first = next(i for i, count in enumerate(counts) if count >= max(FEWEST_COLUMNS, 0.5 * usual))
+    enough = [i for i, count in enumerate(counts) if count >= max(FEWEST_COLUMNS, 0.5 * usual)]
+    first = next(
+        (i for i, under in pairwise(enough) if not is_counting_heading(head[i], head[under])), enough[-1]
+    )
     names = heading_names(head[:first], _filled_width(head[first]))
     has_heading = names is not None
     if names is None:

@@ -11,20 +11,42 @@ _MARKS = ("//", "#", "%")
 _OTHER_UNITS = frozenset(
     {"", "degc", "°c", "℃", "c", "s", "sec", "ms", "-", "1", "k", "mbar", "hpa", "%", "n", "nm", "v"}
 )
+_RULE = re.compile(r"[\s|+:=\-_]*(?:--|==|-:|:-)[\s|+:=\-_]*")  # |---|:---:| of Markdown, +=====+
+_FEWEST_COUNTED = 3  # joints side by side
 _AXES = re.compile(r"AXES\s*=\s*CARTESIAN\s*:\s*X\s*,\s*Y\s*,\s*Z\s*\(([^)]*)\)", re.IGNORECASE)
 
 Cells = list[float | str]
 
 
 def is_remark(row: Sequence[float | str]) -> bool:
-    """Tell whether a line is a remark: it begins with a mark that no number and no name begins with."""
-    first = next((cell for cell in row if cell != ""), "")
+    """Tell whether a line is a remark: it begins with a mark that no number and no name does, or is a drawn rule."""
+    filled = [cell for cell in row if cell != ""]
+    if filled and all(isinstance(cell, str) and _RULE.fullmatch(cell) for cell in filled):
+        return True
+    first = filled[0] if filled else ""
     return isinstance(first, str) and first.lstrip().startswith(_MARKS)
+
+
+def is_counting_heading(row: Cells, below: Cells) -> bool:
+    """Tell whether a row names some columns and counts the others: 1 to 6 below "Joint angles", and X, Y, Z."""
+    named = any(
+        isinstance(cell, str) and cell and isinstance(under, float)
+        for cell, under in zip(row, below, strict=False)
+    )
+    runs: list[list[float]] = []
+    for cell in row:
+        if not isinstance(cell, float):
+            continue
+        if runs and cell == runs[-1][-1] + 1.0:
+            runs[-1].append(cell)
+        else:
+            runs.append([cell])
+    return named and bool(runs) and all(run[0] in (0.0, 1.0) and len(run) >= _FEWEST_COUNTED for run in runs)
 
 
 def heading_names(above: Sequence[Cells], width: int) -> tuple[str, ...] | None:
     """Return the header above the numbers, with a line of units or of groups if there is one; None without any."""
-    lines = [[str(cell).strip() for cell in row] for row in above if any(str(cell).strip() for cell in row)]
+    lines = [words for row in above if any(words := [_word_of(cell) for cell in row]) and not _is_rule(row)]
     lines = [_without_mark(row, width) for row in lines]
     header = [at for at, row in enumerate(lines) if len(row) >= width or sum(map(bool, row)) >= width]
     if not header:
@@ -33,13 +55,21 @@ def heading_names(above: Sequence[Cells], width: int) -> tuple[str, ...] | None:
     names, units = lines[at], [""] * len(lines[at])
     if len(header) > 1 and _are_units(lines[at]):
         names, units, at = lines[header[-2]], lines[at], header[-2]
-    if _duplicate_names(names):
+    if _duplicate_names(names) or any(name.isdecimal() for name in names):
         names = _with_groups(names, lines[:at])
     joined = [
         f"{n} [{u.strip(_BRACKETS)}]" if u and u not in n else n
         for n, u in zip(names, [*units, *[""] * len(names)], strict=False)
     ]
     return tuple(name or f"column {i + 1}" for i, name in enumerate(joined))
+
+
+def _word_of(cell: float | str) -> str:
+    return f"{cell:g}" if isinstance(cell, float) else cell.strip()
+
+
+def _is_rule(row: Cells) -> bool:
+    return is_remark(row) and all(_RULE.fullmatch(_word_of(cell)) for cell in row if cell != "")
 
 
 def doubled_name(names: Sequence[str]) -> str:

@@ -17,20 +17,17 @@ from cellcal.calibration.identification.observations import (
     pose_from_points,
 )
 from cellcal.calibration.identification.unrounding import find_resolution
-from cellcal.calibration.orientation import CONVENTIONS, rotation_from
+from cellcal.calibration.message import make_message
+from cellcal.service.engineering.measured.attitudes import attitude_ways, formula_of
 from cellcal.service.engineering.measured.columns import TableLayout
-from cellcal.service.engineering.measured.errors import MeasurementError
-from cellcal.service.engineering.measured.matrix_columns import MATRIX_FORMULAS, matrices_of
 from cellcal.service.engineering.measured.unit_choice import UnitChoice
 
 _LEAST_SIGMA_M = 3e-4  # what an arm adds to any instrument: direction of approach, temperature
 _SIGMA_RAD = 2e-3
 _CONSISTENT_RAD = float(np.deg2rad(2.0))
-_LIKELY = ("ur_rotation_vector", "ros_rpy", "instrument_xyz")  # of equal formulas, the first is named
-_ROUNDED = 0.01
 _ENOUGH_ROWS = 20_000  # to tell a unit by
 _EQUAL = 1.001
-_MATRIX = 9  # numbers of an attitude
+_ANGLES = 3  # numbers of an attitude
 _DISTINCT = 0.5  # the best orientation convention must be twice as consistent as the next
 
 
@@ -105,61 +102,62 @@ class TableNumbers:
     def _with_attitudes(self, points: PointObservations) -> Observations:
         """Add attitudes if one convention makes the tool sit still in the flange; else leave them out."""
         written = ", ".join(self.layout.turn)
+        turns = self.stack_columns(self.layout.turn)
+        if len(self.layout.turn) == _ANGLES:
+            turns = turns * self.units.angle_factor("rotation", self.layout.turn, turns)
         try:
-            expected, read = _expected_attitudes(self.model, points), self._read_rotations()
-            wobble = {name: _wobble_rad(expected, rotations) for name, rotations in read.items()}
+            expected = _expected_attitudes(self.model, points)
+            best = _fitting_way(expected, attitude_ways(turns, self.layout.turn_fields, self.convention))
+            other = best
+            if self.convention and not best.fits:
+                other = _fitting_way(expected, attitude_ways(turns, self.layout.turn_fields, ""))
         except CalibrationError as error:
             self.units.guesses.append(f"attitudes ({written}) left out: {error.message}")
             return points
-        best = min(wobble, key=lambda name: wobble[name])
-        rivals = [value for value in wobble.values() if value > wobble[best] * _EQUAL]
-        if wobble[best] > _CONSISTENT_RAD or (rivals and wobble[best] > _DISTINCT * min(rivals)):
-            angle = np.rad2deg(wobble[best])
-            self.units.guesses.append(
-                f"no orientation convention fits {written} (best {best}, {angle:.2f} deg): "
-                "attitudes left out; `--convention` names it"
-            )
-            return points
-        self.units.used["convention"] = best
-        self.units.guesses.append(f"attitude ({written}) read as {best}: {_formula_of(best)}")
-        return pose_from_points(points, read[best], np.full(len(points), _SIGMA_RAD))
-
-    def _read_rotations(self) -> Mapping[str, Array]:
-        """Return the attitudes (N, 3, 3) by every convention that they may be written in."""
-        turns, convention = self.stack_columns(self.layout.turn), self.convention
-        if len(self.layout.turn) == _MATRIX and convention in ("", *MATRIX_FORMULAS):
-            return matrices_of(turns, convention)
-        if convention and convention not in CONVENTIONS:
-            raise MeasurementError(
-                f"no orientation is called {convention!r}.",
-                remedy=f"--convention takes none, {', '.join(CONVENTIONS)}.",
-            )
-        if len(self.layout.turn) == 4:
-            return self._read_quaternions(turns)
-        turns = turns * self.units.angle_factor("rotation", self.layout.turn, turns)
-        others = (n for n, c in CONVENTIONS.items() if len(c.fields) == 3 and n not in _LIKELY)
-        return {n: rotation_from(n, turns) for n in ([convention] if convention else [*_LIKELY, *others])}
-
-    def _read_quaternions(self, turns: Array) -> Mapping[str, Array]:
-        """Return attitudes from quaternions: by their names; numbered ones may begin or end with the scalar."""
-        fields, convention = self.layout.turn_fields, self.convention
-        # Printed quaternions are rounded; anything further from unit length is refused later.
-        length = np.linalg.norm(turns, axis=1, keepdims=True)
-        turns = np.where(np.abs(length - 1.0) < _ROUNDED, turns / np.maximum(length, _ROUNDED), turns)
-        if "qw" in fields:
-            order = [fields.index(f) for f in ("qw", "qx", "qy", "qz")]
-            return {"abb_quaternion": rotation_from("abb_quaternion", turns[:, order])}
-        first = [fields.index(f) for f in sorted(fields)]
-        orders = {"abb_quaternion": first, "ros_quaternion": [first[3], *first[:3]]}
-        return {
-            name: rotation_from("abb_quaternion", turns[:, order])
-            for name, order in orders.items()
-            if convention in ("", name)
-        }
+        if best.fits:
+            self.units.used["convention"] = best.name
+            self.units.guesses.append(f"attitude ({written}) read as {best.name}: {formula_of(best.name)}")
+            return pose_from_points(points, best.rotations, np.full(len(points), _SIGMA_RAD))
+        self.units.guesses.append(_unfit_note(written, best, other))
+        return points
 
 
-def _formula_of(convention: str) -> str:
-    return MATRIX_FORMULAS.get(convention) or CONVENTIONS[convention].formula
+@dataclass(frozen=True, eq=False)
+class _Way:
+    """A way to read attitudes, and how much the tool then turns in the flange."""
+
+    name: str
+    rotations: Array  # (N, 3, 3)
+    wobble_rad: float
+    fits: bool  # and no other way does nearly as well
+
+
+def _fitting_way(expected: Array, ways: Mapping[str, Array]) -> _Way:
+    wobble = {name: _wobble_rad(expected, rotations) for name, rotations in ways.items()}
+    best = min(wobble, key=lambda name: wobble[name])
+    rivals = [value for value in wobble.values() if value > wobble[best] * _EQUAL]
+    fits = wobble[best] <= _CONSISTENT_RAD and not (rivals and wobble[best] > _DISTINCT * min(rivals))
+    return _Way(best, ways[best], wobble[best], fits)
+
+
+def _unfit_note(written: str, best: _Way, other: _Way) -> str:
+    angle = np.rad2deg(best.wobble_rad)
+    if other.fits:
+        return make_message(
+            "{written} do not fit as {stated} (the tool turns by {angle:.2f} deg in the flange): attitudes left out; "
+            "`--convention {fitting}` fits",
+            written=written,
+            stated=best.name,
+            angle=angle,
+            fitting=other.name,
+        )
+    return make_message(
+        "no orientation convention fits {written} (best {best}, {angle:.2f} deg): attitudes left out; see whether "
+        "the columns are called right (`--columns rotation=…`)",
+        written=written,
+        best=best.name,
+        angle=angle,
+    )
 
 
 def _expected_attitudes(model: RobotModel, points: PointObservations) -> Array:

@@ -1,0 +1,78 @@
+"""Attitudes in every order of turns, inverted, and under a convention that was stated wrongly."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cellcal.calibration.arm.kinematics import load_model
+from cellcal.calibration.geometry import quaternion_from_rotation
+from cellcal.calibration.identification.observations import PointObservations, PoseObservations
+from cellcal.calibration.orientation import euler_angles, values_from
+from cellcal.service.engineering.measured.measurements import Measurements, ReadOptions, read_measurements
+from tests.unit.helpers.simulated_arm import tracker_poses
+
+MODEL = load_model("abb_irb120")
+POSES = tracker_poses("abb_irb120", 40)
+DEG = np.rad2deg(POSES.observations.joints_rad)
+MM = POSES.observations.positions_m * 1e3
+TURNS = POSES.observations.rotations
+
+
+def read_attitudes(folder: Path, names: str, values: np.ndarray, convention: str = "") -> Measurements:
+    heading = ",".join([*(f"J{i}" for i in range(1, 7)), "X", "Y", "Z", *names.split()])
+    rows = [",".join(f"{number:.6f}" for number in row) for row in np.column_stack([DEG, MM, values])]
+    path = folder / "rows.csv"
+    path.write_text("\n".join([heading, *rows, ""]), encoding="utf-8")
+    return read_measurements(path, MODEL, ReadOptions(convention=convention))
+
+
+def assert_turns(found: Measurements, convention: str) -> None:
+    assert found.convention == convention
+    assert isinstance(found.observations, PoseObservations)
+    assert np.allclose(found.observations.rotations, TURNS, atol=1e-4)
+
+
+@pytest.mark.parametrize("axes", ["xzy", "yxz", "yzx", "zxy"])
+def test_angles_by_axis_in_every_order_of_turns(tmp_path: Path, axes: str) -> None:
+    angles = np.rad2deg(euler_angles(axes, TURNS))[:, [axes.index(axis) for axis in "xyz"]]
+    assert_turns(read_attitudes(tmp_path, "rx ry rz", angles), f"instrument_{axes}")
+
+
+def test_angles_about_z_x_z(tmp_path: Path) -> None:
+    assert_turns(read_attitudes(tmp_path, "rx ry rz", np.rad2deg(euler_angles("zxz", TURNS))), "euler_zxz")
+
+
+def test_attitudes_of_the_device_in_the_target_are_inverted(tmp_path: Path) -> None:
+    conjugate = quaternion_from_rotation(np.swapaxes(TURNS, 1, 2))
+    assert_turns(read_attitudes(tmp_path, "qw qx qy qz", conjugate), "abb_quaternion_inverse")
+    turned = -values_from("ur_rotation_vector", TURNS)
+    assert_turns(read_attitudes(tmp_path, "rx ry rz", turned), "ur_rotation_vector_inverse")
+    named = read_attitudes(tmp_path, "rx ry rz", turned, "ur_rotation_vector_inverse")
+    assert_turns(named, "ur_rotation_vector_inverse")
+
+
+@pytest.mark.parametrize(
+    ("written", "names", "stated"),
+    [
+        ("ur_rotation_vector", "rx ry rz", "ros_rpy"),
+        ("instrument_xyz", "rx ry rz", "instrument_zyx"),
+        ("ros_quaternion", "q1 q2 q3 q4", "abb_quaternion"),
+    ],
+)
+def test_a_convention_that_was_stated_wrongly_is_named_with_the_right_one(
+    tmp_path: Path, written: str, names: str, stated: str
+) -> None:
+    values = values_from(written, TURNS)
+    found = read_attitudes(tmp_path, names, values, stated)
+    assert isinstance(found.observations, PointObservations)
+    assert any(f"`--convention {written}` fits" in guess for guess in found.guesses)
+
+
+def test_a_quaternion_called_a_b_c_d_is_no_length(tmp_path: Path) -> None:
+    assert_turns(read_attitudes(tmp_path, "a b c d", quaternion_from_rotation(TURNS)), "abb_quaternion")
+
+
+def test_an_attitude_with_words_beside_a_place_without(tmp_path: Path) -> None:
+    names = "pose.orientation.x pose.orientation.y pose.orientation.z pose.orientation.w"
+    assert_turns(read_attitudes(tmp_path, names, values_from("ros_quaternion", TURNS)), "abb_quaternion")
