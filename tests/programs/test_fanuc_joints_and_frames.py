@@ -1,13 +1,16 @@
 """FANUC registers that hold joints, frames that only the running program knows, and frames that a call restores."""
 
 import json
+import re
 from pathlib import Path
 
 import pytest
 
 from cellcal.service.cli.app import run_command_line
 from cellcal.service.exit_codes import ExitCode
+from tests.programs.test_compensated_computations import compensate
 from tests.programs.test_fanuc_copied_frames import ABOUT_Z, ALONG, PROJECT, START, listing, move
+from tests.programs.test_field_cases import CASES
 
 GOES = "L P[1] 100mm/sec FINE"
 JOINTS = (
@@ -134,6 +137,23 @@ def test_programs_that_are_not_read_are_named(tmp_path: Path, capsys: pytest.Cap
     assert _move_all(tmp_path, {"Z": listing(*START, GOES)}, ALONG)["code"] == ExitCode.PASS
     told = " ".join(capsys.readouterr().err.split())
     assert "2 files passed over, places in them are not read and stay: K.KL, Y.TP" in told
+
+
+@pytest.mark.parametrize("selection", ["UFRAME_NUM=0", "UFRAME_NUM=R[5]", "UFRAME_NUM=2"])
+def test_a_copy_in_another_frame_is_corrected_for_another_place(tmp_path: Path, selection: str) -> None:
+    text = (CASES / "fanuc" / "inc_lift.LS").read_text()
+    lines = ("UFRAME_NUM=2", "UTOOL_NUM=1", "PR[10]=P[1]", selection)
+    numbered = "".join(f"{k:4d}:  {line} ;\n" for k, line in enumerate(lines, 1))
+    text = re.sub(
+        r"/MN\n.*?/POS",
+        f"/MN\n{numbered}   5:L PR[10] 9mm/sec FINE ;\n   6:L P[2] 9mm/sec FINE ;\n/POS",
+        text,
+        flags=re.DOTALL,
+    )
+    code, report = compensate(tmp_path, "fanuc", "A.LS", text)
+    own = selection == "UFRAME_NUM=2"
+    assert code == (ExitCode.PASS if own else ExitCode.REFUSED)
+    assert own == (not any("of another place" in one["text"] for one in report["findings"]))
 
 
 def _program(name: str, *lines: str) -> str:

@@ -27,7 +27,9 @@ def job(
     *lines: str, rows: str = STATED, counts: str = "2,0,0,0,0,0", header: str = ONE_ROBOT, name: str = "A"
 ) -> str:
     """Return a job."""
-    head = f"/JOB\n//NAME {name}\n//POS\n///NPOS {counts}\n{rows}//INST\n///DATE 2020/04/25 14:11\n{header}NOP\n"
+    head = (
+        f"/JOB\n//NAME {name}\n//POS\n///NPOS {counts}\n{rows}//INST\n///DATE 2020/04/25 14:11\n{header}NOP\n"
+    )
     return head + "\n".join([*lines, "END", ""])
 
 

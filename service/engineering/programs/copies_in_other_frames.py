@@ -24,6 +24,10 @@ _UNKNOWN = (
     "{what} takes the numbers of {point} in a user frame that only the running program knows: where it is not the "
     "point's own, the point misses. Choose the frame by its number, or teach the point there."
 )
+_OF_ANOTHER_PLACE = (
+    "{what} takes the numbers of {point} in another user frame than its own: the correction for the arm is then that "
+    "of another place. Teach the point there."
+)
 _LEAST_M, _LEAST_RAD = 1e-5, math.radians(0.005)  # what a pendant shows of a place and an orientation
 
 
@@ -61,8 +65,9 @@ def find_copy(
         distance=f"{distance * 1000.0:.2f}",
         turn=f"{math.degrees(turn):.2f}",
     )
-    costs = distance > _LEAST_M or turn > _LEAST_RAD
-    return PointFinding(shift.line, name, shift.what, turn, distance, turn, text if costs else "", row)
+    if not (distance > _LEAST_M or turn > _LEAST_RAD):
+        text = _uncorrected_text(shift, name, route)
+    return PointFinding(shift.line, name, shift.what, turn, distance, turn, text, row)
 
 
 def _unknown_finding(
@@ -73,6 +78,13 @@ def _unknown_finding(
     program = points.programs[points.of[at]]
     name = program.positions.names[row]
     stays = route.source is route.target and bool((np.abs(route.change - np.eye(4)) < _LEAST_M).all())
-    text = "" if stays else make_message(_UNKNOWN, what=shift.what, point=name)
+    text = make_message(_UNKNOWN, what=shift.what, point=name)
+    text = _uncorrected_text(shift, name, route) if stays else text
     angle = float(np.linalg.norm(log_rotation(route.change[:3, :3])))
     return PointFinding(shift.line, name, shift.what, angle, math.nan, math.nan, text, row)
+
+
+def _uncorrected_text(shift: ProgramShift, name: str, route: TransferRoute) -> str:
+    """Return what a copy lacks that goes along, where numbers are corrected for an arm; "" where none are."""
+    one_arm = route.source is route.target and route.real_ends == (True, True)
+    return "" if one_arm else make_message(_OF_ANOTHER_PLACE, what=shift.what, point=name)
