@@ -108,6 +108,16 @@ def test_points_of_the_controllers_other_robot_are_left(
     assert moved["code"] == (ExitCode.REFUSED if left else ExitCode.PASS)
 
 
+@pytest.mark.parametrize(("robot", "own"), [("RB1", "C00000"), ("RB2", "C00001"), ("RB3", "P00000")])
+def test_each_of_three_robots_has_its_part_of_a_motion(tmp_path: Path, robot: str, own: str) -> None:
+    header = "///GROUP1 RB1\n///GROUP2 RB2,ST1\n///GROUP3 RB3\n"
+    rows = STATED + f"P00000={VALUES[0]}\n"
+    line = "MOVL C00000 V=1.0 +MOVL C00001 +MOVL P000"
+    text = job(line, rows=rows, counts="2,0,0,1,0,0", header=header)
+    moved = move(tmp_path, text, robot=f'control_group = "{robot}"\n')
+    assert [point for point, reason in moved["reasons"].items() if not reason] == [own]
+
+
 def test_a_wrong_control_group_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "project.toml").write_text(
         PROJECT.replace('serial = "Y1"\n', 'serial = "Y1"\ncontrol_group = "R2"\n'), encoding="utf-8"

@@ -1,7 +1,7 @@
 """What a job's instructions do to positions that no coordinate of the file shows. Nothing is executed."""
 
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 from cellcal.calibration.message import make_message
@@ -56,13 +56,13 @@ class UsedVariables:
 
     points: frozenset[int]
     others: frozenset[int]
-    of_second_robot: frozenset[tuple[str, int]]  # rows, by kind and number, that a second robot goes to
+    robot_places: Mapping[tuple[str, int], int]  # by row that a further robot goes to: which of the robots
     robots: tuple[int, ...] = ()  # that the job moves, as its header names them: RB1, RB2
 
     def robot_of(self, kind: str, number: int) -> int:
         """Return the number of the robot that goes to a row; a job that names none moves the first one."""
         robots = self.robots or (1,)
-        return robots[-1] if (kind, number) in self.of_second_robot else robots[0]
+        return robots[min(self.robot_places.get((kind, number), 0), len(robots) - 1)]
 
 
 def remarks_of(job: YaskawaJob) -> tuple[tuple[Remark, ...], UsedVariables]:
@@ -70,7 +70,7 @@ def remarks_of(job: YaskawaJob) -> tuple[tuple[Remark, ...], UsedVariables]:
     remarks = list(_header_remarks(job))
     points: set[int] = set()
     others: set[int] = set()
-    second: set[tuple[str, int]] = set()
+    places: dict[tuple[str, int], int] = {}
     robots = [
         int(number)
         for _, word, rest in job.header
@@ -84,10 +84,12 @@ def remarks_of(job: YaskawaJob) -> tuple[tuple[Remark, ...], UsedVariables]:
         (points if word in MOVES else others).update(used)
         remarks += _instruction_remarks(line, word, rest, bool(variables))
         if len(robots) > 1 and (plus := _TOGETHER.search(rest)) is not None:
-            second.update((kind, int(number)) for kind, number in _NUMBERED.findall(rest, plus.end()))
-    used_variables = UsedVariables(
-        frozenset(points - others), frozenset(others), frozenset(second), tuple(robots)
-    )
+            parts = [
+                part for each in _TOGETHER.split(rest[plus.end() :]) if (part := _NUMBERED.findall(each))
+            ]
+            for place, part in enumerate(parts, 1):
+                places |= {(kind, int(number)): place for kind, number in part}
+    used_variables = UsedVariables(frozenset(points - others), frozenset(others), places, tuple(robots))
     return tuple(remarks), used_variables
 
 
