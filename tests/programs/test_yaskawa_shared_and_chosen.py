@@ -161,6 +161,36 @@ def test_what_goes_along_with_a_shift_is_no_finding(tmp_path: Path, lines: tuple
     assert (moved["code"], moved["findings"]) == (ExitCode.PASS, [])
 
 
+@pytest.mark.parametrize(
+    "lines",
+    [
+        ("SFTON P001 BF", "IFTHENEXP B000=1", "SFTOF", "ENDIF", "MOVL C00000 V=1.0"),
+        ("IFTHENEXP B000=1", "SFTON P001 BF", "ELSE", "SFTOF", "ENDIF", "MOVL C00000 V=1.0"),
+        ("WHILEEXP B000<3", "MOVL C00000 V=1.0", "SFTON P001 BF", "ENDWHILE"),
+        ("FOR B000=1 TO 3", "MOVL C00000 V=1.0", "SFTON P001 BF", "NEXT B000"),
+        ("SWITCH B000 CASE 1", "SFTON P001 BF", "CASE 2", "SFTOF", "ENDSWITCH", "MOVL C00000 V=1.0"),
+    ],
+)
+def test_a_shift_that_is_switched_in_a_branch_or_loop_may_be_on(
+    tmp_path: Path, lines: tuple[str, ...]
+) -> None:
+    moved = move(tmp_path, job(*lines), offset=TURNED)
+    assert moved["code"] == ExitCode.REFUSED
+    assert [one["point"] for one in moved["findings"]] == ["C00000"]
+
+
+def test_a_shift_that_is_switched_outside_of_branches_is_off_behind_them(tmp_path: Path) -> None:
+    branch = ("IFTHENEXP B000=1", "MOVL C00001 V=1.0", "ENDIF")
+    moved = move(tmp_path, job("SFTON P001 BF", *branch, "SFTOF", "MOVL C00000 V=1.0"), offset=TURNED)
+    assert {one["point"] for one in moved["findings"]} == {"C00001"}
+
+
+def test_a_called_job_may_leave_a_shift_on_that_it_switches_in_a_branch(tmp_path: Path) -> None:
+    caller = job("CALL JOB:B", "MOVL C00000 V=1.0")
+    called = bare_job("SFTON P001 BF", "IFTHENEXP B000=1", "SFTOF", "ENDIF")
+    assert move(tmp_path, caller, called, offset=TURNED)["code"] == ExitCode.REFUSED
+
+
 @pytest.mark.parametrize("line", ["MACRO1 MJ#(2) ARGF0.5", "JUMP JOB:B", "CALL JOB:B"])
 def test_a_shift_that_is_on_in_another_job_is_a_finding(tmp_path: Path, line: str) -> None:
     moved = move(tmp_path, job("SFTON P001 BF", line, "SFTOF"), offset=TURNED)

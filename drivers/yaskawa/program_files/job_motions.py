@@ -1,6 +1,7 @@
 """What a job's motions do to its positions: increments, led motions, shifts, frames made while it runs, row by row.
 
-Nothing is executed. A shift holds from SFTON to SFTOF in the order of the lines; where the job jumps, everywhere.
+Nothing is executed. A shift holds from SFTON to SFTOF in the order of the lines; where the job jumps, or
+switches it in a branch or a loop, everywhere.
 """
 
 import re
@@ -16,6 +17,7 @@ from cellcal.drivers.yaskawa.program_files.job_text import (
     ROBOT_ROWS,
     JobRow,
     YaskawaJob,
+    shifts_in_blocks,
     split_instruction,
 )
 from cellcal.drivers.yaskawa.program_files.job_variables import (
@@ -149,7 +151,8 @@ def _find_motions(job: YaskawaJob, rows: dict[Key, JobRow]) -> _JobFindings:
     lines = list(_iterate_instructions(job))
     found = _JobFindings(variables=computed_variables(lines))
     from_here = found.variables.from_here
-    everywhere = _JUMPS.search(job.instructions) is not None
+    jumps = _JUMPS.search(job.instructions) is not None
+    everywhere = jumps or shifts_in_blocks(word for _, word, _ in lines)
     switched_on = [
         _shift_of(line, word, rest, from_here, rows) for line, word, rest in lines if word == "SFTON"
     ]

@@ -27,6 +27,7 @@ What a pseudo instruction says holds until the next one of its kind. A file may 
 """
 
 import re
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 from cellcal.calibration.message import make_message
@@ -45,7 +46,10 @@ _LINE = re.compile(
 _WORD = re.compile(r"(/{1,4})([A-Z]\w*)(?:[ \t]+(.*?))?[ \t]*\Z")
 _SLASHED = re.compile(r"^/[^\r\n]*", re.MULTILINE)
 _WHOLE = re.compile(r"\d{1,9}\Z")
+BLOCK_BEGINS, BLOCK_ENDS = r"IFTHEN\w*|SWITCH\w*|WHILE\w*|FOR", "ENDIF|ENDSWITCH|ENDWHILE|NEXT"
 _SMALL_LETTERS = re.compile(r"^[ \t]*[a-z]|[ \t]l?[cp]x?\d{3,5}\b", re.MULTILINE)
+_OPENS = re.compile(BLOCK_BEGINS)
+_CLOSES = frozenset(BLOCK_ENDS.split("|"))
 _REMARK = re.compile(r"[ \t]*(?:'|//).*", re.DOTALL)
 _TOOL_PER_GROUP = re.compile(r"\d{1,3}(?:[ \t]*,[ \t]*\d{1,3})+\Z")
 _POSTYPES = ("PULSE", "ANGLE", "BASE", "ROBOT", "TOOL", "USER", "MTOOL")
@@ -335,6 +339,19 @@ def split_instruction(line: str) -> tuple[str, str]:
         return "", ""
     word, _, rest = content.partition(" ")
     return word, rest
+
+
+def shifts_in_blocks(words: Iterable[str]) -> bool:
+    """Tell whether a shift is switched in a branch or a loop, where the order of the lines does not say if it is on."""
+    depth = 0
+    for word in words:
+        if _OPENS.fullmatch(word):
+            depth += 1
+        elif word in _CLOSES:
+            depth -= 1
+        elif depth > 0 and word in ("SFTON", "SFTOF"):
+            return True
+    return False
 
 
 def in_capitals(instructions: str) -> str:
