@@ -87,7 +87,7 @@ def test_rows_of_axes_at_zero_under_another_number_leave_nothing(tmp_path: Path)
 
 
 @pytest.mark.parametrize(
-    ("header", "robot", "left"),
+    ("header", "robot", "left_points"),
     [
         ("///GROUP1 RB2\n", "", {"C00000", "C00001"}),
         ("///GROUP1 RB2\n", 'control_group = "RB2"\n', set()),
@@ -98,14 +98,14 @@ def test_rows_of_axes_at_zero_under_another_number_leave_nothing(tmp_path: Path)
     ],
 )
 def test_points_of_the_controllers_other_robot_are_left(
-    tmp_path: Path, header: str, robot: str, left: set[str]
+    tmp_path: Path, header: str, robot: str, left_points: set[str]
 ) -> None:
     two = "GROUP2" in header
     lines = ["MOVL C00000 V=1.0 +MOVL C00001"] if two else ["MOVL C00000 V=1.0", "MOVL C00001 V=1.0"]
     moved = move(tmp_path, job(*lines, header=header), robot=robot)
-    assert {point for point, reason in moved["reasons"].items() if reason} == left
-    assert all("control_group" in moved["reasons"][point] for point in left)
-    assert moved["code"] == (ExitCode.REFUSED if left else ExitCode.PASS)
+    assert {point for point, reason in moved["reasons"].items() if reason} == left_points
+    assert all("control_group" in moved["reasons"][point] for point in left_points)
+    assert moved["code"] == (ExitCode.REFUSED if left_points else ExitCode.PASS)
 
 
 @pytest.mark.parametrize(("robot", "own"), [("RB1", "C00000"), ("RB2", "C00001"), ("RB3", "P00000")])

@@ -342,7 +342,7 @@ def split_instruction(line: str) -> tuple[str, str]:
 
 
 def shifts_in_blocks(words: Iterable[str]) -> bool:
-    """Tell whether a shift is switched in a branch or a loop, where the order of the lines does not say if it is on."""
+    """Tell whether a shift is switched in a branch or a loop, where the order of lines does not say if it is on."""
     depth = 0
     for word in words:
         if _OPENS.fullmatch(word):
