@@ -139,7 +139,9 @@ class BatchDeclarations:
         found: dict[str, dict[str, frozenset[str]]] = defaultdict(dict)
         _, (below, _) = self._effects_around
         for number, (file, name) in enumerate(self._names):
-            frames = frozenset(value for value, _ in below[number] if value != _NOT_GIVEN)
+            left = self._by_file[file].routines[name].frame_left
+            chosen = {value for value, _ in below[number] if value != _NOT_GIVEN}
+            frames = frozenset(chosen if left is None else {left} - {""})
             if self._by_file[file].flat and frames:
                 found[self._folders[file]][name] = frames
         return found

@@ -35,6 +35,7 @@ class RoutineEffects:
     shown: bool = True  # other files may call it
     resets: bool = False  # it sets tool and frame to what the controller begins with
     computes: frozenset[str] = frozenset()  # global places that it computes, as the brand names them
+    frame_left: str | None = None  # chosen when it ends, "" for the one that it began with; None: not certain
     beside: frozenset[str] = frozenset()  # routines of its calls that go on while it and its callers run
 
 

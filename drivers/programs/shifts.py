@@ -17,6 +17,7 @@ from cellcal.calibration.geometry import Array, homogeneous_matrix, rotation_fro
 Triple = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]  # w first
 UNREADABLE: Triple = (nan, nan, nan)
+UNKNOWN_FRAME = "*"  # of `ProgramShift.other_frame`: only the running program knows which
 NO_TURN: Quaternion = (1.0, 0.0, 0.0, 0.0)
 
 

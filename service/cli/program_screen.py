@@ -56,16 +56,19 @@ def counting_bar(
 
 
 def print_passed_over(found: "FoundPrograms") -> None:
-    """Say which files of a folder look like programs by their suffix only."""
-    if found.passed_over:
-        from cellcal.service.engineering.programs.report_sentences import pluralize
+    """Say which files of a folder look like programs by their suffix only, and which hold places unread."""
+    from cellcal.service.engineering.programs.files import holds_unread_places
+    from cellcal.service.engineering.programs.report_sentences import pluralize
 
-        names = ", ".join(path.name for path in found.passed_over[:5])
-        more = ", …" if len(found.passed_over) > 5 else ""
-        count = pluralize(len(found.passed_over), "file")
-        STDERR_CONSOLE.print(
-            f"{count} passed over, no program inside: {names}{more}", markup=False, soft_wrap=True
-        )
+    unread = [path for path in found.passed_over if holds_unread_places(path)]
+    for paths, why in (
+        ([path for path in found.passed_over if path not in unread], "no program inside"),
+        (unread, "places in them are not read and stay"),
+    ):
+        if paths:
+            names = ", ".join(path.name for path in paths[:5]) + (", …" if len(paths) > 5 else "")
+            text = f"{pluralize(len(paths), 'file')} passed over, {why}: {names}"
+            STDERR_CONSOLE.print(text, markup=False, soft_wrap=True)
 
 
 @dataclass

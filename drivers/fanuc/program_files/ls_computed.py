@@ -1,7 +1,7 @@
 """Registers that a program fills from its positions and computes with, and what they hold when that is certain."""
 
 import re
-from collections.abc import Sequence
+from collections.abc import Sequence, Set
 from dataclasses import dataclass, field
 from itertools import accumulate
 from math import isnan, nan
@@ -18,6 +18,7 @@ _REGISTER = re.compile(rb"PR(?<![A-Z]PR)\[ *+(?:GP\d *+: *+)?+(\d{1,5}+) *+\]")
 _CHOSEN_REGISTER = re.compile(rb"PR(?<![A-Z]PR)\[ *+(?:GP *+1 *+: *+)?+[A-Za-z]{1,3}+\[[^=]*=")
 _CHOSEN_POSITION = re.compile(rb"P(?<![A-Za-z]P)\[ *+[A-Za-z]")
 _HERE = re.compile(rb"\b[LJ]P(?:OS|NT)\b")
+_IN_JOINTS = re.compile(rb"\bJP(?:OS|NT)\b")
 _ALONE = re.compile(rb"(?:PR?\[[^\]]*+\] *+|[LJ]P(?:OS|NT) *+(?:\([^)]*+\))?)")
 _ELEMENT = re.compile(rb"PR\[ *+(?:GP *+1 *+: *+)?+(\d{1,5}+) *+, *+(\d) *+\]")
 _CONDITIONAL = re.compile(rb"(?:IF|WENN)\b")
@@ -56,6 +57,7 @@ class ComputedRegisters:
     any_altered: int = 0  # a line in which a number chooses the register that is computed
     any_position: int = 0  # a line in which a number chooses the position that a register gets
     camera: set[int] = field(default_factory=set)  # registers that get what a camera found
+    joints: set[int] = field(default_factory=set)  # registers that may hold joints: their elements are angles
 
     @property
     def found_count(self) -> int:
@@ -65,6 +67,7 @@ class ComputedRegisters:
             + len(self.altered)
             + len(self.turned)
             + len(self.camera)
+            + len(self.joints)
             + len(self.here)
             + len(self.altered_whole)
             + sum(map(len, self.copied.values()))
@@ -80,8 +83,13 @@ class ComputedRegisters:
         return x, y, z
 
 
-def registers_of(assigned: Sequence[tuple[Statement, int | None]]) -> ComputedRegisters:
-    """Return what assignments do; each comes with the position that the program went to last above it."""
+def registers_of(
+    assigned: Sequence[tuple[Statement, int | None]], joint_positions: Set[int] = frozenset()
+) -> ComputedRegisters:
+    """Return what assignments do; each comes with the position that the program went to last above it.
+
+    ``joint_positions`` are those that the listing holds in joint angles.
+    """
     found = ComputedRegisters()
     for _ in range(len(assigned) + 1):  # a register may get another one's that is assigned below
         before = found.found_count
@@ -91,10 +99,19 @@ def registers_of(assigned: Sequence[tuple[Statement, int | None]]) -> ComputedRe
             if match is not None and match[2]:
                 _assign_element(found, match, statement.line)
             elif match is not None:
+                _note_joints(found, match, joint_positions)
                 _assign_whole(found, match, statement.line, last)
         if found.found_count == before:
             break
+    found.turned |= found.joints & found.altered.keys()  # a joint that is added to turns the tip
     return found
+
+
+def _note_joints(found: ComputedRegisters, match: re.Match[bytes], joint_positions: Set[int]) -> None:
+    """Take up that a register gets joints: from where the robot stands, a position or another register."""
+    positions, registers = places_named(match[3])
+    if _IN_JOINTS.search(match[3]) or positions & joint_positions or registers & found.joints:
+        found.joints.add(int(match[1]))
 
 
 def computed_places(data: bytes) -> frozenset[str]:

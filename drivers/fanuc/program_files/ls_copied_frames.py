@@ -13,10 +13,10 @@ from cellcal.drivers.fanuc.program_files.ls_computed import match_assignment, pl
 from cellcal.drivers.fanuc.program_files.ls_statements import Statement, motion_of, read_statements
 from cellcal.drivers.programs.file_declarations import ExternalUses
 from cellcal.drivers.programs.positions import CARTESIAN, Positions
-from cellcal.drivers.programs.shifts import ProgramShift, ShiftAxes
+from cellcal.drivers.programs.shifts import UNKNOWN_FRAME, ProgramShift, ShiftAxes
 
 _SELECTED = re.compile(
-    rb"\A(?:UFRAME_NUM|BENUTZER_NUM|\$MNUFRAMENUM)[ \t]*+(?:\[ *+(?:GP *+)?+1 *+\][ \t]*+)?+=[ \t]*+0*+(\d++)"
+    rb"\A(?:UFRAME_NUM|BENUTZER_NUM|\$MNUFRAMENUM)[ \t]*+(?:\[ *+(?:GP *+)?+1 *+\][ \t]*+)?+=[ \t]*+(\d{1,5}+)"
 )
 _SELECTION = re.compile(rb"\b(?:UFRAME_NUM|BENUTZER_NUM)\b|MNUFRAMENUM", re.IGNORECASE)
 # Statements that the program may come to from elsewhere than from the line above.
@@ -41,7 +41,7 @@ class _CopiedFrames:
         """Take up a statement that is no motion."""
         if _SELECTION.search(statement.text):
             chosen = _SELECTED.fullmatch(statement.text)
-            self.frames = frozenset([chosen[1].decode()] if chosen else ())
+            self.frames = frozenset([str(int(chosen[1])) if chosen else UNKNOWN_FRAME])
         self.follow_calls(statement)
         assigned = match_assignment(statement)
         if assigned is not None and not assigned[2]:
@@ -51,7 +51,7 @@ class _CopiedFrames:
         """Take up the frames that called programs choose: one that is chosen stays when its program has ended."""
         for name in _CALLED.findall(statement.text) if self.frames_left else ():
             left = self.frames_left.get(name.decode("cp437").upper(), frozenset[str]())
-            self.frames |= {number for number in left if number.isdigit()}
+            self.frames |= left
 
     def follow_motion(self, statement: Statement) -> list[tuple[int, ProgramShift]]:
         """Take up a motion; return, by position, those of its registers that another frame holds for."""

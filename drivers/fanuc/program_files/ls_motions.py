@@ -37,6 +37,11 @@ _AMOUNT = "the program computes with it and does not go there, so it may be a sh
 _WRITTEN_REMOTE = (
     "it is written with RX to RR, for a tool that stands in the cell; the listing does not say where"
 )
+_GIVEN_HERE = "line {} gives it a value while the program runs"
+_GIVEN = re.compile(  # behind the condition of an IF, too
+    rb"(?:(?:IF|WENN)\b[^=;]*+[^;,]*+,[ \t]*+)?+P(?<![A-Za-z]P)\[ *+(\d{1,5}+) *+(?:,[^\]]*+)?+\][ \t]*+=(?!=)"
+)
+_GIVES = re.compile(rb"(?<![A-Z])P\[[^\]\n]{1,40}+\][ \t]*+=(?!=)")
 _WORDS = (b"INC", b"COORD", b"RTCP", b"VR[", b"OFFSET", b"PR[", b"PAL_", b"SEARCH")
 _REST = (  # "home", "Home1", "HomePos", "GoHome", "Grundstellung" as words; not "SPARK", "PARKETT" or "HomeBin"
     rb"(?<![a-z\x80-\xff])(?:(?:go|rob|robot)?(?:home|perch|park)|parken|parking|grund|ruhe)"
@@ -77,10 +82,12 @@ def with_motions(positions: Positions, data: bytes, external_uses: ExternalUses 
     ``external_uses`` is what the controller's other programs do with its registers; None: they are not known.
     """
     upper = data.upper()
-    if not any(word in upper for word in _WORDS):  # as in nearly all
+    if not (any(word in upper for word in _WORDS) or _GIVES.search(upper, 0, max(upper.rfind(b"/POS"), 0))):
+        # as in nearly all
         return positions
-    found = _find_motions(data)
-    registers = registers_of(found.assigned)
+    in_joints = _positions_in_joints(positions)
+    found = _find_motions(data, in_joints)
+    registers = registers_of(found.assigned, in_joints)
     found.amounts |= found.conditions
     for motion in found.by_register:
         if registers.camera & set(motion.shifting or found.conditions):
@@ -177,7 +184,7 @@ def _shifts_of_places_here(
             yield ProgramShift(
                 line,
                 point,
-                ShiftAxes.USER_FRAME,
+                _axes_of(registers, each),
                 point=point,
                 user_frame=frame,
                 translation_m=UNREADABLE if each in found.shifted else registers.added_to(each),
@@ -194,15 +201,24 @@ def bar_standing_tools(positions: Positions) -> Positions:
     return replace(positions, barred={**barred, **positions.barred})
 
 
-def _find_motions(data: bytes) -> _MotionFindings:
+def _positions_in_joints(positions: Positions) -> frozenset[int]:
+    """Return the numbers of positions that are held in joint angles."""
+    return frozenset(
+        int(name[2:-1]) for name, kind in zip(positions.names, positions.kinds, strict=True) if kind == JOINTS
+    )
+
+
+def _find_motions(data: bytes, in_joints: frozenset[int]) -> _MotionFindings:
     found, contents, region = _MotionFindings(), RegisterContents(), False
     last: int | None = None
-    turned = _turned_registers(data)
+    computing = [(each, None) for each in read_statements(data) if is_computing(each)]
+    registers = registers_of(computing, in_joints)
     for statement in read_statements(data):
         if not statement.is_motion:
             contents.follow_statement(statement)
             region = _touch_offset(statement, region)
             found.conditions.update(condition_of(statement))
+            _take_given(found, statement)
             if is_computing(statement):
                 found.assigned.append((statement, last))
             continue
@@ -215,12 +231,13 @@ def _find_motions(data: bytes) -> _MotionFindings:
             found.any_register = found.any_register or motion.line
         if motion.offset or region:
             amount, quaternion = (
-                contents.shift_of_motion(motion, turned) if not region else (UNREADABLE, None)
+                contents.shift_of_motion(motion, registers.turned | registers.joints)
+                if not region
+                else (UNREADABLE, None)
             )
             option = "Offset" if motion.offset else "Touch Offset"
-            shift = ProgramShift(
-                motion.line, option, ShiftAxes.USER_FRAME, translation_m=amount, quaternion=quaternion
-            )
+            axes = _axes_of(registers, *motion.offset_registers)
+            shift = ProgramShift(motion.line, option, axes, translation_m=amount, quaternion=quaternion)
             _add_shift(found, motion, shift)
             found.shifted |= dict.fromkeys(motion.register_targets, motion.line)
         last = motion.targets[-1] if motion.targets else last
@@ -229,14 +246,20 @@ def _find_motions(data: bytes) -> _MotionFindings:
     return found
 
 
+def _take_given(found: _MotionFindings, statement: Statement) -> None:
+    """Take up that a statement gives a position a value, behind the condition of an IF or not."""
+    if (given := _GIVEN.match(statement.text)) is not None:
+        found.increments.setdefault(int(given[1]), make_message(_GIVEN_HERE, statement.line))
+
+
 def _add_shift(found: _MotionFindings, motion: MotionStatement, shift: ProgramShift) -> None:
     found.shifts += [(number, shift) for number in motion.targets]
     found.any_shift += [shift] if motion.any_target else []
 
 
-def _turned_registers(data: bytes) -> set[int]:
-    """Return registers whose rotation the program sets."""
-    return registers_of([(each, None) for each in read_statements(data) if is_computing(each)]).turned
+def _axes_of(registers: ComputedRegisters, *shifting: int) -> ShiftAxes:
+    """Return the axes of a shift by registers: no user frame changes what joints do."""
+    return ShiftAxes.BASE if registers.joints.intersection(shifting) else ShiftAxes.USER_FRAME
 
 
 def _touch_offset(statement: Statement, region: bool) -> bool:
@@ -318,10 +341,11 @@ def _shifts_by_registers(
         if register in registers.altered or register in found.shifted or registers.any_altered:
             turn = None if register in registers.turned else NO_TURN
             amount = UNREADABLE if register in found.shifted else registers.added_to(register)
+            axes = _axes_of(registers, register)
             for number in sorted(registers.origins.get(register, ())):
                 yield (
                     number,
-                    ProgramShift(line, f"PR[{register}]", ShiftAxes.USER_FRAME, (), "", None, amount, turn),
+                    ProgramShift(line, f"PR[{register}]", axes, (), "", None, amount, turn),
                 )
                 yield from ((number, each) for each in _set_elements(register, registers))
 

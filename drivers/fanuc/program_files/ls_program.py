@@ -43,7 +43,7 @@ from cellcal.drivers.programs.positions import PositionChange, Positions, Progra
 _SECTION = re.compile(rb"/(PROG|ATTR|APPL|MN|POS|END)\b[^\n]*+")
 _INDENT = 40  # a section's name stands at the beginning of its line, behind so many blanks at most
 _PROGRAM = re.compile(rb"/PROG[ \t]++([^\s;]{1,80}+)")
-_SCHEDULE = re.compile(rb"LINE_TRACK_SCHEDULE_NUMBER[ \t]*+:[ \t]*+0*+[1-9]")
+_SCHEDULE = re.compile(rb"LINE_TRACK_SCHEDULE_NUMBER[ \t]*+:[ \t]*+0*+[1-9]", re.IGNORECASE)
 _TRACK = (
     "This program follows a conveyor: its points stand in its schedule's tracking frame, not in a user frame."
 )

@@ -59,7 +59,7 @@ def _groups_missing(positions: Positions, mask: bytes) -> dict[int, int]:
 
 def _may_differ(positions: Positions, data: bytes) -> bool:
     """Tell whether a program selects another number than all its positions hold: nearly none does."""
-    selected = {(word in _FRAMES, number) for word, number in _NUMBERS.findall(data.upper())}
+    selected = {(word in _FRAMES, b"%d" % int(number)) for word, number in _NUMBERS.findall(data.upper())}
     taught_with = {
         (frames, str(int(name)).encode() if name and name.isdigit() else b"")
         for frames, column in ((True, positions.user_frames), (False, positions.tools))
@@ -70,7 +70,7 @@ def _may_differ(positions: Positions, data: bytes) -> bool:
     )
 
 
-_NUMBERS = re.compile(_WORDS + rb"[ \t]*+(?:\[ *+(?:GP *+)?+1 *+\][ \t]*+)?+=[ \t]*+0*+(\d{1,3}+)")
+_NUMBERS = re.compile(_WORDS + rb"[ \t]*+(?:\[ *+(?:GP *+)?+1 *+\][ \t]*+)?+=[ \t]*+(\d{1,3}+)")
 
 
 def _bar_others(positions: Positions, data: bytes, barred: dict[int, str]) -> None:

@@ -38,6 +38,7 @@ def shifts_by_other_programs(
         if statement.is_motion:
             for register in motion_of(statement).register_targets:
                 reason, turn = _find_reason(register, computed, calls)
+                turn = None if register in registers.joints else turn
                 if reason and (register, reason) not in seen:
                     seen.add((register, reason))
                     what = " ".join((f"PR[{register}]", f"({reason})"))

@@ -9,29 +9,42 @@ from pathlib import PurePath
 
 from cellcal.calibration.message import make_message
 from cellcal.drivers.programs.file_declarations import FileDeclarations
+from cellcal.drivers.yaskawa.program_files.job_shared_variables import variable_marks
+from cellcal.drivers.yaskawa.program_files.job_text import (
+    BLOCK_BEGINS,
+    BLOCK_ENDS,
+    in_capitals,
+    shifts_in_blocks,
+)
 
-_JOB = re.compile(r"^//NAME[ \t]+(\S+).*?^//INST(.*?)(?=^/JOB|\Z)", re.MULTILINE | re.DOTALL)
+_JOB = re.compile(r"^//NAME[ \t]+(\S+)(.*?)^//INST(.*?)(?=^/JOB|\Z)", re.MULTILINE | re.DOTALL)
 _CALLED = re.compile(r"\bJOB:[ \t]*(\S+)")
-_LINES = re.compile(r"^[ \t]*(SFTON|SFTOF|CALL|PSTART|JUMP|\*)([^\n]*)", re.MULTILINE)
+_LINES = re.compile(
+    rf"^[ \t]*(SFTON|SFTOF|CALL|PSTART|JUMP|\*|(?:{BLOCK_BEGINS}|{BLOCK_ENDS})\b)([^\n]*)", re.MULTILINE
+)
 _MADE = re.compile(r"^[ \t]*(?:MFRAME|SETTOOL|SETUF\w*)\b[^\n]*?\b(UF|TL)#\((\d{1,3}|[A-Z])", re.MULTILINE)
-_SAYS = re.compile(rb"JOB:|\b(?:SFTON|MFRAME|SETTOOL|SETUF)")
+_SAYS = re.compile(rb"JOB:|\b(?:SFTON|MFRAME|SETTOOL|SETUF)|\b[Pp][Xx]?(?:\d{3,5}\b|\[)")
 _SHIFTED = "SFTON of {}"
 
 
 def declarations_of(file: str, data: bytes) -> FileDeclarations:
     """Return which jobs a file's jobs call, which of them while a shift is on, and which of its jobs leave one on.
 
+    Also which frames and tools they make, and what they do with position variables.
+
     The file need not be a sound one.
     """
     folder, marks = PurePath(file).parent, dict[str, str]()
     jobs = _JOB.findall(data.decode("latin-1")) if _SAYS.search(data) else ()
-    for name, instructions in jobs:
+    for name, head, written in jobs:
+        instructions = in_capitals(written)
+        marks |= variable_marks(file, name, head, instructions)
         found = _LINES.findall(instructions)
-        jumps = any(word in ("JUMP", "*") for word, _ in found)
+        jumps = any(word in ("JUMP", "*") for word, _ in found) or shifts_in_blocks(word for word, _ in found)
         on = jumps and any(word == "SFTON" for word, _ in found)
         for word, rest in found:
             on = word == "SFTON" or (on and (jumps or word != "SFTOF"))
-            called = _CALLED.search(rest) if word in ("CALL", "PSTART") else None
+            called = _CALLED.search(rest) if word in ("CALL", "PSTART", "JUMP") else None
             if called is not None:
                 marks[f"{folder} call {name} {called[1]}"] = name
                 marks |= {f"{folder} shifted {called[1]}": name} if on else {}

@@ -13,8 +13,9 @@ from cellcal.calibration.orientation import values_from
 from cellcal.drivers.programs.errors import ProgramFileError
 from cellcal.drivers.programs.numbers import NumberFormat
 from cellcal.drivers.programs.positions import CARTESIAN, JOINTS, PositionChange, Positions
+from cellcal.drivers.yaskawa.program_files.job_axis_rows import BASE_ROWS, STATION_ROWS
 from cellcal.drivers.yaskawa.program_files.job_columns import PULSES, USUAL, decimals_of, table_of
-from cellcal.drivers.yaskawa.program_files.job_external import BASE_ROWS, ROW_UNITS, STATION_ROWS
+from cellcal.drivers.yaskawa.program_files.job_external import ROW_UNITS
 from cellcal.drivers.yaskawa.program_files.job_text import JobRow
 
 RATIOS_NEEDED = (
@@ -58,7 +59,7 @@ def edits_of(program: ChangeableProgram, change: PositionChange) -> list[Edit]:
         *_joint_edits(program, rows, change.joints),
         *_external_edits(program, rows, change.external),
     ]
-    return sorted(edits)
+    return sorted(set(edits))  # two points may share a row of base or station axes
 
 
 def _refuse_shapes(program: ChangeableProgram, change: PositionChange, rows: NDArray[np.int64]) -> None:
@@ -202,7 +203,7 @@ def _joint_edits(program: ChangeableProgram, rows: NDArray[np.int64], joints: Ar
 def _external_edits(
     program: ChangeableProgram, rows: NDArray[np.int64], external: Array | None
 ) -> list[Edit]:
-    """Return the edits of base and station axes, which stand in rows of their own; two points never share one."""
+    """Return the edits of base and station axes, which stand in rows of their own."""
     if external is None:
         return []
     columns, edits = program.positions.external_columns, []

@@ -1,4 +1,4 @@
-"""Base and station axes of a job: rows of their own beside the robot's, with the number of the position.
+"""Base and station axes of a job: rows of their own beside the robot's.
 
 ``BC00003`` and ``BP003`` hold the axes that carry the robot, ``EC00003`` and ``EX003`` those of a station. Where a
 robot has a seventh axis of its own, it stands behind the pose.
@@ -8,9 +8,9 @@ import numpy as np
 
 from cellcal.calibration.geometry import Array
 from cellcal.drivers.programs.conditions import AxisUnit, ExternalColumn
+from cellcal.drivers.yaskawa.program_files.job_axis_rows import BASE_ROWS, STATION_ROWS, axis_rows_of
 from cellcal.drivers.yaskawa.program_files.job_text import ROBOT_ROWS, JobRow, YaskawaJob
 
-BASE_ROWS, STATION_ROWS = ("BC", "BP"), ("EC", "EX", "EP")  # behind a C and behind a P
 ROW_UNITS = {"RECTAN": 1e-3, "ANGLE": np.pi / 180}  # what one unit of a row is counted as; pulses as pulses
 _WRITTEN = {"RECTAN": AxisUnit.UNSTATED, "ANGLE": AxisUnit.DEGREES, "PULSE": AxisUnit.PULSES}
 _OWN = "R7"
@@ -54,12 +54,15 @@ def rows_beside(jobs: list[YaskawaJob], rows: list[JobRow]) -> dict[tuple[int, t
                 of_jobs[place, kind, int(row.number)] = row
     if not of_jobs:
         return {}
+    named_by_job = [axis_rows_of(job).named for job in jobs]
     places = {row.start: place for place, job in enumerate(jobs) for row in job.rows}
     found: dict[tuple[int, tuple[str, ...]], JobRow] = {}
     for number, row in enumerate(rows):
         for kinds in (BASE_ROWS, STATION_ROWS):
-            kind = kinds[0] if row.kind == "C" else kinds[1]
-            other = of_jobs.get((places[row.start], kind, int(row.number)))
+            place, key = places[row.start], (row.kind, int(row.number))
+            its_own = f"{kinds[0] if row.kind == 'C' else kinds[1]}{key[1]:05d}"
+            name = named_by_job[place].get((key, kinds), its_own)
+            other = of_jobs.get((place, name[:2], int(name[2:]))) if name[2:].isdigit() else None
             if other is not None:
                 found[number, kinds] = other
     return found

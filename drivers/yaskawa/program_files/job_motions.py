@@ -1,6 +1,7 @@
 """What a job's motions do to its positions: increments, led motions, shifts, frames made while it runs, row by row.
 
-Nothing is executed. A shift holds from SFTON to SFTOF in the order of the lines; where the job jumps, everywhere.
+Nothing is executed. A shift holds from SFTON to SFTOF in the order of the lines; where the job jumps, or
+switches it in a branch or a loop, everywhere.
 """
 
 import re
@@ -10,8 +11,23 @@ from dataclasses import dataclass, field, replace
 from cellcal.calibration.message import make_message
 from cellcal.drivers.programs.positions import CARTESIAN, JOINTS, Positions
 from cellcal.drivers.programs.shifts import NO_TURN, ProgramShift, Quaternion, ShiftAxes
+from cellcal.drivers.yaskawa.program_files.job_axis_rows import axis_rows_of
 from cellcal.drivers.yaskawa.program_files.job_columns import SHIFT
-from cellcal.drivers.yaskawa.program_files.job_text import ROBOT_ROWS, JobRow, YaskawaJob
+from cellcal.drivers.yaskawa.program_files.job_text import (
+    ROBOT_ROWS,
+    JobRow,
+    YaskawaJob,
+    shifts_in_blocks,
+    split_instruction,
+)
+from cellcal.drivers.yaskawa.program_files.job_variables import (
+    AMOUNTS,
+    TAKEN,
+    ComputedVariables,
+    computed_variables,
+    number_of,
+    numbers_in,
+)
 
 Key = tuple[str, int]  # C or P, and its number
 _INCREMENT = "it is an increment: {} in line {} adds it to where the robot is"
@@ -25,24 +41,21 @@ _VARIABLE_AMOUNT = (
     "no move of its job goes to this variable, or the job computes with it: it may be an amount"
 )
 _IN_MASTER = "it is stated in the tool of a master robot, which carries the work"
+_OTHER_RELATIVE = "its row stands in {}, and the relative job in {}: which one counts, the job does not say"
 _OTHERS = "what other jobs go to while it holds"
 _PLAIN = frozenset(("MOVJ", "MOVL", "MOVC", "MOVS", "REFP"))
 _MOTION = re.compile(r"[A-Z]*MOV[A-Z]*|REFP|SYSTART")
-_TAKEN = re.compile(r"(?<!\$)\b(L?)P(?:X)?(\d{3,5})\b|\bC(\d{3,5})\b")
+_GOES_ON_ELSEWHERE = re.compile(r"CALL\b|MACRO\d*\b|JUMP JOB:")
 _CHOSEN = re.compile(r"\bL?PX?\[")
 _CHOSEN_TARGET = re.compile(r"\s*L?PX?\[[^\]]*\]?")  # one of all the controller's variables
 _FRAME = re.compile(r"\b(BF|RF|TF|MTF|UF#)")
 _SECOND = re.compile(r"\+S?MOV")
 _TEACH_THERE = "Teach it there, or write its value into the job."
 _MADE = re.compile(r"\b(UF|TL)#\((\d{1,3}|[A-Z])")
-_HERE = frozenset(("GETS", "GETPOS"))
-_AMOUNTS = frozenset(
-    ("SFTON", "MSHIFT", "SET", "SETE", "ADD", "SUB", "MUL", "DIV", "CNVRT", "MULMAT", "INVMAT")
-)
 _JUMPS = re.compile(r"^[ \t]*(?:JUMP\b|\*)", re.MULTILINE)
 _SPECIAL = re.compile(
     r"\b(?:SFTON|MFRAME|SETTOOL|SETUF|SETUFRM|GETS|GETPOS|SYSTART|[A-Z]+MOV[A-Z]*)\b|\bL?PX?\["
-    r"|\bMOV[JLCS][ \t]++P\d"
+    r"|\bMOV[JLCS][ \t]++L?P\d"
 )
 _CAUSE_OF_INSTRUCTION = (
     ("IMOV", _INCREMENT),
@@ -58,9 +71,7 @@ class _JobFindings:
     all_variables: str = ""  # why every variable is left
     made: list[tuple[str, str, str]] = field(default_factory=list)  # UF or TL, its number, why
     shifts: list[tuple[Key | None, ProgramShift]] = field(default_factory=list)
-    from_here: set[int] = field(default_factory=set)  # variables that get where the robot was
-    computed: set[int] = field(default_factory=set)  # of these, those that the job computes with
-    set_in_part: set[int] = field(default_factory=set)  # of these, those of which SETE sets an element
+    variables: ComputedVariables = field(default_factory=ComputedVariables)
     absent: set[str] = field(default_factory=set)  # variables gone to of which the file holds no value
 
 
@@ -73,7 +84,7 @@ def motions_in(
     first = 0
     for job in jobs:
         rows = [row for row in job.rows if row.kind in ROBOT_ROWS]
-        barred |= {first + i: why for i, row in enumerate(rows) if (why := _stated_reason(row))}
+        barred |= {first + i: why for i, row in enumerate(rows) if (why := _stated_reason(row, job))}
         if _SPECIAL.search(job.instructions):
             found = _find_motions(job, {(row.kind, int(row.number)): row for row in rows})
             barred |= {
@@ -83,13 +94,28 @@ def motions_in(
             }
             keys = {(row.kind, int(row.number)): first + i for i, row in enumerate(rows)}
             shifts += _of_rows(found.shifts, keys, positions)
+        uncertain_axes = axis_rows_of(job).reasons
+        for i, row in enumerate(rows) if uncertain_axes else ():
+            if reason := uncertain_axes.get((row.kind, int(row.number))):
+                barred.setdefault(first + i, reason)
         first += len(rows)
     amounts = {i: _VARIABLE_AMOUNT for i, kind in enumerate(positions.kinds) if kind == SHIFT}
     return {**amounts, **barred}, tuple(shifts)
 
 
-def _stated_reason(row: JobRow) -> str:
-    return {"TOOL": _IN_TOOL, "MTOOL": _IN_MASTER}.get(row.state.postype, "")
+def _stated_reason(row: JobRow, job: YaskawaJob) -> str:
+    state = row.state
+    if why := {"TOOL": _IN_TOOL, "MTOOL": _IN_MASTER}.get(state.postype, ""):
+        return why
+    relative = next((rest for _, word, rest in job.header if word == "FRAME"), "")
+    its_own = f"USER {state.user}" if state.postype == "USER" else state.postype
+    if row.kind == "P" or not relative or state.mode != "RECTAN" or _same_frame(its_own, relative):
+        return ""
+    return make_message(_OTHER_RELATIVE, its_own, relative)
+
+
+def _same_frame(one: str, other: str) -> bool:
+    return one == re.sub(r"\s+0*(?=\d)", " ", other.strip())
 
 
 def _barred_reason(row: JobRow, found: _JobFindings) -> str:
@@ -122,26 +148,24 @@ def _of_rows(
 
 
 def _find_motions(job: YaskawaJob, rows: dict[Key, JobRow]) -> _JobFindings:
-    found = _JobFindings()
-    found.from_here, found.computed = _from_here(_iterate_instructions(job))
-    found.set_in_part = found.computed & {
-        int(first[2]) for _, word, rest in _iterate_instructions(job)
-        if word == "SETE" and (first := _TAKEN.search(rest)) and first[2]
-    }  # fmt: skip
-    everywhere = _JUMPS.search(job.instructions) is not None
     lines = list(_iterate_instructions(job))
+    found = _JobFindings(variables=computed_variables(lines))
+    from_here = found.variables.from_here
+    jumps = _JUMPS.search(job.instructions) is not None
+    everywhere = jumps or shifts_in_blocks(word for _, word, _ in lines)
     switched_on = [
-        _shift_of(line, word, rest, found.from_here, rows) for line, word, rest in lines if word == "SFTON"
+        _shift_of(line, word, rest, from_here, rows) for line, word, rest in lines if word == "SFTON"
     ]
     anywhere = [one for one in switched_on if one is not None] if everywhere else []
     active: list[ProgramShift] = []
     for line, word, rest in lines:
         if word == "SFTON":
-            shift = _shift_of(line, word, rest, found.from_here, rows)
+            shift = _shift_of(line, word, rest, from_here, rows)
             active += [] if shift is None else [shift]
         elif word == "SFTOF":
             active = []
-        if word == "CALL":  # the called job's points are in its own file, and may not be here
+        if _GOES_ON_ELSEWHERE.match(f"{word} {rest}"):
+            # the called job's points are in its own file, and may not be here
             found.shifts += [(None, replace(shift, point=_OTHERS)) for shift in anywhere or active]
         elif _MOTION.fullmatch(word):
             _take_motion(found, (line, word, rest), anywhere or active, rows)
@@ -152,27 +176,9 @@ def _find_motions(job: YaskawaJob, rows: dict[Key, JobRow]) -> _JobFindings:
 
 def _iterate_instructions(job: YaskawaJob) -> Iterator[tuple[int, str, str]]:
     for line, text in enumerate(job.instructions.split("\n"), job.first_line):
-        content = " ".join(text.split())
-        if content and not content.startswith(("'", "/", "COMM ")):
-            word, _, rest = content.partition(" ")
-            yield line, word, rest.partition(" '")[0]
-
-
-def _from_here(instructions: Iterable[tuple[int, str, str]]) -> tuple[set[int], set[int]]:
-    """Return the variables that get where the robot is, or a taught position; and those computed from such."""
-    found: set[int] = set()
-    computing: list[list[int]] = []
-    for _, word, rest in instructions:
-        numbers = [int(each[2]) for each in _TAKEN.finditer(rest) if each[2]]
-        if word in _HERE:
-            found.update(numbers)
-        elif word in _AMOUNTS:
-            computing.append(numbers)
-    before = -1
-    while len(found) > before:
-        before = len(found)
-        found |= {numbers[0] for numbers in computing if found.intersection(numbers)}
-    return found, {numbers[0] for numbers in computing if found.intersection(numbers)}
+        word, rest = split_instruction(text)
+        if word:
+            yield line, word, rest
 
 
 def _shift_of(
@@ -184,19 +190,19 @@ def _shift_of(
         return None
     axes = ShiftAxes.USER_FRAME if frame is not None and frame[1] == "UF#" else ShiftAxes.BASE
     turn = _turn_of(rest, rows)
-    if from_here.intersection(int(each[2]) for each in _TAKEN.finditer(rest) if each[2]):
+    if from_here.intersection(numbers_in(rest)):
         turn = None  # the amount itself changes with the points
     return ProgramShift(line, word, axes, point=_amount_text(rest), quaternion=turn)
 
 
 def _amount_text(rest: str) -> str:
-    found = _TAKEN.search(rest)
+    found = TAKEN.search(rest)
     return found[0] if found else rest.partition(" ")[0]
 
 
 def _turn_of(rest: str, rows: dict[Key, JobRow]) -> Quaternion | None:
     """Return no turn, or None where the job states an amount that also turns."""
-    found = _TAKEN.search(rest)
+    found = TAKEN.search(rest)
     row = rows.get(("P", int(found[2]))) if found is not None and found[2] and not found[1] else None
     if row is None or row.state.mode != "RECTAN":
         return NO_TURN
@@ -213,21 +219,21 @@ def _take_motion(
     own = rest[: second.start()] if (second := _SECOND.search(rest)) else rest
     why = "" if word in _PLAIN else make_message(_why_no_place(word), word, line)
     _take_chosen(found, (line, word, own), is_amount=bool(why))
-    for taken in _TAKEN.finditer(own):
+    for taken in TAKEN.finditer(own):
         key = _row_key(taken)
         if why:
             found.barred |= {} if key is None or key in found.barred else {key: why}
         elif key in rows:
             found.shifts += [(key, shift) for shift in active]
-        elif taken[2] and int(taken[2]) in found.computed:
-            is_set = int(taken[2]) in found.set_in_part  # to a value that no change of the points reaches
-            turn = None if is_set else NO_TURN
+        elif taken[2] and number_of(taken) in found.variables.computed:
+            is_set = number_of(taken) in found.variables.set_in_part  # to a value that no change reaches
+            turn = None if is_set or number_of(taken) in found.variables.uncertain else NO_TURN
             computed = ProgramShift(line, word, ShiftAxes.BASE, point=taken[0], quaternion=turn, sets=is_set)
             found.shifts.append((None, computed))
-        elif taken[2] and not (taken[1] or int(taken[2]) in found.from_here):
+        elif taken[2] and number_of(taken) not in found.variables.from_here:
             _go_to_absent(found, line, word, taken[0])
-    if "IMOV" in word and (shift := _shift_of(line, word, own, found.from_here, rows)) is not None:
-        named_row = _TAKEN.search(own)
+    if "IMOV" in word and (shift := _shift_of(line, word, own, found.variables.from_here, rows)) is not None:
+        named_row = TAKEN.search(own)
         found.shifts += [] if named_row is not None and _row_key(named_row) in rows else [(None, shift)]
 
 
@@ -261,7 +267,7 @@ def _why_no_place(word: str) -> str:
 
 def _take_computation(found: _JobFindings, instruction: tuple[int, str, str]) -> None:
     line, word, rest = instruction
-    if word in _AMOUNTS and _CHOSEN.search(rest):
+    if word in AMOUNTS and _CHOSEN.search(rest):
         found.all_variables = found.all_variables or make_message(_ANY_AMOUNT, word, line)
     elif word in ("MFRAME", "SETTOOL", "SETUF", "SETUFRM"):
         made = _MADE.search(rest)

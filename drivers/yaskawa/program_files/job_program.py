@@ -1,5 +1,6 @@
 """A Yaskawa job as positions in columns, and back: only numbers of changed positions differ."""
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
@@ -28,8 +29,14 @@ from cellcal.drivers.yaskawa.program_files.job_edits import RATIOS_NEEDED, edits
 from cellcal.drivers.yaskawa.program_files.job_external import rows_beside
 from cellcal.drivers.yaskawa.program_files.job_motions import motions_in
 from cellcal.drivers.yaskawa.program_files.job_remarks import remarks_of
+from cellcal.drivers.yaskawa.program_files.job_shared_variables import computed_elsewhere, placed_variables
 from cellcal.drivers.yaskawa.program_files.job_text import ROBOT_ROWS, JobRow, YaskawaJob, jobs_of
 
+ROBOT = 1  # whose jobs are read as those of the robot, where nothing else is said
+_OTHER_ROBOT = (
+    "its job moves RB{} there, and the project's robot is RB{}: give the other's own project, with control_group "
+    "under [robot]"
+)
 _MADE_BY = "{} makes its user frame or tool while it runs"
 
 
@@ -46,6 +53,7 @@ class JobProgram:
     rows: tuple[JobRow, ...] = field(repr=False)
     jobs: tuple[str, ...] = field(repr=False)  # whose row each is
     pulses_per_rad: tuple[float, ...] | None = None
+    robot: int = ROBOT  # whose positions are those of motion group 1
     external_uses: ExternalUses | None = field(
         default=None, repr=False
     )  # what the controller's other jobs say
@@ -74,12 +82,21 @@ class JobProgram:
             for row, job_row in enumerate(self.rows)
             if (maker := _maker_of(job_row, making[self.jobs[row]]))
         }
-        if not (shifts or made):
+        marks = external_uses.doubtful
+        computed = {
+            row: why
+            for row, each in enumerate(self.rows)
+            if each.kind == "P"
+            and (why := computed_elsewhere(self.file, self.jobs[row], int(each.number), marks))
+        }
+        placed = placed_variables(self.file, marks)
+        own = [one for one in self.positions.shifts if not (one.absent and _is_placed(one.point, placed))]
+        if not (shifts or made or computed) and len(own) == len(self.positions.shifts):
             return self
         positions = replace(
             self.positions,
-            shifts=(*self.positions.shifts, *shifts),
-            barred={**made, **self.positions.barred},
+            shifts=(*own, *shifts),
+            barred={**computed, **made, **self.positions.barred},
         )
         return replace(self, positions=positions, external_uses=external_uses)
 
@@ -104,9 +121,14 @@ class JobProgram:
             pieces += [self.data[at:start], new.encode("ascii")]
             at = start + len(old)
         data = b"".join([*pieces, self.data[at:]])
-        return read_job(self.file, data, pulses_per_rad=self.pulses_per_rad).with_external_uses(
-            self.external_uses
-        )
+        changed = read_job(self.file, data, pulses_per_rad=self.pulses_per_rad, robot=self.robot)
+        return changed.with_external_uses(self.external_uses)
+
+
+def _is_placed(point: str, placed: frozenset[str]) -> bool:
+    """Tell whether a position variable is a place that a job of the folder states."""
+    found = re.fullmatch(r"PX?0*(\d+)", point)
+    return found is not None and found[1] in placed
 
 
 def _maker_of(row: JobRow, made: Mapping[tuple[str, str], str]) -> str:
@@ -121,13 +143,17 @@ def _maker_of(row: JobRow, made: Mapping[tuple[str, str], str]) -> str:
     return ""
 
 
-def read_job(name: str, data: bytes, *, pulses_per_rad: Sequence[float] | Array | None = None) -> JobProgram:
+def read_job(
+    name: str, data: bytes, *, pulses_per_rad: Sequence[float] | Array | None = None, robot: int = ROBOT
+) -> JobProgram:
     """Read a job.
 
     Parameters
     ----------
     pulses_per_rad
         Of each axis of the robot, with sign, so that pulses become the angles that the controller shows.
+    robot
+        The robot, as RB1 or RB2 of a job's header name it, whose positions are those of motion group 1.
 
     Raises
     ------
@@ -148,15 +174,17 @@ def read_job(name: str, data: bytes, *, pulses_per_rad: Sequence[float] | Array 
         for row in job.rows
         if row.kind in ROBOT_ROWS
     ]
-    groups = [
-        2 if (row.kind, int(row.number)) in used.of_second_robot else 1
+    robots = [
+        used.robot_of(row.kind, int(row.number))
         for job, (_, used) in zip(jobs, remarks_by_job, strict=True)
         for row in job.rows
         if row.kind in ROBOT_ROWS
     ]
+    groups = [1 if one == robot else max(one, 2) for one in robots]
     positions = positions_of(name, jobs, rows, kinds, groups, ratios)
     barred, shifts = motions_in(jobs, positions)
-    positions = replace(positions, barred=barred, shifts=shifts)
+    others = {i: make_message(_OTHER_ROBOT, one, robot) for i, one in enumerate(robots) if one != robot}
+    positions = replace(positions, barred={**barred, **others}, shifts=shifts)
     remarks = [remark for notes, _ in remarks_by_job for remark in notes] + _kind_remarks(positions)
     return JobProgram(
         file=name,
@@ -168,6 +196,7 @@ def read_job(name: str, data: bytes, *, pulses_per_rad: Sequence[float] | Array 
         rows=tuple(rows),
         jobs=tuple(job.name for job in jobs for row in job.rows if row.kind in ROBOT_ROWS),
         pulses_per_rad=None if ratios is None else tuple(float(ratio) for ratio in ratios),
+        robot=robot,
         beside=rows_beside(jobs, rows),
     )
 

@@ -1,16 +1,17 @@
 """What a job's instructions do to positions that no coordinate of the file shows. Nothing is executed."""
 
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 from cellcal.calibration.message import make_message
 from cellcal.drivers.programs.positions import Remark
-from cellcal.drivers.yaskawa.program_files.job_text import YaskawaJob
+from cellcal.drivers.yaskawa.program_files.job_text import YaskawaJob, split_instruction
 
-_MOVES = frozenset(("MOVJ", "MOVL", "MOVC", "MOVS", "SMOVJ", "SMOVL", "SMOVC", "MOV", "REFP"))
+MOVES = frozenset(("MOVJ", "MOVL", "MOVC", "MOVS", "SMOVJ", "SMOVL", "SMOVC", "MOV", "REFP"))
 _VARIABLE = re.compile(r"(?<!\$)\b(L?)P(X?)(\d{3,5})\b")
 _NUMBERED = re.compile(r"\b(C|P)(\d{3,5})\b")
+_ROBOT = re.compile(r"\bRB([1-9])")
 _TOGETHER = re.compile(r"\+S?MOV")
 _INDIRECT = re.compile(r"\bL?(?:P|BP|EX)X?\[")
 _CONVEYED = ("SYSTART", "SYMOVJ", "SYMOVL", "SYMOVC")
@@ -55,7 +56,13 @@ class UsedVariables:
 
     points: frozenset[int]
     others: frozenset[int]
-    of_second_robot: frozenset[tuple[str, int]]  # rows, by kind and number, that a second robot goes to
+    robot_places: Mapping[tuple[str, int], int]  # by row that a further robot goes to: which of the robots
+    robots: tuple[int, ...] = ()  # that the job moves, as its header names them: RB1, RB2
+
+    def robot_of(self, kind: str, number: int) -> int:
+        """Return the number of the robot that goes to a row; a job that names none moves the first one."""
+        robots = self.robots or (1,)
+        return robots[min(self.robot_places.get((kind, number), 0), len(robots) - 1)]
 
 
 def remarks_of(job: YaskawaJob) -> tuple[tuple[Remark, ...], UsedVariables]:
@@ -63,17 +70,27 @@ def remarks_of(job: YaskawaJob) -> tuple[tuple[Remark, ...], UsedVariables]:
     remarks = list(_header_remarks(job))
     points: set[int] = set()
     others: set[int] = set()
-    second: set[tuple[str, int]] = set()
-    two = any(re.match(r"GROUP[2-9]", word) and "RB" in rest for _, word, rest in job.header)
+    places: dict[tuple[str, int], int] = {}
+    robots = [
+        int(number)
+        for _, word, rest in job.header
+        if word.startswith("GROUP")
+        for number in _ROBOT.findall(rest)
+    ]
     for line, text in _notable_lines(job):
         word, _, rest = text.partition(" ")
         variables = _VARIABLE.findall(rest)
         used = {int(number) for local, _, number in variables if not local}
-        (points if word in _MOVES else others).update(used)
+        (points if word in MOVES else others).update(used)
         remarks += _instruction_remarks(line, word, rest, bool(variables))
-        if two and (plus := _TOGETHER.search(rest)) is not None:
-            second.update((kind, int(number)) for kind, number in _NUMBERED.findall(rest, plus.end()))
-    return tuple(remarks), UsedVariables(frozenset(points - others), frozenset(others), frozenset(second))
+        if len(robots) > 1 and (plus := _TOGETHER.search(rest)) is not None:
+            parts = [
+                part for each in _TOGETHER.split(rest[plus.end() :]) if (part := _NUMBERED.findall(each))
+            ]
+            for place, part in enumerate(parts, 1):
+                places |= {(kind, int(number)): place for kind, number in part}
+    used_variables = UsedVariables(frozenset(points - others), frozenset(others), places, tuple(robots))
+    return tuple(remarks), used_variables
 
 
 def _notable_lines(job: YaskawaJob) -> Iterable[tuple[int, str]]:
@@ -86,9 +103,9 @@ def _notable_lines(job: YaskawaJob) -> Iterable[tuple[int, str]]:
         after = stop if stop >= 0 else len(text)
         line += text.count("\n", counted, start)
         counted = start
-        content = " ".join(text[start:after].split())
-        if not content.startswith(("'", "/", "COMM ")):  # COMM: an instruction that is switched off
-            yield line, content
+        word, rest = split_instruction(text[start:after])
+        if word:
+            yield line, f"{word} {rest}"
 
 
 def _header_remarks(job: YaskawaJob) -> Iterable[Remark]:
@@ -129,7 +146,7 @@ def _instruction_remarks(line: int, word: str, rest: str, uses_variable: bool) -
                 "{word} {rest} computes a position, frame or tool at run time.", word=word, rest=rest.strip()
             ),
         )
-    elif word in _MOVES and uses_variable:
+    elif word in MOVES and uses_variable:
         yield Remark(
             line,
             "position_register",
@@ -147,7 +164,7 @@ def _instruction_remarks(line: int, word: str, rest: str, uses_variable: bool) -
                 "{word} {rest} corrects positions by what a sensor finds.", word=word, rest=rest.strip()
             ),
         )
-    if word in _MOVES and _TOGETHER.search(rest):
+    if word in MOVES and _TOGETHER.search(rest):
         yield Remark(
             line, "foreign", make_message("{word} moves together with another control group.", word=word)
         )

@@ -4,6 +4,7 @@
 
     /JOB
     //NAME TESTTCPX
+    ///FOLDERNAME FOLDER001                 a YRC1000's folder of jobs
     //POS
     ///NPOS 1,0,0,1,0,0                      how many C, BC, EC, P, BP, EX follow
     ///TOOL 13
@@ -26,6 +27,7 @@ What a pseudo instruction says holds until the next one of its kind. A file may 
 """
 
 import re
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 from cellcal.calibration.message import make_message
@@ -44,6 +46,11 @@ _LINE = re.compile(
 _WORD = re.compile(r"(/{1,4})([A-Z]\w*)(?:[ \t]+(.*?))?[ \t]*\Z")
 _SLASHED = re.compile(r"^/[^\r\n]*", re.MULTILINE)
 _WHOLE = re.compile(r"\d{1,9}\Z")
+BLOCK_BEGINS, BLOCK_ENDS = r"IFTHEN\w*|SWITCH\w*|WHILE\w*|FOR", "ENDIF|ENDSWITCH|ENDWHILE|NEXT"
+_SMALL_LETTERS = re.compile(r"^[ \t]*[a-z]|[ \t]l?[cp]x?\d{3,5}\b", re.MULTILINE)
+_OPENS = re.compile(BLOCK_BEGINS)
+_CLOSES = frozenset(BLOCK_ENDS.split("|"))
+_REMARK = re.compile(r"[ \t]*(?:'|//).*", re.DOTALL)
 _TOOL_PER_GROUP = re.compile(r"\d{1,3}(?:[ \t]*,[ \t]*\d{1,3})+\Z")
 _POSTYPES = ("PULSE", "ANGLE", "BASE", "ROBOT", "TOOL", "USER", "MTOOL")
 _CURE = "Save the job on the controller again, or correct the line; the file was not changed."
@@ -100,6 +107,12 @@ def jobs_of(name: str, text: str) -> list[YaskawaJob]:
             make_message("{text_count} MB is no job.", text_count=len(text) >> 20),
             remedy="Give the job itself.",
         )
+    if "\n" not in text and text.count("\r") > 1:
+        raise ProgramFileError(
+            name,
+            "its lines end with a carriage return alone, which no controller writes.",
+            remedy="Save it with the line ends of Windows.",
+        )
     reader = _JobReader(name, text)
     widths = list(map(len, text.split("\n")))
     if max(widths) > MAX_LINE:
@@ -153,7 +166,7 @@ class _JobReader:
         """Take what follows //INST up to the next job; return where that begins."""
         job = self.jobs[-1]
         stop = self.text.find("\n/JOB", start - 1) + 1 or len(self.text)
-        job.instructions, job.first_line = self.text[start:stop], line
+        job.instructions, job.first_line = in_capitals(self.text[start:stop]), line
         for found in _SLASHED.finditer(job.instructions):
             where = line + job.instructions.count("\n", 0, found.start())
             word = _WORD.match(found[0])
@@ -201,6 +214,8 @@ class _JobReader:
             )
         elif depth == 2:
             self._take_part(line, word, rest)
+        elif word == "FOLDERNAME" and not self.part and not self.jobs[-1].first_line:
+            return  # where the pendant lists the job
         elif self.part == "POS":
             self._take_state(line, found.start(3) + 1, word, rest)
         else:
@@ -256,7 +271,8 @@ class _JobReader:
                     max(column, 1),
                     make_message("///{word} {rest} names no number.", word=word, rest=rest[:40]),
                 )
-            tool, user = (rest, row_state.user) if word == "TOOL" else (row_state.tool, rest)
+            number = rest if per_group else str(int(rest))
+            tool, user = (number, row_state.user) if word == "TOOL" else (row_state.tool, number)
             self.row_state = RowState(tool, user, row_state.postype, row_state.mode, row_state.configuration)
         elif word == "POSTYPE" and rest in _POSTYPES:
             self.row_state = RowState(
@@ -314,6 +330,33 @@ class _JobReader:
             )
         job.row_keys.add(key)
         job.rows.append(JobRow(found[1], found[2], found.start(3), found[3], line, row_state))
+
+
+def split_instruction(line: str) -> tuple[str, str]:
+    """Return the word and the rest of an instruction without comments; two empty texts where none stands there."""
+    content = " ".join(_REMARK.sub("", line).split())
+    if content.startswith(("/", "COMM ")):  # COMM: an instruction that is switched off
+        return "", ""
+    word, _, rest = content.partition(" ")
+    return word, rest
+
+
+def shifts_in_blocks(words: Iterable[str]) -> bool:
+    """Tell whether a shift is switched in a branch or a loop, where the order of lines does not say if it is on."""
+    depth = 0
+    for word in words:
+        if _OPENS.fullmatch(word):
+            depth += 1
+        elif word in _CLOSES:
+            depth -= 1
+        elif depth > 0 and word in ("SFTON", "SFTOF"):
+            return True
+    return False
+
+
+def in_capitals(instructions: str) -> str:
+    """Return instructions in capitals where an editor wrote some in small letters; the file keeps its own."""
+    return instructions.upper() if _SMALL_LETTERS.search(instructions) else instructions
 
 
 def _last_instruction(instructions: str) -> str:

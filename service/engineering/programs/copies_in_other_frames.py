@@ -10,7 +10,7 @@ import numpy as np
 
 from cellcal.calibration.geometry import Array, inverse_transform, log_rotation
 from cellcal.calibration.message import make_message
-from cellcal.drivers.programs.shifts import ProgramShift
+from cellcal.drivers.programs.shifts import UNKNOWN_FRAME, ProgramShift
 from cellcal.service.engineering.programs.cell_of_program import frame_of
 from cellcal.service.engineering.programs.program_points import ProgramPoints
 from cellcal.service.engineering.programs.result import PointFinding
@@ -19,6 +19,14 @@ from cellcal.service.engineering.programs.transfer_route import TransferRoute
 _OTHER_FRAME = (
     "{what} takes the numbers of {point} in user frame {frame}, which is not its own: the point then misses by "
     "{distance} mm and {turn} deg. Teach the point there."
+)
+_UNKNOWN = (
+    "{what} takes the numbers of {point} in a user frame that only the running program knows: where it is not the "
+    "point's own, the point misses. Choose the frame by its number, or teach the point there."
+)
+_OF_ANOTHER_PLACE = (
+    "{what} takes the numbers of {point} in another user frame than its own: the correction for the arm is then that "
+    "of another place. Teach the point there."
 )
 _LEAST_M, _LEAST_RAD = 1e-5, math.radians(0.005)  # what a pendant shows of a place and an orientation
 
@@ -34,6 +42,8 @@ def find_copy(
     program = points.programs[points.of[at]]
     if not (shift.other_frame and points.cartesian[at]):
         return None
+    if shift.other_frame == UNKNOWN_FRAME:
+        return _unknown_finding(points, place, shift, route)
     poses: list[Array] = []
     for frame in (points.user_frames[at], shift.other_frame):
         before = frame_of(route.source, program, frame)
@@ -55,5 +65,26 @@ def find_copy(
         distance=f"{distance * 1000.0:.2f}",
         turn=f"{math.degrees(turn):.2f}",
     )
-    costs = distance > _LEAST_M or turn > _LEAST_RAD
-    return PointFinding(shift.line, name, shift.what, turn, distance, turn, text if costs else "", row)
+    if not (distance > _LEAST_M or turn > _LEAST_RAD):
+        text = _uncorrected_text(shift, name, route)
+    return PointFinding(shift.line, name, shift.what, turn, distance, turn, text, row)
+
+
+def _unknown_finding(
+    points: ProgramPoints, place: tuple[int, int], shift: ProgramShift, route: TransferRoute
+) -> PointFinding:
+    """Return that a frame is not known; without a text where nothing of the work moves."""
+    at, row = place
+    program = points.programs[points.of[at]]
+    name = program.positions.names[row]
+    stays = route.source is route.target and bool((np.abs(route.change - np.eye(4)) < _LEAST_M).all())
+    text = make_message(_UNKNOWN, what=shift.what, point=name)
+    text = _uncorrected_text(shift, name, route) if stays else text
+    angle = float(np.linalg.norm(log_rotation(route.change[:3, :3])))
+    return PointFinding(shift.line, name, shift.what, angle, math.nan, math.nan, text, row)
+
+
+def _uncorrected_text(shift: ProgramShift, name: str, route: TransferRoute) -> str:
+    """Return what a copy lacks that goes along, where numbers are corrected for an arm; "" where none are."""
+    one_arm = route.source is route.target and route.real_ends == (True, True)
+    return "" if one_arm else make_message(_OF_ANOTHER_PLACE, what=shift.what, point=name)

@@ -6,7 +6,7 @@ A source is never written. What cannot be used is refused by name with the cure;
 import errno
 import os
 from collections import defaultdict
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence, Set
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
@@ -25,6 +25,8 @@ from cellcal.drivers.programs.errors import ProgramFileError
 from cellcal.service.engineering.programs.drafts import draft_beside, remove_left_behind
 
 LARGEST_BYTES = 64 << 20  # no controller keeps a program of this size: what is larger is not one
+_UNREAD_SUFFIXES = frozenset((".tp", ".kl"))  # programs that are not read: FANUC's binary ones, KAREL
+_YASKAWA_VARIABLES = "var.dat"  # also places of a controller's jobs
 _WRITERS = 8
 _WILD = frozenset("*?[")
 
@@ -77,7 +79,7 @@ class FoundPrograms:
 
     sources: tuple[ProgramSource, ...]
     refused: tuple[RefusedProgram, ...]
-    passed_over: tuple[Path, ...] = ()  # below a folder, with a program's suffix, and no program inside
+    passed_over: tuple[Path, ...] = ()  # below a folder: with a program's suffix and none inside, or not read
 
 
 def find_programs(named: Sequence[str], *, out: Path | None = None) -> FoundPrograms:
@@ -294,6 +296,7 @@ def _sources_below(folder: Path, out: Path | None, passed: list[Path]) -> list[P
     found = [ProgramSource(path, path.relative_to(folder)) for path in named if _is_program(path)]
     taken = {source.path for source in found}
     passed += [path for path in named if path not in taken]
+    passed += _unread_below(folder, {path.with_suffix("") for path in taken})
     if not found:
         raise ProgramFileError(
             str(folder),
@@ -301,6 +304,24 @@ def _sources_below(folder: Path, out: Path | None, passed: list[Path]) -> list[P
             remedy=make_message("Programs end in {suffixes}.", suffixes=", ".join(sorted(suffixes))),
         )
     return found
+
+
+def holds_unread_places(path: Path) -> bool:
+    """Tell whether a file that was passed over may hold places of the robot, in a form that is not read."""
+    return path.suffix.lower() in _UNREAD_SUFFIXES or path.name.lower() == _YASKAWA_VARIABLES
+
+
+def _unread_below(folder: Path, listed: Set[Path]) -> list[Path]:
+    """Return programs in a form that is not read, beside which their listing does not stand."""
+    known = {str(path).casefold() for path in listed}
+    return [
+        path
+        for path in sorted(folder.rglob("*"))
+        if path.suffix.lower() in _UNREAD_SUFFIXES
+        and str(path.with_suffix("")).casefold() not in known
+        and not path.name.startswith("-")  # what the controller's background editor keeps
+        and path.is_file()
+    ]
 
 
 def _is_program(path: Path) -> bool:

@@ -58,7 +58,7 @@ from cellcal.service.engineering.programs.program_points import (
     groups_of,
     points_of,
 )
-from cellcal.service.engineering.programs.project_pulses import in_joints
+from cellcal.service.engineering.programs.project_pulses import read_for_robot
 from cellcal.service.engineering.programs.result import ProgramResult
 from cellcal.service.engineering.programs.transfer_route import FramePair, TransferRoute
 from cellcal.service.engineering.programs.turned_shifts import find_turned_shifts
@@ -94,7 +94,8 @@ class ProgramTransfer:
         CalibrationError
             Numbers that are not finite.
         """
-        programs = in_joints(programs, self._route.source.pulses_per_rad)
+        source = self._route.source
+        programs = read_for_robot(programs, source.pulses_per_rad, source.control_group)
         for program in programs:
             refuse_foreign(program, self._route.source)
         axes = self._route.source.nominal.axis_count

@@ -47,7 +47,7 @@ from cellcal.service.engineering.programs.project_poses import (
     axis_numbers,
     pose_of,
 )
-from cellcal.service.engineering.programs.project_pulses import pulses_per_rad
+from cellcal.service.engineering.programs.project_pulses import FIRST_GROUP, pulses_per_rad
 from cellcal.service.engineering.programs.project_tables import (
     FixtureTable,
     RobotTable,
@@ -87,6 +87,7 @@ class Project:
     master: Path | None
     programs: tuple[str, ...]  # patterns relative to the project's folder
     pulses_per_rad: Array | None = None  # (n,) with sign, of a controller whose programs hold pulses
+    control_group: str = FIRST_GROUP  # which of its controller's robots it is
     backup: Path | None = None  # folder of the controller's .VA files
     axes: CellAxes = NO_AXES  # external axes
     table_frames: Mapping[str, Array] = field(
@@ -181,6 +182,7 @@ def read_project(path: Path) -> Project:
         master=None if master is None else _relative_path(folder, master),
         programs=_program_patterns(tables.programs, where),
         pulses_per_rad=pulses_per_rad(robot, nominal.axis_count, f"{where}: [robot]"),
+        control_group=robot.control_group or FIRST_GROUP,
         backup=backup.folder,
         axes=axes,
         table_frames=table_frames,

@@ -1,4 +1,4 @@
-"""Positions in encoder pulses as joints: what a controller keeps in its parameters, and a job does not say."""
+"""Jobs as those of a project's robot: its pulses as joints, and which of a controller's robots it is."""
 
 from collections.abc import Sequence
 
@@ -8,6 +8,7 @@ from cellcal.service.engineering.programs.project_poses import ProjectError, axi
 from cellcal.service.engineering.programs.project_tables import RobotTable
 
 KEY = "pulses_per_rad"
+FIRST_GROUP = "RB1"
 PULSES = "pulses"  # the kind of such a position
 MISSING = (
     f"holds pulses, and the project gives no {KEY} under [robot]: one for each axis with its sign, from RC.PRM or "
@@ -34,21 +35,28 @@ def pulses_per_rad(robot: RobotTable, axes: int, where: str) -> Array | None:
     return ratios
 
 
-def in_joints(programs: Sequence[ProgramFile], ratios: Array | None) -> tuple[ProgramFile, ...]:
-    """Return programs whose positions in pulses are joints; those that hold none are as they were.
+def read_for_robot(
+    programs: Sequence[ProgramFile], ratios: Array | None, control_group: str
+) -> tuple[ProgramFile, ...]:
+    """Return programs as those of a project's robot: its positions in pulses are joints, others' are not its own.
+
+    ``control_group`` names it where a controller has several, as RB1 and RB2.
 
     Raises
     ------
     ProgramFileError
         A position holds more axes than there are ratios.
     """
-    if ratios is None or not any(PULSES in program.positions.kinds for program in programs):
+    pulsed = ratios is not None and any(PULSES in program.positions.kinds for program in programs)
+    if not pulsed and control_group == FIRST_GROUP:
         return tuple(programs)
     # one maker's programs hold pulses, and its reader is loaded where they are
     from cellcal.drivers.yaskawa.program_files.job_program import JobProgram, read_job  # noqa: PLC0415
 
     return tuple(
-        read_job(program.file, program.data, pulses_per_rad=ratios).with_external_uses(program.external_uses)
+        read_job(
+            program.file, program.data, pulses_per_rad=ratios, robot=int(control_group[-1])
+        ).with_external_uses(program.external_uses)
         if isinstance(program, JobProgram)
         else program
         for program in programs

@@ -40,6 +40,10 @@ FrameNames = Annotated[
     list[Annotated[str, Field(min_length=1)]],
     allow_only('is a list of user frames, such as frames = ["3"]'),
 ]
+ControlGroup = Annotated[
+    Literal["RB1", "RB2", "RB3", "RB4", "RB5", "RB6", "RB7", "RB8"],
+    allow_only("is the robot as the header of its jobs names it, RB1 to RB8"),
+]
 Kind = Annotated[
     Literal["prismatic", "revolute"],
     allow_only(
@@ -75,6 +79,7 @@ class RobotTable(CheckedTable):
     upper_deg: Numbers | None = None
     smallest_sigma: NonNegative | None = None
     pulses_per_rad: Numbers | None = None
+    control_group: ControlGroup | None = None
     starting_posture_deg: Numbers | None = None
     held_joints: JointNumbers | None = None
     largest_tilt_deg: NonNegative | None = None

@@ -33,7 +33,7 @@ from cellcal.service.engineering.programs.program_points import (
 )
 from cellcal.service.engineering.programs.project import Project
 from cellcal.service.engineering.programs.project_poses import ProjectTool
-from cellcal.service.engineering.programs.project_pulses import in_joints
+from cellcal.service.engineering.programs.project_pulses import read_for_robot
 
 Search: TypeAlias = PostureSearch | OtherPostureSearch
 _ROUNDED_RAD = 1e-6  # a joint may be taught at its limit
@@ -64,7 +64,7 @@ def reach_of(programs: Sequence[ProgramFile], cell: Project) -> tuple[ProgramRea
     CellError
         A program of another robot, or in another unit.
     """
-    programs = in_joints(programs, cell.pulses_per_rad)
+    programs = read_for_robot(programs, cell.pulses_per_rad, cell.control_group)
     for program in programs:
         refuse_foreign(program, cell)
     axes = cell.nominal.axis_count

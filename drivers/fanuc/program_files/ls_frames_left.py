@@ -1,0 +1,59 @@
+"""The user frame that is in force when a program ends, where that is certain.
+
+A program that is called chooses a frame for its own work, and often the caller's again at its end: by its number, or
+from a register in which it kept the number at its beginning.
+"""
+
+import re
+from collections.abc import Sequence
+
+from cellcal.drivers.fanuc.program_files.ls_statements import macro_of, read_statements
+
+_WORD = rb"(?:UFRAME_NUM|BENUTZER_NUM|\$MNUFRAMENUM)[ \t]*+(?:\[ *+(?:GP *+)?+1 *+\][ \t]*+)?+"
+_SELECTION = re.compile(rb"\b(?:UFRAME_NUM|BENUTZER_NUM)\b|MNUFRAMENUM")
+_NUMBER = re.compile(_WORD + rb"=[ \t]*+(\d{1,5}+)")
+_RESTORED = re.compile(_WORD + rb"=[ \t]*+R\[ *+(\d++) *+\]")
+_SAVED = re.compile(rb"R\[ *+(\d++) *+\][ \t]*+=[ \t]*+\(?[ \t]*+" + _WORD + rb"\)?")
+_GETS_VALUE = re.compile(rb"(?<![A-Z])R\[ *+(\d++|[A-Z]++\[[^\]]*+\]) *+\][ \t]*+=")
+_ENDS = re.compile(rb"\b(?:ABORT|END|ENDE)\b")
+# A way through the program may part or meet another one here, or another program may choose a frame.
+_BRANCHES = re.compile(
+    rb"\b(?:IF|WENN|LBL|MARKE|JMP|SPRUNG|SELECT|FOR|ENDFOR|WHILE|ENDWHILE|ELSE|ELSEIF|ENDIF|SKIP|ABORT|END|ENDE"
+    rb"|CALL|AUFRUF|RUN|MONITOR)\b",
+    re.IGNORECASE,
+)
+
+
+def frame_left_by(data: bytes) -> str | None:
+    """Return the number in force at the end, "" for the one that the program began with; None where not certain."""
+    if not _SELECTION.search(data):
+        return None  # programs that it calls may choose one
+    statements = list(read_statements(data))
+    texts = [each.text for each in statements]
+    chosen = [
+        number for number, text in enumerate(texts) if _SELECTION.search(text) and not _SAVED.fullmatch(text)
+    ]
+    if not chosen:
+        return None
+    first, last = chosen[0], chosen[-1]
+    if any(_ENDS.search(text) for text in texts[:last]):
+        return None
+    if any(_BRANCHES.search(each.text) or macro_of(each) for each in statements[last + 1 :]):
+        return None
+    if (number := _NUMBER.fullmatch(texts[last])) is not None:
+        return str(int(number[1]))
+    return "" if _is_restored(texts, first, last) else None
+
+
+def _is_restored(texts: Sequence[bytes], first: int, last: int) -> bool:
+    """Tell whether the last choice is that of a register that got the number before the first one, and no other."""
+    restored = _RESTORED.fullmatch(texts[last])
+    if restored is None:
+        return False
+    register = restored[1]
+    begun = next((number for number, text in enumerate(texts) if _BRANCHES.search(text)), len(texts))
+    saved = [(number, found[1]) for number, text in enumerate(texts) if (found := _SAVED.fullmatch(text))]
+    saves = [number for number, its_register in saved if its_register == register]
+    given = [each for text in texts for each in _GETS_VALUE.findall(text)]
+    given = [each for each in given if each == register or not each.isdigit()]
+    return len(saves) == len(given) == 1 and saves[0] < min(first, begun)

@@ -1,0 +1,77 @@
+"""Which rows of base and station axes belong to a job's points: those that the motions there name.
+
+``MOVL C00001 BC00001 V=50.0 +MOVJ EC00001`` is what controllers write, and another number than the point's is as
+good. A motion that names none goes to its point with the rows of the point's own number.
+"""
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+
+from cellcal.calibration.message import make_message
+from cellcal.drivers.yaskawa.program_files.job_text import JobRow, YaskawaJob, split_instruction
+
+Key = tuple[str, int]  # C or P, and its number
+BASE_ROWS, STATION_ROWS = ("BC", "BP"), ("EC", "EX", "EP")  # behind a C and behind a P
+_SEVERAL = "its motions name several rows of base or station axes ({})"
+_NO_ROW = "its base or station axes are {} in line {}, whose values the file does not hold"
+_COMPUTED = "its base or station axes are {}, with which line {} computes"
+_NAMED = re.compile(r"\b(BC|BP|EC|EX|EP)X?(\d{3,5}\b|\[[^\]]*\]?)")
+_TARGET = re.compile(r"(?<!\$)\b([CP])X?(\d{3,5})\b")
+_MOTION = re.compile(r"S?MOV[JLCS]?")
+_NAMES_ROWS = re.compile(r"\b(?:BC|BP|EC|EX|EP)X?[\d\[]")
+
+
+@dataclass
+class AxisRows:
+    """Rows of base and station axes that the motions of a job name, by their points."""
+
+    named: dict[tuple[Key, tuple[str, ...]], str] = field(
+        default_factory=dict
+    )  # C00001 and BASE_ROWS: BC00001
+    reasons: dict[Key, str] = field(default_factory=dict)  # why a point's axes are not certain
+
+
+def axis_rows_of(job: YaskawaJob) -> AxisRows:
+    """Return the rows that a job's motions name."""
+    found = AxisRows()
+    if not _NAMES_ROWS.search(job.instructions):  # as in nearly all
+        return found
+    present = {_row_name(row.kind, int(row.number)): row for row in job.rows}
+    computed: dict[str, int] = {}
+    for line, word, rest in _lines_of(job):
+        if not _MOTION.fullmatch(word):
+            for kind, number in _NAMED.findall(rest):
+                computed.setdefault(_named_row(kind, number), line)
+            continue
+        target = _TARGET.search(rest.partition("+")[0])
+        if target is not None:
+            _take_motion(found, (target[1], int(target[2])), (line, rest), present)
+    for (key, _), name in found.named.items():
+        if name in computed:
+            found.reasons.setdefault(key, make_message(_COMPUTED, name, computed[name]))
+    return found
+
+
+def _take_motion(found: AxisRows, key: Key, motion: tuple[int, str], present: dict[str, JobRow]) -> None:
+    line, rest = motion
+    for kind, number in _NAMED.findall(rest):
+        kinds, name = BASE_ROWS if kind in BASE_ROWS else STATION_ROWS, _named_row(kind, number)
+        before = found.named.setdefault((key, kinds), name)
+        if before != name:
+            found.reasons.setdefault(key, make_message(_SEVERAL, f"{before}, {name}"))
+        elif name not in present:
+            found.reasons.setdefault(key, make_message(_NO_ROW, name, line))
+
+
+def _lines_of(job: YaskawaJob) -> Iterator[tuple[int, str, str]]:
+    for line, text in enumerate(job.instructions.split("\n"), job.first_line):
+        yield line, *split_instruction(text)
+
+
+def _named_row(kind: str, number: str) -> str:
+    return _row_name(kind, int(number)) if number.isdigit() else kind + number
+
+
+def _row_name(kind: str, number: int) -> str:
+    return f"{'EX' if kind == 'EP' else kind}{number:05d}"

@@ -1,0 +1,89 @@
+"""Position variables of a job: which get the place where the robot stands, and what the job computes from such.
+
+A local variable LP012 has the number -13. Variables that no instruction here fills are those of other jobs.
+"""
+
+import re
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+
+TAKEN = re.compile(r"(?<!\$)\b(L?)P(?:X)?(\d{3,5})\b|\bC(\d{3,5})\b")
+_HERE = frozenset(("GETS", "GETPOS"))
+AMOUNTS = frozenset(
+    ("SFTON", "MSHIFT", "SET", "SETE", "ADD", "SUB", "MUL", "DIV", "CNVRT", "MULMAT", "INVMAT")
+)
+FILLS = (AMOUNTS - {"SFTON"}) | _HERE | {"GETARG"}  # whose first variable gets a value
+_SUMS = frozenset(("ADD", "SUB"))  # of coordinates, which go along with a shift; sums of joints do not
+_PRODUCTS = frozenset(("MUL", "DIV", "MULMAT", "INVMAT"))
+_IN_PULSES = re.compile(
+    r"\$PX?0++\b|\bPULSE\b"
+)  # $PX000 is where the robot stands in pulses, $PX001 in coordinates
+Instruction = tuple[int, str, str]  # line, word, rest
+
+
+@dataclass
+class ComputedVariables:
+    """Variables by number."""
+
+    from_here: set[int] = field(default_factory=set)  # that get where the robot was, or a taught position
+    computed: set[int] = field(default_factory=set)  # of these, those that the job computes with
+    set_in_part: set[int] = field(default_factory=set)  # of these, those of which SETE sets an element
+    uncertain: set[int] = field(
+        default_factory=set
+    )  # of these, those that a shift of the place does not shift alike
+
+
+def numbers_in(rest: str) -> list[int]:
+    """Return the variables that an instruction names, in their order."""
+    return [number_of(each) for each in TAKEN.finditer(rest) if each[2]]
+
+
+def number_of(taken: re.Match[str]) -> int:
+    """Return a variable's number, below zero for a local one."""
+    return -int(taken[2]) - 1 if taken[1] else int(taken[2])
+
+
+def computed_variables(instructions: Iterable[Instruction]) -> ComputedVariables:
+    """Return what a job's instructions, in whatever order, make of where the robot stands."""
+    lines = [
+        (word, rest, numbers)
+        for _, word, rest in instructions
+        if (word in _HERE or word in AMOUNTS) and (numbers := numbers_in(rest))
+    ]
+    found = ComputedVariables()
+    for word, _, numbers in lines:
+        found.from_here.update(numbers if word in _HERE else ())
+    before = -1
+    while len(found.from_here) > before:
+        before = len(found.from_here)
+        found.from_here |= {
+            numbers[0]
+            for word, _, numbers in lines
+            if word in AMOUNTS and found.from_here.intersection(numbers)
+        }
+    computing = [one for one in lines if one[0] in AMOUNTS and found.from_here.intersection(one[2])]
+    found.computed = {numbers[0] for _, _, numbers in computing}
+    found.set_in_part = found.computed & {numbers[0] for word, _, numbers in lines if word == "SETE"}
+    found.uncertain = found.computed & _not_shifted_alike(lines)
+    return found
+
+
+def _not_shifted_alike(lines: Sequence[tuple[str, str, list[int]]]) -> set[int]:
+    """Return the variables that sums of joints or products make, and their copies."""
+    joints = {
+        number
+        for word, rest, numbers in lines
+        if word == "GETPOS" or (word in ("GETS", "CNVRT") and _IN_PULSES.search(rest))
+        for number in numbers[:1]
+    }
+    uncertain: set[int] = set()
+    before = -1
+    while len(joints) + len(uncertain) > before:
+        before = len(joints) + len(uncertain)
+        for word, _, numbers in lines:
+            of_joints = word in _SUMS and joints.intersection(numbers)
+            copied = word in ("SET", "CNVRT") and uncertain.intersection(numbers[1:])
+            uncertain |= set(numbers[:1]) if word in _PRODUCTS or of_joints or copied else set()
+            if word == "SET" and joints.intersection(numbers[1:]):
+                joints.add(numbers[0])
+    return uncertain
