@@ -125,6 +125,14 @@ def test_positions_of_a_program_are_no_measurements(tmp_path: Path) -> None:
     assert "column of its own" in str(refused.value.remedy)
 
 
+def test_lists_with_semicolons_have_decimal_commas(tmp_path: Path) -> None:
+    rows = [
+        f"[{joined(q, '; ').replace('.', ',')}]\t[{joined(p, '; ').replace('.', ',')}]"
+        for q, p in zip(DEG, MM, strict=True)
+    ]
+    assert_read(write_table(tmp_path / "rows.csv", ["q\tmeasured"], rows))
+
+
 def test_lists_of_different_lengths_are_refused_with_their_line(tmp_path: Path) -> None:
     rows = [
         f"[{joined(q[: 6 - i % 2])}];{joined(p, ';')}" for i, (q, p) in enumerate(zip(DEG, MM, strict=True))
@@ -168,6 +176,22 @@ def test_joints_in_merged_cells_belong_to_each_reading(tmp_path: Path) -> None:
     assert len(found.observations) == 160
     assert np.allclose(np.rad2deg(found.observations.joints_rad), np.repeat(DEG, 4, axis=0), atol=1e-3)
     assert any("4 readings a posture" in guess for guess in found.guesses)
+
+
+@pytest.mark.parametrize("between", [1, 3])
+def test_a_device_that_reads_more_often_than_the_controller_while_the_arm_moves(
+    tmp_path: Path, between: int
+) -> None:
+    way = np.linspace(0.0, 1.0, 41 * (between + 1))[:, None]
+    places = np.array([400.0, -200.0, 900.0]) + way * [60.0, 25.0, -40.0]
+    joints = np.array([10.0, -70.0, 80.0, 15.0, 40.0, -20.0]) + way * [12.0, 8.0, -15.0, 20.0, 9.0, 30.0]
+    rows = [
+        f"{joined(q) if i % (between + 1) == 0 else ',' * 5},{joined(p)}"
+        for i, (q, p) in enumerate(zip(joints, places, strict=True))
+    ]
+    found = read_measurements(write_table(tmp_path / "rows.csv", [",".join(HEADING)], rows), MODEL)
+    assert len(found.observations) == 41
+    assert not any("readings a posture" in guess for guess in found.guesses)
 
 
 def test_rows_whose_joints_were_not_recorded_are_not_filled(tmp_path: Path) -> None:

@@ -23,6 +23,7 @@ _MARK = "\x00"  # stands for a list
 _ITEM = re.compile(
     r"\s*(?:(?P<name>[A-Za-z]\w?)[\s=:]+)?(?P<number>[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(?:,|;|\s|$)"
 )
+_DECIMAL_COMMA = re.compile(r"(?<=\d),(?=\d)")
 _UNUSED = 8.9e9  # 9E9 marks an axis that is not there
 _PLACE_WORDS = re.compile(
     r"pose|robtarget|position|point|place|tcp|xyz|flange|tool|measured|tracker", re.IGNORECASE
@@ -155,6 +156,8 @@ def _end_of(line: str, start: int) -> int:
 def _items_of(text: str) -> list[_Item]:
     """Return the numbers of a list, without those that mark axes which are not there; empty for anything else."""
     inside = re.sub(r"[\[\](){}]", " ", text)
+    if ";" in inside and "." not in inside:  # then a comma is decimal
+        inside = _DECIMAL_COMMA.sub(".", inside)
     inside = re.sub(r"\s*,\s*", ",", inside.strip())
     items, at = [], 0
     while at < len(inside):
