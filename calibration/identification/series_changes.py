@@ -34,6 +34,9 @@ _DEVICE_COLUMNS = 6
 _SMALLEST_RAD = 3e-4
 _RIDGE = 1e-9
 _COARSE = 40  # places of change that are looked at first
+_SAME_SIDES = (
+    0.6  # a joint comes from one side before a row, and from the other behind it, in four of five rows
+)
 _SAME_PLACE = 0.25  # of the way: the target came back
 _CURE = (
     "See what was on the robot then, whether it slipped, and whether a joint was mastered or the arm was hit. Divide "
@@ -101,6 +104,7 @@ class _Search:
         joints = [at for at, each in enumerate(layout.parameters) if each.name.endswith(" offset")]
         # The first joint is as a moved device, the last as a moved target.
         self.joints = {layout.parameters[at].name.removesuffix(" offset"): at for at in joints[1:-1]}
+        self._parameters = layout.parameters
         self.rotations = {name for name, at in self.joints.items() if layout.parameters[at].unit == "rad"}
         self.target, self.device = target, np.arange(_DEVICE_COLUMNS)
         self.count, self.freedom = count, 3 * count - base.shape[1]
@@ -115,6 +119,10 @@ class _Search:
             - (shared := np.einsum("nck,nci->ki", of_base, ramp)).T @ shared,
             np.einsum("nci,nc->i", ramp, rest.reshape(count, 3)),
         )
+
+    def joint_at(self, column: int) -> int:
+        """Return the index of the joint whose zero a column is."""
+        return self._parameters[column].joint
 
     def plain_scatter(self) -> float:
         """Return what is left without a change."""
@@ -199,7 +207,7 @@ def find_series_changes(model: RobotModel, observations: Observations) -> Series
         found = _decisive(search)
     except LinAlgError:
         return None
-    if found is None:
+    if found is None or _may_be_play(found, search, _approaches(observations)[series.rows]):
         return None
     metres = float(np.median(series.sigma_m) * np.sqrt(3.0))
     return SeriesChanges(
@@ -207,6 +215,28 @@ def find_series_changes(model: RobotModel, observations: Observations) -> Series
         metres * float(np.sqrt(search.plain_scatter())),
         metres * float(np.sqrt(found.scatter)),
     )
+
+
+def _approaches(observations: Observations) -> Array:
+    """Return from which side each joint came (N, joints): 1 upwards, -1 downwards, as before where it stood."""
+    joints_rad = observations.joints_rad
+    signs = np.sign(np.diff(joints_rad, axis=0, prepend=joints_rad[:1]))
+    for row in range(1, len(signs)):
+        signs[row] = np.where(signs[row] == 0.0, signs[row - 1], signs[row])
+    return signs
+
+
+def _may_be_play(found: _Hypothesis, search: _Search, approaches: Array) -> bool:
+    """Tell whether a joint whose zero changed comes to its places from the other side from that row on.
+
+    The play of the joint explains such rows as well: a sweep upwards and back is no reason to refuse them.
+    """
+    row, kind, columns = found.parts[0]
+    if kind != JOINT:
+        return False
+    behind = np.where(np.arange(len(approaches)) >= row, 1.0, -1.0)
+    agreement = float(np.mean(approaches[:, search.joint_at(int(columns[0]))] * behind))
+    return abs(agreement) > _SAME_SIDES
 
 
 def _decisive(search: _Search) -> _Hypothesis | None:

@@ -101,6 +101,21 @@ def test_what_drifts_or_was_moved_once_or_twice_is_no_such_change(robot: str) ->
         assert find_series_changes(true.model, twice) is None
 
 
+@pytest.mark.parametrize("robot", ROBOTS)
+@pytest.mark.parametrize("joint", [1, 2])
+@pytest.mark.parametrize("upwards", [False, True])
+def test_the_play_of_a_joint_that_sweeps_up_and_back_is_no_change(
+    robot: str, joint: int, upwards: bool
+) -> None:
+    true = tracker_points(robot, 80, seed=6)
+    order = np.argsort(true.observations.joints_rad[:, joint])
+    rows = true.observations.select_rows(np.concatenate([order[::2], order[1::2][::-1]]))
+    joints = rows.joints_rad.copy()
+    one_side = np.arange(80) < 40 if upwards else np.arange(80) >= 40
+    joints[one_side] += np.linalg.solve(true.model.joint_coupling, np.eye(6)[joint] * np.deg2rad(0.1))
+    assert find_series_changes(true.model, replace(rows, joints_rad=joints)) is None
+
+
 def test_the_refusal_names_rows_of_the_file() -> None:
     true = tracker_points("abb_irb120", 60)
     found = find_series_changes(true.model, with_other_target(true, 20, AWAY_M, until=40))
