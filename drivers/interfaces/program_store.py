@@ -1,6 +1,6 @@
 """Programs that lie on a controller, as files by name."""
 
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 
 class ProgramStore(Protocol):
@@ -41,4 +41,13 @@ class ProgramStore(Protocol):
 
     def is_same(self, sent: bytes, read: bytes) -> bool:
         """Whether what was read back is what was sent, as this controller writes it."""
+        ...
+
+
+@runtime_checkable
+class StoreOfFolders(Protocol):
+    """A program store whose folder may hold others."""
+
+    async def list_folders(self) -> tuple[str, ...]:
+        """Return some folders below this one, as paths from here; their programs are not among the names."""
         ...

@@ -59,6 +59,9 @@ class UrProgramStore:
         names = await self._link.list_files(self._folder)
         return tuple(name for name in names if name.lower().endswith(_SUFFIXES) and not name.startswith("."))
 
+    async def list_folders(self) -> tuple[str, ...]:
+        return await self._link.list_folders(self._folder)
+
     async def read_file(self, name: str) -> bytes | None:
         return await self._link.read_file(self._path_of(name), MOST_BYTES)
 

@@ -91,10 +91,17 @@ class SftpLink:
 
     async def list_files(self, folder: str) -> tuple[str, ...]:
         """Return the names of the plain files of a folder, sorted."""
+        return await self._list_entries(folder, asyncssh.FILEXFER_TYPE_REGULAR)
+
+    async def list_folders(self, folder: str) -> tuple[str, ...]:
+        """Return the names of the folders in a folder, sorted, without hidden ones."""
+        names = await self._list_entries(folder, asyncssh.FILEXFER_TYPE_DIRECTORY)
+        return tuple(name for name in names if not name.startswith("."))
+
+    async def _list_entries(self, folder: str, kind: int) -> tuple[str, ...]:
         async with self._named_errors("reading the list of files"):
             entries = await self._sftp.readdir(folder)
-        files = (entry for entry in entries if entry.attrs.type == asyncssh.FILEXFER_TYPE_REGULAR)
-        return tuple(sorted(_text(entry.filename) for entry in files))
+        return tuple(sorted(_text(entry.filename) for entry in entries if entry.attrs.type == kind))
 
     async def read_file(self, path: str, most_bytes: int) -> bytes | None:
         """Return the bytes of a file; None where there is none."""
@@ -205,7 +212,7 @@ class SftpLink:
     def _no_ssh(self, error: Exception) -> WireProtocolError:
         return WireProtocolError(
             self.device,
-            make_message("no SSH session came about: {reason}.", reason=str(error).rstrip(".")),
+            make_message("SSH could not be started: {reason}.", reason=str(error).rstrip(".")),
             remedy=_CHECK,
         )
 

@@ -58,7 +58,7 @@ def fetch(
     login: LoginOptions = _USUAL,
     as_json: Json = False,
 ) -> int:
-    """Copy all programs of controllers; nothing is written to a controller.
+    """Copy all programs of a folder of each controller; nothing is written to a controller.
 
     Example: cellcal program fetch abb://192.168.125.1 fanuc://192.168.0.10 /mnt/kuka --out backup
 
@@ -72,7 +72,7 @@ def fetch(
     """
     from cellcal.calibration.errors import CellError
     from cellcal.service.cli.printing import STDERR_CONSOLE, print_json
-    from cellcal.service.engineering.delivery.comparison import fetch_programs
+    from cellcal.service.engineering.delivery.comparison import fetch_programs, folders_below
     from cellcal.service.engineering.delivery.store_addresses import store_at
     from cellcal.service.engineering.delivery.stored_copies import sha256_of
 
@@ -84,7 +84,14 @@ def fetch(
         folder = out / _plain_name(address)
         async with store_at(address, who)() as store:
             found = await fetch_programs(store, folder)
+            below = ", ".join(await folders_below(store))
         STDERR_CONSOLE.print(f"{address}: {len(found)} programs in {folder}", markup=False, soft_wrap=True)
+        if below:
+            STDERR_CONSOLE.print(
+                f"{address}: its folders {below} are not copied; give each an address of its own",
+                markup=False,
+                soft_wrap=True,
+            )
         sums = {name: sha256_of(content) for name, content in found.items()}
         return {"address": address, "folder": str(folder), "sha256": sums}
 

@@ -11,7 +11,7 @@ from types import SimpleNamespace
 import pytest
 
 from cellcal.drivers.errors import DeviceError, RefusedError, UnreachableError, WireProtocolError
-from cellcal.service.engineering.delivery.comparison import fetch_programs
+from cellcal.service.engineering.delivery.comparison import fetch_programs, folders_below
 from cellcal.service.engineering.delivery.deliveries import (
     Approval,
     DeliveryFailedError,
@@ -98,6 +98,7 @@ async def test_all_programs_are_fetched_and_nothing_else(controller: SimpleNames
     async with store_at(address_of(controller), login_for(controller.sftp))() as store:
         assert await fetch_programs(store, tmp_path / "out") == OLD
         assert await store.read_file("nothing.urp") is None
+        assert await folders_below(store) == ("sub.script",)
 
 
 async def test_programs_are_delivered_and_put_back(controller: SimpleNamespace, tmp_path: Path) -> None:
@@ -189,7 +190,7 @@ async def test_a_folder_that_is_not_there_is_said(controller: SimpleNamespace) -
 
 async def test_a_port_that_speaks_no_ssh_or_none_at_all_is_said(controller: SimpleNamespace) -> None:
     login = login_for(controller.sftp)
-    with pytest.raises(DeviceError, match=r"no SSH session came about|the connection was lost"):
+    with pytest.raises(DeviceError, match=r"SSH could not be started|the connection was lost"):
         async with store_at(f"ur://{controller.host}:29999", login)():
             pass
     with pytest.raises(UnreachableError, match="no connection to"):

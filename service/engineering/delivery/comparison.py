@@ -9,8 +9,7 @@ from pathlib import Path
 from cellcal.calibration.documents.plain_files import read_plain_bytes
 from cellcal.calibration.errors import CellError
 from cellcal.calibration.message import make_message
-from cellcal.drivers.interfaces.program_store import ProgramStore
-from cellcal.drivers.wire.folder_store import FolderStore
+from cellcal.drivers.interfaces.program_store import ProgramStore, StoreOfFolders
 from cellcal.service.engineering.delivery.deliveries import check_names, is_same_program
 from cellcal.service.files import make_private_folder, replace_file
 
@@ -103,8 +102,13 @@ async def compare_programs(store: ProgramStore, here: Mapping[str, bytes]) -> tu
     return tuple(sorted(found, key=lambda each: each.name.lower()))
 
 
+async def folders_below(store: ProgramStore) -> tuple[str, ...]:
+    """Return some folders of a store that ``fetch_programs`` does not copy."""
+    return await store.list_folders() if isinstance(store, StoreOfFolders) else ()
+
+
 async def _no_program(store: ProgramStore) -> CellError:
-    below = await store.list_folders() if isinstance(store, FolderStore) else ()
+    below = await folders_below(store)
     remedy = "Name the folder in which the programs lie."
     if below:
         remedy = make_message("Files lie below it: {folders}. Name one of these.", folders=", ".join(below))
