@@ -143,7 +143,7 @@ class AbbFile:
                 bases=module.frames.public_poses(module.frames.bases),
                 routine_targets=module.parameters.to_targets(uses),
                 calls=tuple(uses.calls_abroad),
-                moves=bool(uses.used or uses.of_parameters or any(uses.of_row.values())),
+                moves=module.moves,
             ),
             keys=tuple(uses.local_keys.get(row, found.names[row].lower()) for row in order.tolist()),
             used=frozenset(k for k, row in enumerate(order.tolist()) if uses.of_row.get(row)),
