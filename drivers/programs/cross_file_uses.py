@@ -228,6 +228,9 @@ class BatchDeclarations:
                 else:
                     self._give_use(file, name, [(move_frames, there)])
             for name, use in passed.uses_stated_by(file):
+                if name.startswith(OWN):
+                    self._uses[file][name.removeprefix(OWN)].append((use, file))
+                    continue
                 for owner in self.find_declarations(file, array_name_of(name))[0]:
                     self._uses[owner][name].append((use, file))
             self._doubtful |= dict.fromkeys(passed.frames_set_by(file), COMPUTED)

@@ -6,6 +6,8 @@ from typing import NamedTuple
 PARAMETER = "\0"  # begins the name of a tool or frame that a routine's caller gives
 OWN = "\1"  # begins the name of a place that only the calling file sees, as its positions are keyed
 
+UNCERTAIN = "\2"  # begins what may be the name of a tool, or nothing: the use tells of a frame only
+
 
 class ParameterUse(NamedTuple):
     """How a routine moves to a parameter: its tool and frame, None where its file does not say."""

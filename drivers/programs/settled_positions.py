@@ -14,6 +14,7 @@ from cellcal.drivers.programs.file_declarations import (
     MoveFrames,
     array_name_of,
     lower_name,
+    settle_uncertain_tools,
 )
 from cellcal.drivers.programs.positions import CARTESIAN, JOINTS, Positions, Remark
 
@@ -117,7 +118,7 @@ def _agree_uses(
     uses: Sequence[tuple[MoveFrames, str]], external_uses: ExternalUses
 ) -> tuple[str | None, str | None, str]:
     """Return the tool and frame that all uses of a position agree on, or why they do not."""
-    some = [(move_frames, file) for move_frames, file in uses if move_frames.why != COPIED]
+    some = [each for each in settle_uncertain_tools(uses) if each[0].why != COPIED]
     if not some:
         return None, None, COPIED
     whys = [

@@ -132,6 +132,51 @@ def test_an_instruction_that_is_not_known_names_its_work_object(
     assert moved["points"]["p10"]["status"] == status
 
 
+GUN = "PERS tooldata tGun:=[TRUE,[[0,0,300],[1,0,0,0]],[1,[0,0,10],[1,0,0,0],0,0,0]];"
+
+
+@pytest.mark.parametrize("elsewhere", [False, True])
+@pytest.mark.parametrize(
+    ("call", "declared", "status"),
+    [
+        ("Grip p10,50\\WObj:=wobj1;", "", "changed"),
+        ("Grip p10,nHigh\\WObj:=wobj1;", "PERS num nHigh:=50;", "changed"),
+        ("PlaceIt p10\\WObj:=wobj1,tool1;", "", "changed"),
+        ("PlaceIt p20,p10\\WObj:=wobj1;", "", "changed"),
+        ("Grip p10,50\\WObj:=wobj2;", "", "left"),
+        ("PlaceIt p10\\WObj:=wobj2,tool1;", "", "left"),
+        ("NutL p10,v100,tGun\\WObj:=wobj1;", GUN, "left"),
+        ("NutL p10,v100,tGun\\WObj:=wobj2;", "", "left"),
+    ],
+)
+def test_only_a_tool_before_the_work_object_of_a_call_is_one(
+    tmp_path: Path, call: str, declared: str, status: str, elsewhere: bool
+) -> None:
+    run = f"  PROC Run()\n    {call}\n  ENDPROC"
+    moved = move(tmp_path, BOTH + call * (not elsewhere), abroad=declared + "\n" + run * elsewhere)
+    assert moved["points"]["p10"]["status"] == status, moved["points"]["p10"]
+
+
+@pytest.mark.parametrize("local", ["", "LOCAL "])
+@pytest.mark.parametrize(
+    ("parameters", "call", "status"),
+    [
+        ("PERS tooldata t", "NutL pOwn,v100,t\\WObj:=wobj1;", "left"),
+        ("num h", "Grip pOwn,h\\WObj:=wobj1;", "changed"),
+        ("PERS wobjdata w", "Grip pOwn,50\\WObj:=w;", "left"),
+        ("", "NutL pOwn,v100,tGun\\WObj:=wobj1;", "left"),
+        ("", "NutL pOwn,v100,nGun\\WObj:=wobj1;", "changed"),
+    ],
+)
+def test_a_call_in_a_routine_may_name_its_parameters(
+    tmp_path: Path, parameters: str, call: str, status: str, local: str
+) -> None:
+    own = f"  {local}CONST robtarget pOwn:=[[320,0,300],{REST};\n"
+    own += f"  PROC Run({parameters})\n    {call}\n  ENDPROC"
+    moved = move(tmp_path, BOTH + IN.format("pOwn", "wobj1"), own, abroad=GUN)
+    assert moved["points"]["pOwn"]["status"] == status, moved["points"]["pOwn"]
+
+
 def test_a_target_that_is_copied_into_a_record_counts_where_that_is_moved_to(tmp_path: Path) -> None:
     moved = move(tmp_path, BOTH + "r1.pos:=p10;\n" + IN.format("r1.pos", "wobj2"))
     assert moved["points"]["p10"]["status"] == "left"

@@ -191,7 +191,7 @@ class RapidModule(RapidDeclarations):
         kept = {(name.partition("{")[0].lower(), scope) for name, scope in self.set_whole}
         self.parameters.routines |= {scope.partition("/")[2] for scope in self.shifts.displacements.routines}
         calls = list(routine_calls(self.found.source.text, self.shifts.displacements.routines))
-        pass_targets(self.uses, self.parameters, calls, kept)
+        pass_targets(self.uses, self.parameters, calls, kept, self.frames.all_tools())
 
     def _take_word(self, word: str, start: int, end: int) -> int:
         """Take a word at statement level; return where to go on."""

@@ -59,6 +59,7 @@ class TargetUses:
         default_factory=lambda: defaultdict(set)
     )  # by scope and name
     of_row: dict[int, list[ToolAndFrame]] = field(default_factory=lambda: defaultdict(list))
+    tools_of_moves: set[str] = field(default_factory=lambda: {"tool0"})  # in small letters
     spelling: dict[str, str] = field(default_factory=lambda: {"wobj0": "wobj0", "tool0": "tool0"})
     seen_from_flange: set[str] = field(default_factory=set)
     held_objects: set[str] = field(default_factory=set)  # those of them that are work objects
@@ -307,6 +308,8 @@ class TargetUses:
         spelled = self.known_here.get((tool, frame))
         if spelled is None:
             spelled = self.known_here[tool, frame] = (self._visible_name(tool), self._visible_name(frame))
+            if spelled[0] is not None and not spelled[0].startswith(PARAMETER):
+                self.tools_of_moves.add(spelled[0].lower())
         return spelled
 
     def _visible_name(self, name: str | None) -> str | None:
