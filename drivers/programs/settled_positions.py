@@ -114,6 +114,16 @@ def _taught_otherwise(
     return "" if other is None else make_message(_COPY_OTHERWISE, PurePath(other).name)
 
 
+def _copied_otherwise(agreed: MoveFrames, uses: Sequence[tuple[MoveFrames, str]]) -> str:
+    """Return why a position is left whose copy is moved to with another tool or frame; or ""."""
+    for one, file in uses:
+        if one.why == COPIED and one.tool and one.frame:
+            named = lower_name(one.tool), lower_name(one.frame)
+            if named != (lower_name(agreed.tool), lower_name(agreed.frame)):
+                return make_message(_DIFFERENT, PurePath(file).name)
+    return ""
+
+
 def _agree_uses(
     uses: Sequence[tuple[MoveFrames, str]], external_uses: ExternalUses
 ) -> tuple[str | None, str | None, str]:
@@ -134,5 +144,6 @@ def _agree_uses(
             _DIFFERENT, ", ".join(files[:3]) + (" and others" if len(files) > 3 else "")
         )
     move_frames = some[0][0]
+    why = why or _copied_otherwise(move_frames, uses)
     moved = next((each.why for each, _ in some if each.why in MOVED_FRAMES), "")
     return (None, None, why) if why else (move_frames.tool, move_frames.frame, moved)

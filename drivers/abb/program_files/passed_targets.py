@@ -81,9 +81,9 @@ class RoutineParameters:
         found = {}
         for scope, parameters in self.of_scope.items():
             of_target = {
-                one.name: frozenset(uses.seen_abroad(*use) for use in some)
+                one.name: some
                 for one in parameters
-                if one.is_target and (some := uses.of_parameters.get((scope, one.name)))
+                if one.is_target and (some := uses.uses_of_parameter(scope, one.name))
             }
             written = frozenset(name for where, name in self.written if where == scope)
             if of_target or written or scope in self.passing_on:
@@ -111,6 +111,7 @@ def pass_targets(
         changes = [_pass_call(uses, parameters, one, kept) for one in called]
         if not any(changes):
             break
+    uses.note_copied_parameters()
     uses.forget_parameters()
 
 

@@ -72,6 +72,9 @@ class TargetUses:
     of_parameters: dict[tuple[str, str], set[ToolAndFrame]] = field(
         default_factory=dict
     )  # by scope and parameter: how the routine's moves go to what is passed
+    of_copied_parameters: dict[tuple[str, str], set[ToolAndFrame]] = field(
+        default_factory=dict
+    )  # how moves go to copies of them; nothing where none does
     calls_abroad: list[RoutineCall] = field(default_factory=list)  # of routines that other files declare
     of_modules: dict[str, list[int]] = field(
         default_factory=lambda: defaultdict(list)
@@ -343,6 +346,35 @@ class TargetUses:
         new = [row for row in dict.fromkeys(rows) if row not in set(its)]
         its += new
         return bool(new)
+
+    def note_copied_parameters(self) -> None:
+        """Note how moves of this file go to copies of parameters, and to copies of those."""
+        copies: dict[tuple[str, str], set[tuple[str, str]]] = defaultdict(set)
+        for scope, name, to in self.copied:
+            copies[self._declared_at(name, scope)].add(self._declared_at(to, scope))
+        if not self.parameters & copies.keys():
+            return
+        uses: dict[tuple[str, str], set[ToolAndFrame]] = defaultdict(set)
+        for (scope, name), some in self.used.items():
+            uses[self._declared_at(name, scope)] |= some
+        for parameter in self.parameters & copies.keys():
+            found, waiting = {parameter}, [parameter]
+            while waiting:
+                more = copies.get(waiting.pop(), set()) - found
+                found |= more
+                waiting += more
+            of_copies = (sorted(uses.get(copy, ()), key=str) for copy in sorted(found - {parameter}))
+            self.of_copied_parameters[parameter] = {use for some in of_copies for use in some[:_MOST_USES]}
+
+    def uses_of_parameter(self, scope: str, name: str) -> frozenset[ParameterUse]:
+        """Return how moves go to a parameter, and to copies of it, for other files."""
+        parameter = scope, name
+        found = {self.seen_abroad(*use) for use in self.of_parameters.get(parameter, ())}
+        if parameter in self.of_copied_parameters:
+            copied = {self.seen_abroad(*use) for use in self.of_copied_parameters[parameter]}
+            found |= {use if use.why else use._replace(why=COPIED) for use in copied}
+            found.add(ParameterUse(None, None, COPIED))
+        return frozenset(found)
 
     def forget_parameters(self) -> None:
         """Drop the moves to parameters, which count for what is passed, and tools that only a call could name."""
