@@ -53,6 +53,8 @@ class FileDeclarations:
     public: bool = False  # all that is declared here is seen everywhere
     tools: Poses = field(default_factory=dict)  # declared here for all
     bases: Poses = field(default_factory=dict)
+    local_tools: Poses = field(default_factory=dict)  # of which other files know no more than the name
+    local_bases: Poses = field(default_factory=dict)
     imports: Imports = field(default_factory=dict)  # for all files of its module
     routine_targets: Mapping[str, RoutineTargets] = field(default_factory=dict)  # routines that get places
     calls: tuple[RoutineCall, ...] = ()  # of routines that other files declare

@@ -3,8 +3,8 @@
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
 
-from cellcal.drivers.programs.barred import COMPUTED, OVERWRITTEN
-from cellcal.drivers.programs.file_declarations import FileDeclarations, MoveFrames
+from cellcal.drivers.programs.barred import COMPUTED, ONLY_SEEN_THERE, OVERWRITTEN
+from cellcal.drivers.programs.file_declarations import FileDeclarations, MoveFrames, lower_name
 from cellcal.drivers.programs.routine_calls import (
     OWN,
     PARAMETER,
@@ -67,8 +67,10 @@ class PassedPlaces:
             for name, use in routine.passed_uses(call):
                 why = use.why or ("" if use.tool and use.frame else COMPUTED)
                 if not name.startswith(PARAMETER):
-                    move_frames = MoveFrames(use.tool, use.frame, why, use.routine)
-                    yield self._key(file, name), move_frames, use.file or other
+                    there = use.file or other
+                    if not why and self._is_local(file, use):
+                        why, there = ONLY_SEEN_THERE, file
+                    yield self._key(file, name), MoveFrames(use.tool, use.frame, why, use.routine), there
             for name in routine.passed_values(call):
                 if not name.startswith(PARAMETER):
                     yield self._key(file, name), MoveFrames(None, None, OVERWRITTEN), other
@@ -86,6 +88,11 @@ class PassedPlaces:
         """Return a use with its tool where a file of the batch knows what may be one."""
         name = (use.tool or "").removeprefix(UNCERTAIN)
         return use._replace(tool=name) if name.lower() in self._tools else use
+
+    def _is_local(self, file: str, use: ParameterUse) -> bool:
+        """Tell whether a call passes a tool or frame that only its file sees."""
+        one = self._by_file[file]
+        return lower_name(use.tool) in one.local_tools or lower_name(use.frame) in one.local_bases
 
     def frames_set_by(self, file: str) -> Iterator[str]:
         """Yield names of tools and frames that routines give a value which a file's calls pass."""

@@ -42,13 +42,14 @@ def move(
     abroad: str = "",
     offset: str = ABOUT_Z,
     options: tuple[str, ...] = (),
+    project: str = "",
 ) -> dict:
     source = tmp_path / "src"
     source.mkdir()
     (source / "M1.mod").write_text(MODULE.format(body, more), encoding="ascii")
     if abroad:
         (source / "R.mod").write_text(f"MODULE R\n{abroad}\nENDMODULE\n", encoding="ascii")
-    (tmp_path / "project.toml").write_text(PROJECT, encoding="utf-8")
+    (tmp_path / "project.toml").write_text(PROJECT + project, encoding="utf-8")
     words = [
         "program",
         "move",

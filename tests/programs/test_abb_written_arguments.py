@@ -118,6 +118,52 @@ def test_a_work_object_that_only_the_other_module_sees_is_not_taken_for_the_own(
     assert "only that module sees" in moved["points"]["p10"]["reason"]
 
 
+WBOX = 'PERS wobjdata wBox:=[FALSE,TRUE,"",[[{},0,300],[1,0,0,0]],[[0,0,0],[1,0,0,0]]];'
+TLOC = "LOCAL PERS tooldata tLoc:=[TRUE,[[0,0,{}],[1,0,0,0]],[1,[0,0,10],[1,0,0,0],0,0,0]];"
+IN_PROJECT = "[frames.wBox]\nposition_mm = [{}, 0, 300]\n"
+
+
+@pytest.mark.parametrize(
+    "statement",
+    [
+        "MoveL p10,v100,fine,tLoc\\WObj:=wBox;",
+        "Pick p10;",
+        "NutL p10,v100,tLoc\\WObj:=wBox;",
+        "Give p10,wBox;",
+    ],
+)
+@pytest.mark.parametrize(
+    ("here", "project", "status"),
+    [
+        ("", "", "changed"),
+        ("", IN_PROJECT.format(1200), "changed"),
+        ("", IN_PROJECT.format(1100), "left"),
+        (WBOX.format(1200), "", "changed"),
+        (WBOX.format(1100), "", "left"),
+        ("LOCAL " + WBOX.format(1100), "", "left"),
+        (WBOX.format("GetX()"), "", "left"),
+        (TLOC.format(200), "", "changed"),
+        (TLOC.format(210), "", "left"),
+    ],
+)
+def test_a_work_object_of_the_moving_module_is_the_one_that_it_declares(
+    tmp_path: Path, statement: str, here: str, project: str, status: str
+) -> None:
+    move_there = "MoveL p,v100,fine,tLoc\\WObj:=wBox;"
+    abroad = f"  LOCAL {WBOX.format(1200)}\n  {TLOC.format(200)}\n"
+    abroad += (
+        f"  PROC Run()\n    {statement}\n  ENDPROC\n  PROC Pick(robtarget p)\n    {move_there}\n  ENDPROC"
+    )
+    call = "Pick p10;" if statement.startswith("Pick") else ""
+    give = "  PROC Give(robtarget p,PERS wobjdata w)\n    MoveL p,v100,fine,tool1\\WObj:=w;\n  ENDPROC"
+    moved = move(
+        tmp_path, IN.format("p20", "wobj1") + call, f"{give}\n  {here}", abroad=abroad, project=project
+    )
+    if statement.startswith("Give") and "tLoc" in here:
+        status = "changed"  # it goes there with tool1
+    assert moved["points"]["p10"]["status"] == status, moved["points"]["p10"]
+
+
 @pytest.mark.parametrize("elsewhere", [False, True])
 @pytest.mark.parametrize(
     "statement", ["NutL p10,v100,gun1,tool1\\WObj:={};", "j1:=CalcJointT(p10,tool1\\WObj:={});"]

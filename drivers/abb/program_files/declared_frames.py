@@ -1,7 +1,7 @@
 """Tools and work objects that a RAPID module declares."""
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Set
 from dataclasses import dataclass, field
 
 from cellcal.calibration.geometry import Pose
@@ -54,8 +54,11 @@ class DeclaredFrames:
 
     def public_poses(self, poses: Mapping[str, Pose]) -> dict[str, Pose | None]:
         """Return what other modules see, by names in small letters; None for one without a fixed pose."""
-        of = {name.lower(): pose for name, pose in poses.items()}
-        return {name: of.get(name) for name in self.seen_outside}
+        return _poses_of(poses, self.seen_outside)
+
+    def local_poses(self, poses: Mapping[str, Pose]) -> dict[str, Pose | None]:
+        """Return what other modules do not see, as `public_poses`."""
+        return _poses_of(poses, self.uses.local_frames)
 
     def all_tools(self) -> set[str]:
         """Return the names that this file declares, or moves, as a tool, in small letters."""
@@ -106,3 +109,8 @@ class DeclaredFrames:
         name = self.uses.spell_name(name)
         if poses.setdefault(name, pose) != pose:
             self.uses.several.add(name.lower())
+
+
+def _poses_of(poses: Mapping[str, Pose], names: Set[str]) -> dict[str, Pose | None]:
+    of = {name.lower(): pose for name, pose in poses.items()}
+    return {name: of.get(name) for name in names}

@@ -146,6 +146,8 @@ class AbbFile:
                 doubtful=uses.doubtful_frames(),
                 tools=module.frames.public_poses(module.frames.tools),
                 bases=module.frames.public_poses(module.frames.bases),
+                local_tools=module.frames.local_poses(module.frames.tools),
+                local_bases=module.frames.local_poses(module.frames.bases),
                 routine_targets=module.parameters.to_targets(uses),
                 calls=tuple(uses.calls_abroad),
                 named_tools=module.frames.public_tools(),

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from cellcal.calibration.message import make_message
 from cellcal.drivers.abb.program_files.collected_positions import RapidPositions
-from cellcal.drivers.programs.barred import MOVED_BY_UNIT, SEEN_FROM_FLANGE
+from cellcal.drivers.programs.barred import MOVED_BY_UNIT, ONLY_SEEN_THERE, SEEN_FROM_FLANGE
 from cellcal.drivers.programs.conditions import ConditionalBar, ProjectNeed
 from cellcal.drivers.programs.file_declarations import COPIED, MoveFrames
 from cellcal.drivers.programs.positions import CARTESIAN
@@ -18,7 +18,6 @@ ToolAndFrame = tuple[str | None, str | None]  # tool, work object; None where it
 _DIFFERENT = "{} is used with different tools or work objects; its user frame and tool are not known."
 _BARRED_DIFFERENT = "the program uses it with different tools or work objects"
 _BARRED_COMPUTED = "the program uses it with a tool or work object that is computed"
-_BARRED_LOCAL = "another module goes there with a tool or work object that only that module sees"
 _BARRED_SEVERAL = "its file declares several tools or work objects of one name"
 BARRED_SET = "its tool or work object is set while the program runs"
 _MOST_USES = 64  # of one target that are told apart
@@ -149,9 +148,10 @@ class TargetUses:
 
     def seen_abroad(self, tool: str | None, frame: str | None) -> ParameterUse:
         """Return a use for other files, which do not see all tools and work objects of this one."""
-        if {(tool or "").lower(), (frame or "").lower()} & self.local_frames:
-            return ParameterUse(None, None, _BARRED_LOCAL)
-        return ParameterUse(tool, frame, "" if tool and frame else _BARRED_COMPUTED)
+        if not (tool and frame):
+            return ParameterUse(tool, frame, _BARRED_COMPUTED)
+        is_local = {tool.lower(), frame.lower()} & self.local_frames
+        return ParameterUse(tool, frame, ONLY_SEEN_THERE if is_local else "")
 
     def note_use(self, name: str, tool: str | None, frame: str | None) -> None:
         """Note that a move goes to a named target."""
