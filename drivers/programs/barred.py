@@ -8,6 +8,7 @@ OVERWRITTEN = "the program gives it another value while it runs"
 LATER = "its program sets the tool or base below it, or in a branch"
 MOVED_BY_UNIT = "its work object is moved by a mechanical unit, which no program file holds"
 SEEN_FROM_FLANGE = "it is used with a tool in the cell or a held work object"
+ONLY_SEEN_THERE = "another module goes there with a tool or work object that only that module sees"
 TURNED_BASE = "an external axis turns its base, and no program file holds how"
 EXTERNAL_BASE = (
     "BAS(#EX_BASE) lets an external axis turn its base, with data that no program file holds: set the base as "

@@ -26,6 +26,7 @@ from cellcal.drivers.programs.file_declarations import (
     array_name_of,
     lower_name,
 )
+from cellcal.drivers.programs.local_frames import LocalFrames
 from cellcal.drivers.programs.passed_places import PassedPlaces
 from cellcal.drivers.programs.routine_calls import OWN
 
@@ -56,6 +57,7 @@ class BatchDeclarations:
         self._own: dict[str, tuple[list[str], Imports]] = {}  # by file: those of its module, their imports
         self._tools = DeclaredPoses({file: one.tools for file, one in declarations.items() if one.tools})
         self._bases = DeclaredPoses({file: one.bases for file, one in declarations.items() if one.bases})
+        self._local = LocalFrames(declarations)
         for file, one in declarations.items():
             if one.doubtful and not (one.flat and self._is_standalone(file, one)):
                 self._doubtful |= {
@@ -76,6 +78,7 @@ class BatchDeclarations:
         uses = {name: self._deciding_uses(move_uses) for name, move_uses in self._uses.get(file, {}).items()}
         visible = frozenset(name for name, is_visible in one.declares.items() if is_visible or one.public)
         tools, bases = (every.poses_visible_from(self._folders[file]) for every in (self._tools, self._bases))
+        tools, bases = self._local.with_local(file, tools, bases)
         absent = self._absent.get(file, {})
         computed, given = self._computed_beside(file) if one.flat else ({}, frozenset[str]())
         open_calls, running = self._open_beside(file) if one.flat else ({}, {})
@@ -224,12 +227,15 @@ class BatchDeclarations:
                 self._give_use(file, name, [(each, file) for each in frames_of_moves])
             for name, move_frames, there in passed.uses_by(file):
                 if name.startswith(OWN):
-                    self._uses[file][name.removeprefix(OWN)].append((move_frames, there))
+                    self._add_uses(file, name.removeprefix(OWN), [(move_frames, there)])
                 else:
                     self._give_use(file, name, [(move_frames, there)])
             for name, use in passed.uses_stated_by(file):
+                if name.startswith(OWN):
+                    self._add_uses(file, name.removeprefix(OWN), [(use, file)])
+                    continue
                 for owner in self.find_declarations(file, array_name_of(name))[0]:
-                    self._uses[owner][name].append((use, file))
+                    self._add_uses(owner, name, [(use, file)])
             self._doubtful |= dict.fromkeys(passed.frames_set_by(file), COMPUTED)
 
     def _give_use(self, file: str, name: str, uses: list[tuple[MoveFrames, str]]) -> None:
@@ -240,7 +246,10 @@ class BatchDeclarations:
         if not owners and gone_to:
             self._absent[file][name] = self._absent[file].get(name, frozenset()) | gone_to
         for owner in owners:
-            self._uses[owner][declared + name[len(bare) :]] += uses
+            self._add_uses(owner, declared + name[len(bare) :], uses)
+
+    def _add_uses(self, owner: str, name: str, uses: list[tuple[MoveFrames, str]]) -> None:
+        self._uses[owner][name] += [(self._local.seen_from(owner, each, file), file) for each, file in uses]
 
     def _own_files(self, file: str) -> tuple[list[str], Imports]:
         """Return the other files that declare for a file's module, and what all of them import."""

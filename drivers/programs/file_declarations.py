@@ -4,9 +4,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple, Protocol, TypeAlias
 
-from cellcal.drivers.programs.barred import OVERWRITTEN
+from cellcal.drivers.programs.barred import COMPUTED, OVERWRITTEN
 from cellcal.drivers.programs.declared_poses import Poses
-from cellcal.drivers.programs.routine_calls import RoutineCall, RoutineTargets
+from cellcal.drivers.programs.routine_calls import UNCERTAIN, RoutineCall, RoutineTargets
 
 # By its name here: the module that declares a position, and its name there.
 Imports: TypeAlias = Mapping[str, tuple[str, str]]
@@ -53,9 +53,12 @@ class FileDeclarations:
     public: bool = False  # all that is declared here is seen everywhere
     tools: Poses = field(default_factory=dict)  # declared here for all
     bases: Poses = field(default_factory=dict)
+    local_tools: Poses = field(default_factory=dict)  # of which other files know no more than the name
+    local_bases: Poses = field(default_factory=dict)
     imports: Imports = field(default_factory=dict)  # for all files of its module
     routine_targets: Mapping[str, RoutineTargets] = field(default_factory=dict)  # routines that get places
     calls: tuple[RoutineCall, ...] = ()  # of routines that other files declare
+    named_tools: frozenset[str] = frozenset()  # what others see and this file declares, or moves, as a tool
     capitals: bool = False  # the one case of its names
     moves: bool = False  # its routines move a robot
     flat: bool = False  # a call means a program of this folder, and one that is not there may set anything
@@ -115,6 +118,29 @@ class ExternalUses:
         bare = array_name_of(name)
         some = self.uses.get(name, ())
         return some if bare == name else [*some, *self.uses.get(bare, ())]
+
+
+def without_uncertain_tools(uses: Sequence[tuple[MoveFrames, str]]) -> Sequence[tuple[MoveFrames, str]]:
+    """Return uses without those of which it is not certain that they name a tool."""
+    return [each for each in uses if not (each[0].tool or "").startswith(UNCERTAIN)]
+
+
+def settle_uncertain_tools(uses: Sequence[tuple[MoveFrames, str]]) -> Sequence[tuple[MoveFrames, str]]:
+    """Return uses without those that tell of no more than a frame which another use has.
+
+    The others are taken at their word: what may be the name of a tool is one.
+    """
+    found = list(without_uncertain_tools(uses))
+    if len(found) == len(uses):
+        return uses
+    frames = {lower_name(move_frames.frame) for move_frames, _ in found if move_frames.why not in NO_MOTION}
+    for move_frames, file in uses:
+        tool = move_frames.tool or ""
+        if tool.startswith(UNCERTAIN) and lower_name(move_frames.frame) not in frames:
+            named = tool.removeprefix(UNCERTAIN) or None
+            why = move_frames.why or ("" if named else COMPUTED)
+            found.append((move_frames._replace(tool=named, why=why), file))
+    return found
 
 
 def lower_name(name: str | None) -> str:

@@ -3,9 +3,16 @@
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
 
-from cellcal.drivers.programs.barred import COMPUTED, OVERWRITTEN
-from cellcal.drivers.programs.file_declarations import FileDeclarations, MoveFrames
-from cellcal.drivers.programs.routine_calls import OWN, PARAMETER, RoutineCall, RoutineTargets
+from cellcal.drivers.programs.barred import COMPUTED, ONLY_SEEN_THERE, OVERWRITTEN
+from cellcal.drivers.programs.file_declarations import FileDeclarations, MoveFrames, lower_name
+from cellcal.drivers.programs.routine_calls import (
+    OWN,
+    PARAMETER,
+    UNCERTAIN,
+    ParameterUse,
+    RoutineCall,
+    RoutineTargets,
+)
 
 _MOST_ROUNDS = 20
 
@@ -22,6 +29,7 @@ class PassedPlaces:
         self._nearest = nearest
         self._getting: dict[str, list[str]] = defaultdict(list)  # by routine: the files that have it
         self._targets: dict[tuple[str, str], RoutineTargets] = {}  # by file and routine
+        self._tools = frozenset[str]().union(*(one.named_tools for one in declarations.values()))
         for file, one in declarations.items():
             for routine, its in one.routine_targets.items():
                 self._getting[routine].append(file)
@@ -59,20 +67,32 @@ class PassedPlaces:
             for name, use in routine.passed_uses(call):
                 why = use.why or ("" if use.tool and use.frame else COMPUTED)
                 if not name.startswith(PARAMETER):
-                    move_frames = MoveFrames(use.tool, use.frame, why, use.routine)
-                    yield self._key(file, name), move_frames, use.file or other
+                    there = use.file or other
+                    if not why and self._is_local(file, use):
+                        why, there = ONLY_SEEN_THERE, file
+                    yield self._key(file, name), MoveFrames(use.tool, use.frame, why, use.routine), there
             for name in routine.passed_values(call):
                 if not name.startswith(PARAMETER):
                     yield self._key(file, name), MoveFrames(None, None, OVERWRITTEN), other
 
     def uses_stated_by(self, file: str) -> Iterator[tuple[str, MoveFrames]]:
-        """Yield data beside which a call names a tool and a frame, where no file of the batch has its routine."""
+        """Yield data beside which a call names a frame, and maybe a tool, of a routine that no file has."""
         for call in self._by_file[file].calls:
             if call.stated is None or call.routine in self._getting:
                 continue
             for name in call.arguments:
-                if name and not name.startswith((OWN, PARAMETER)):
-                    yield self._key(file, name), MoveFrames(*call.stated[:4])
+                if name and not name.startswith(PARAMETER):
+                    yield self._key(file, name), MoveFrames(*self._with_known_tool(call.stated)[:4])
+
+    def _with_known_tool(self, use: ParameterUse) -> ParameterUse:
+        """Return a use with its tool where a file of the batch knows what may be one."""
+        name = (use.tool or "").removeprefix(UNCERTAIN)
+        return use._replace(tool=name) if name.lower() in self._tools else use
+
+    def _is_local(self, file: str, use: ParameterUse) -> bool:
+        """Tell whether a call passes a tool or frame that only its file sees."""
+        one = self._by_file[file]
+        return lower_name(use.tool) in one.local_tools or lower_name(use.frame) in one.local_bases
 
     def frames_set_by(self, file: str) -> Iterator[str]:
         """Yield names of tools and frames that routines give a value which a file's calls pass."""

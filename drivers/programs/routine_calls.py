@@ -6,6 +6,8 @@ from typing import NamedTuple
 PARAMETER = "\0"  # begins the name of a tool or frame that a routine's caller gives
 OWN = "\1"  # begins the name of a place that only the calling file sees, as its positions are keyed
 
+UNCERTAIN = "\2"  # begins what may be the name of a tool, or nothing: the use tells of a frame only
+
 
 class ParameterUse(NamedTuple):
     """How a routine moves to a parameter: its tool and frame, None where its file does not say."""
@@ -82,7 +84,8 @@ class RoutineTargets(NamedTuple):
             passed = call.argument_for(self.parameters, name)
             for use in some if passed else ():
                 tool, frame = (call.frame_for(self.parameters, one) for one in use[:2])
-                yield passed, use._replace(tool=tool, frame=frame)
+                is_lost = use.tool and use.frame and not (tool and frame)
+                yield passed, use._replace(tool=tool, frame=frame, why="" if is_lost else use.why)
 
     def passed_values(self, call: RoutineCall) -> Iterator[str]:
         """Yield the names of data that the routine gives a value, or a component's, where it is called so."""

@@ -14,6 +14,7 @@ from cellcal.drivers.programs.file_declarations import (
     MoveFrames,
     array_name_of,
     lower_name,
+    settle_uncertain_tools,
 )
 from cellcal.drivers.programs.positions import CARTESIAN, JOINTS, Positions, Remark
 
@@ -113,11 +114,21 @@ def _taught_otherwise(
     return "" if other is None else make_message(_COPY_OTHERWISE, PurePath(other).name)
 
 
+def _copied_otherwise(agreed: MoveFrames, uses: Sequence[tuple[MoveFrames, str]]) -> str:
+    """Return why a position is left whose copy is moved to with another tool or frame; or ""."""
+    for one, file in uses:
+        if one.why == COPIED and one.tool and one.frame:
+            named = lower_name(one.tool), lower_name(one.frame)
+            if named != (lower_name(agreed.tool), lower_name(agreed.frame)):
+                return make_message(_DIFFERENT, PurePath(file).name)
+    return ""
+
+
 def _agree_uses(
     uses: Sequence[tuple[MoveFrames, str]], external_uses: ExternalUses
 ) -> tuple[str | None, str | None, str]:
     """Return the tool and frame that all uses of a position agree on, or why they do not."""
-    some = [(move_frames, file) for move_frames, file in uses if move_frames.why != COPIED]
+    some = [each for each in settle_uncertain_tools(uses) if each[0].why != COPIED]
     if not some:
         return None, None, COPIED
     whys = [
@@ -133,5 +144,6 @@ def _agree_uses(
             _DIFFERENT, ", ".join(files[:3]) + (" and others" if len(files) > 3 else "")
         )
     move_frames = some[0][0]
+    why = why or _copied_otherwise(move_frames, uses)
     moved = next((each.why for each, _ in some if each.why in MOVED_FRAMES), "")
     return (None, None, why) if why else (move_frames.tool, move_frames.frame, moved)

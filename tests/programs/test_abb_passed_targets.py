@@ -42,13 +42,14 @@ def move(
     abroad: str = "",
     offset: str = ABOUT_Z,
     options: tuple[str, ...] = (),
+    project: str = "",
 ) -> dict:
     source = tmp_path / "src"
     source.mkdir()
     (source / "M1.mod").write_text(MODULE.format(body, more), encoding="ascii")
     if abroad:
         (source / "R.mod").write_text(f"MODULE R\n{abroad}\nENDMODULE\n", encoding="ascii")
-    (tmp_path / "project.toml").write_text(PROJECT, encoding="utf-8")
+    (tmp_path / "project.toml").write_text(PROJECT + project, encoding="utf-8")
     words = [
         "program",
         "move",
@@ -88,6 +89,44 @@ def test_moves_to_a_parameter_go_to_what_is_passed(
     moved = move(tmp_path, BOTH + call, "" if elsewhere else routine, abroad=routine if elsewhere else "")
     assert moved["points"]["p10"]["status"] == status, moved["points"]["p10"]
     assert moved["code"] == (ExitCode.REFUSED if status == "left" else ExitCode.PASS)
+
+
+@pytest.mark.parametrize("elsewhere", [False, True])
+@pytest.mark.parametrize(
+    ("call", "parameters", "body", "status"),
+    [
+        ("Pick p10;", "robtarget p", IN.format("q", "wobj2"), "left"),
+        ("Pick p10;", "robtarget p", IN.format("q", "wobj1"), "changed"),
+        ("Pick p10;", "robtarget p", "q2:=q;\n" + IN.format("q2", "wobj1"), "changed"),
+        ("Pick p10;", "robtarget p", f"{IN.format('p', 'wobj1')}\n{IN.format('q', 'wobj2')}", "left"),
+        ("Go p10;", "robtarget p", IN.format("q", "wobj2"), "left"),
+        ("Go p10;", "robtarget p", IN.format("q", "wobj1"), "changed"),
+    ],
+)
+def test_moves_to_a_copy_of_a_parameter_count_for_what_is_passed(
+    tmp_path: Path, call: str, parameters: str, body: str, status: str, elsewhere: bool
+) -> None:
+    routine = pick(f"VAR robtarget q;\nVAR robtarget q2;\nq:=p;\n{body}", parameters)
+    go = "  PROC Go(robtarget g)\n    Pick g;\n  ENDPROC\n"
+    moved = move(tmp_path, BOTH + call, go + routine * (not elsewhere), abroad=routine if elsewhere else "")
+    assert moved["points"]["p10"]["status"] == status, moved["points"]["p10"]
+
+
+@pytest.mark.parametrize(
+    ("call", "body", "status"),
+    [
+        ("Pick p10,wobj2;", IN.format("q", "w"), "left"),
+        ("Pick p10,wobj1;", IN.format("q", "w"), "changed"),
+        ("Pick p10,wobjs{n};", IN.format("q", "w"), "left"),
+        ("Pick p10,wobj1;", "q2:=q;\n" + IN.format("q2", "wobj2"), "left"),
+    ],
+)
+def test_a_copy_of_a_parameter_is_moved_to_in_the_work_object_that_is_passed(
+    tmp_path: Path, call: str, body: str, status: str
+) -> None:
+    text = f"VAR robtarget q;\nVAR robtarget q2;\nq:=p;\n{body}"
+    moved = move(tmp_path, BOTH + call, abroad=pick(text, "robtarget p,PERS wobjdata w"))
+    assert moved["points"]["p10"]["status"] == status, moved["points"]["p10"]
 
 
 def test_a_target_that_only_a_routine_moves_to_is_moved(tmp_path: Path) -> None:

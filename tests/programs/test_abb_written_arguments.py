@@ -118,6 +118,52 @@ def test_a_work_object_that_only_the_other_module_sees_is_not_taken_for_the_own(
     assert "only that module sees" in moved["points"]["p10"]["reason"]
 
 
+WBOX = 'PERS wobjdata wBox:=[FALSE,TRUE,"",[[{},0,300],[1,0,0,0]],[[0,0,0],[1,0,0,0]]];'
+TLOC = "LOCAL PERS tooldata tLoc:=[TRUE,[[0,0,{}],[1,0,0,0]],[1,[0,0,10],[1,0,0,0],0,0,0]];"
+IN_PROJECT = "[frames.wBox]\nposition_mm = [{}, 0, 300]\n"
+
+
+@pytest.mark.parametrize(
+    "statement",
+    [
+        "MoveL p10,v100,fine,tLoc\\WObj:=wBox;",
+        "Pick p10;",
+        "NutL p10,v100,tLoc\\WObj:=wBox;",
+        "Give p10,wBox;",
+    ],
+)
+@pytest.mark.parametrize(
+    ("here", "project", "status"),
+    [
+        ("", "", "changed"),
+        ("", IN_PROJECT.format(1200), "changed"),
+        ("", IN_PROJECT.format(1100), "left"),
+        (WBOX.format(1200), "", "changed"),
+        (WBOX.format(1100), "", "left"),
+        ("LOCAL " + WBOX.format(1100), "", "left"),
+        (WBOX.format("GetX()"), "", "left"),
+        (TLOC.format(200), "", "changed"),
+        (TLOC.format(210), "", "left"),
+    ],
+)
+def test_a_work_object_of_the_moving_module_is_the_one_that_it_declares(
+    tmp_path: Path, statement: str, here: str, project: str, status: str
+) -> None:
+    move_there = "MoveL p,v100,fine,tLoc\\WObj:=wBox;"
+    abroad = f"  LOCAL {WBOX.format(1200)}\n  {TLOC.format(200)}\n"
+    abroad += (
+        f"  PROC Run()\n    {statement}\n  ENDPROC\n  PROC Pick(robtarget p)\n    {move_there}\n  ENDPROC"
+    )
+    call = "Pick p10;" if statement.startswith("Pick") else ""
+    give = "  PROC Give(robtarget p,PERS wobjdata w)\n    MoveL p,v100,fine,tool1\\WObj:=w;\n  ENDPROC"
+    moved = move(
+        tmp_path, IN.format("p20", "wobj1") + call, f"{give}\n  {here}", abroad=abroad, project=project
+    )
+    if statement.startswith("Give") and "tLoc" in here:
+        status = "changed"  # it goes there with tool1
+    assert moved["points"]["p10"]["status"] == status, moved["points"]["p10"]
+
+
 @pytest.mark.parametrize("elsewhere", [False, True])
 @pytest.mark.parametrize(
     "statement", ["NutL p10,v100,gun1,tool1\\WObj:={};", "j1:=CalcJointT(p10,tool1\\WObj:={});"]
@@ -130,6 +176,51 @@ def test_an_instruction_that_is_not_known_names_its_work_object(
     abroad = f"  PROC Run()\n    {text}\n  ENDPROC" if elsewhere else ""
     moved = move(tmp_path, BOTH + text * (not elsewhere), abroad=abroad)
     assert moved["points"]["p10"]["status"] == status
+
+
+GUN = "PERS tooldata tGun:=[TRUE,[[0,0,300],[1,0,0,0]],[1,[0,0,10],[1,0,0,0],0,0,0]];"
+
+
+@pytest.mark.parametrize("elsewhere", [False, True])
+@pytest.mark.parametrize(
+    ("call", "declared", "status"),
+    [
+        ("Grip p10,50\\WObj:=wobj1;", "", "changed"),
+        ("Grip p10,nHigh\\WObj:=wobj1;", "PERS num nHigh:=50;", "changed"),
+        ("PlaceIt p10\\WObj:=wobj1,tool1;", "", "changed"),
+        ("PlaceIt p20,p10\\WObj:=wobj1;", "", "changed"),
+        ("Grip p10,50\\WObj:=wobj2;", "", "left"),
+        ("PlaceIt p10\\WObj:=wobj2,tool1;", "", "left"),
+        ("NutL p10,v100,tGun\\WObj:=wobj1;", GUN, "left"),
+        ("NutL p10,v100,tGun\\WObj:=wobj2;", "", "left"),
+    ],
+)
+def test_only_a_tool_before_the_work_object_of_a_call_is_one(
+    tmp_path: Path, call: str, declared: str, status: str, elsewhere: bool
+) -> None:
+    run = f"  PROC Run()\n    {call}\n  ENDPROC"
+    moved = move(tmp_path, BOTH + call * (not elsewhere), abroad=declared + "\n" + run * elsewhere)
+    assert moved["points"]["p10"]["status"] == status, moved["points"]["p10"]
+
+
+@pytest.mark.parametrize("local", ["", "LOCAL "])
+@pytest.mark.parametrize(
+    ("parameters", "call", "status"),
+    [
+        ("PERS tooldata t", "NutL pOwn,v100,t\\WObj:=wobj1;", "left"),
+        ("num h", "Grip pOwn,h\\WObj:=wobj1;", "changed"),
+        ("PERS wobjdata w", "Grip pOwn,50\\WObj:=w;", "left"),
+        ("", "NutL pOwn,v100,tGun\\WObj:=wobj1;", "left"),
+        ("", "NutL pOwn,v100,nGun\\WObj:=wobj1;", "changed"),
+    ],
+)
+def test_a_call_in_a_routine_may_name_its_parameters(
+    tmp_path: Path, parameters: str, call: str, status: str, local: str
+) -> None:
+    own = f"  {local}CONST robtarget pOwn:=[[320,0,300],{REST};\n"
+    own += f"  PROC Run({parameters})\n    {call}\n  ENDPROC"
+    moved = move(tmp_path, BOTH + IN.format("pOwn", "wobj1"), own, abroad=GUN)
+    assert moved["points"]["pOwn"]["status"] == status, moved["points"]["pOwn"]
 
 
 def test_a_target_that_is_copied_into_a_record_counts_where_that_is_moved_to(tmp_path: Path) -> None:

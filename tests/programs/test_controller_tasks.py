@@ -57,3 +57,25 @@ def test_a_task_that_does_not_move_is_no_robot(tmp_path: Path) -> None:
     code, reasons = move_backup(tmp_path, files)
     assert not any("robot" in reason for reason in reasons)
     assert code == ExitCode.PASS, reasons
+
+
+COMPUTING = f"""MODULE Comm
+  PERS robtarget pNow:=[[300,0,300],{REST};
+  PERS jointtarget jNow:=[[0,0,0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]];
+  PROC commMain()
+    pNow:=CRobT(\\TaskName:="T_ROB1"\\Tool:=tool0\\WObj:=wobj0);
+    jNow:=CalcJointT(pNow,tool0);
+    {{}}
+  ENDPROC
+ENDMODULE
+"""
+
+
+@pytest.mark.parametrize(("statement", "moves"), [("", False), ("MoveAbsJ jNow,v100,fine,tool0;", True)])
+def test_a_task_that_only_computes_places_is_no_robot(tmp_path: Path, statement: str, moves: bool) -> None:
+    files = {
+        "RAPID/TASK1/A.mod": MOVING.format(name="A", rest=REST.replace("-1", "0")),
+        "RAPID/TASK2/Comm.mod": COMPUTING.format(statement),
+    }
+    _, reasons = move_backup(tmp_path, files)
+    assert any("moves, too, and may be another robot" in reason for reason in reasons) == moves, reasons

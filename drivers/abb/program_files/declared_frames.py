@@ -1,7 +1,7 @@
 """Tools and work objects that a RAPID module declares."""
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Set
 from dataclasses import dataclass, field
 
 from cellcal.calibration.geometry import Pose
@@ -31,10 +31,13 @@ class DeclaredFrames:
     tools: dict[str, Pose] = field(default_factory=lambda: {"tool0": Pose((0.0, 0.0, 0.0))})
     declared: set[str] = field(default_factory=set)  # in small letters
     seen_outside: set[str] = field(default_factory=set)  # those of them that other modules see
+    tool_names: set[str] = field(default_factory=set)  # those of them that are tools
 
-    def declare_name(self, name: str, *, shown: bool) -> None:
-        """Note a name; ``public_poses`` where other modules see it."""
+    def declare_name(self, kind: str, name: str, *, shown: bool) -> None:
+        """Note a name of a kind of data; ``public_poses`` where other modules see it."""
         self.declared.add(name.lower())
+        if kind == "tooldata":
+            self.tool_names.add(name.lower())
         if shown:
             self.seen_outside.add(name.lower())
         self.uses.local_frames = self.declared - self.seen_outside
@@ -51,8 +54,19 @@ class DeclaredFrames:
 
     def public_poses(self, poses: Mapping[str, Pose]) -> dict[str, Pose | None]:
         """Return what other modules see, by names in small letters; None for one without a fixed pose."""
-        of = {name.lower(): pose for name, pose in poses.items()}
-        return {name: of.get(name) for name in self.seen_outside}
+        return _poses_of(poses, self.seen_outside)
+
+    def local_poses(self, poses: Mapping[str, Pose]) -> dict[str, Pose | None]:
+        """Return what other modules do not see, as `public_poses`."""
+        return _poses_of(poses, self.uses.local_frames)
+
+    def all_tools(self) -> set[str]:
+        """Return the names that this file declares, or moves, as a tool, in small letters."""
+        return self.tool_names | self.uses.tools_of_moves
+
+    def public_tools(self) -> frozenset[str]:
+        """Return those of them that are not this file's only."""
+        return frozenset(self.all_tools() - self.uses.local_frames)
 
     def take_declaration(self, kind: str, name: str, declared: re.Match[str]) -> int:
         """Take a tool or a work object that is declared; return where it ends."""
@@ -95,3 +109,8 @@ class DeclaredFrames:
         name = self.uses.spell_name(name)
         if poses.setdefault(name, pose) != pose:
             self.uses.several.add(name.lower())
+
+
+def _poses_of(poses: Mapping[str, Pose], names: Set[str]) -> dict[str, Pose | None]:
+    of = {name.lower(): pose for name, pose in poses.items()}
+    return {name: of.get(name) for name in names}

@@ -9,6 +9,7 @@ from cellcal.drivers.abb.program_files.instructions import MOVES
 from cellcal.drivers.abb.program_files.literals import NAME, W, decode_name
 from cellcal.drivers.abb.program_files.target_uses import TargetUses
 from cellcal.drivers.programs.routine_calls import (
+    UNCERTAIN,
     ParameterUse,
     RoutineCall,
     RoutineParameter,
@@ -52,6 +53,7 @@ class RoutineParameters:
         default_factory=set
     )  # scope, name: a routine gives a value, and its caller's data gets it
 
+    tools: set[tuple[str, str]] = field(default_factory=set)  # scope, name: parameters that are a tool
     passing_on: set[str] = field(default_factory=set)  # scopes that pass parameters to other files' routines
 
     def declare_routine(self, scope: str, parameters: str) -> list[str]:
@@ -66,16 +68,22 @@ class RoutineParameters:
             )
             for one in found
         ]
-        return [decode_name(one["name"]) for one in found]
+        names = [decode_name(one["name"]) for one in found]
+        self.tools |= {
+            (scope, name.lower())
+            for one, name in zip(found, names, strict=True)
+            if one["type"].lower() == "tooldata"
+        }
+        return names
 
     def to_targets(self, uses: TargetUses) -> dict[str, RoutineTargets]:
         """Return by routine what it does to targets, and to other data, that other files pass."""
         found = {}
         for scope, parameters in self.of_scope.items():
             of_target = {
-                one.name: frozenset(uses.seen_abroad(*use) for use in some)
+                one.name: some
                 for one in parameters
-                if one.is_target and (some := uses.of_parameters.get((scope, one.name)))
+                if one.is_target and (some := uses.uses_of_parameter(scope, one.name))
             }
             written = frozenset(name for where, name in self.written if where == scope)
             if of_target or written or scope in self.passing_on:
@@ -84,31 +92,46 @@ class RoutineParameters:
 
 
 def pass_targets(
-    uses: TargetUses, parameters: RoutineParameters, calls: Sequence[RoutineCall], kept: Set[tuple[str, str]]
+    uses: TargetUses,
+    parameters: RoutineParameters,
+    calls: Sequence[RoutineCall],
+    kept: Set[tuple[str, str]],
+    tools: Set[str],
 ) -> None:
     """Count the moves of routines to their parameters for the targets that calls pass.
 
     ``kept`` are names and scopes of parameters that a routine gives another value: what is passed by value stays.
+    ``tools`` are names that are a tool's, in small letters.
     """
-    _use_as_stated(uses, parameters, calls)
     called = [(call, scope) for call in calls if (scope := _routine_scope(parameters, call))]
-    uses.calls_abroad = _calls_abroad(uses, parameters, calls)
+    uses.calls_abroad = _calls_abroad(
+        uses, parameters, [_with_tool(uses, parameters, one, tools) for one in calls]
+    )
     for _ in range(_MOST_ROUNDS):  # a routine may pass its parameter on
         changes = [_pass_call(uses, parameters, one, kept) for one in called]
         if not any(changes):
             break
+    uses.note_copied_parameters()
     uses.forget_parameters()
 
 
-def _use_as_stated(uses: TargetUses, parameters: RoutineParameters, calls: Sequence[RoutineCall]) -> None:
-    """Count the tool and work object that a call of what this file does not hold names beside its targets."""
-    for call in calls:
-        if call.stated is None or call.routine in parameters.routines or call.routine in WORDS:
-            continue
-        tool, frame = (name and uses.name_seen_from(call.scope, name) for name in call.stated[:2])
-        for name in call.arguments:
-            if name and uses.rows_of(name, call.scope):
-                uses.add_uses(call.scope, name, {(tool, frame)})
+def _with_tool(
+    uses: TargetUses, parameters: RoutineParameters, call: RoutineCall, tools: Set[str]
+) -> RoutineCall:
+    """Return a call that states a tool where what stands before its work object is one, and else may be one."""
+    if call.stated is None:
+        return call
+    tool, frame = call.stated[:2]
+    key = call.scope, (tool or "").lower()
+    if frame is not None and (call.scope, frame.lower()) in uses.parameters:
+        frame = None  # as the caller says
+    if key in parameters.tools:
+        tool = None
+    elif key in uses.parameters or uses.rows_of(key[1], call.scope):
+        tool = UNCERTAIN
+    elif call.routine not in _COMPUTING_JOINTS and key[1] not in tools:
+        tool = UNCERTAIN + (tool or "")
+    return call._replace(stated=ParameterUse(tool, frame))
 
 
 def _calls_abroad(

@@ -28,7 +28,12 @@ from cellcal.drivers.programs.brands import ProgramBrand
 from cellcal.drivers.programs.columns import BEYOND, gets_only_a_pose, part_of
 from cellcal.drivers.programs.declared_poses import with_declared
 from cellcal.drivers.programs.errors import ProgramFileError
-from cellcal.drivers.programs.file_declarations import ExternalUses, FileDeclarations, lower_name
+from cellcal.drivers.programs.file_declarations import (
+    ExternalUses,
+    FileDeclarations,
+    lower_name,
+    without_uncertain_tools,
+)
 from cellcal.drivers.programs.positions import (
     CARTESIAN,
     JOINTS,
@@ -141,9 +146,12 @@ class AbbFile:
                 doubtful=uses.doubtful_frames(),
                 tools=module.frames.public_poses(module.frames.tools),
                 bases=module.frames.public_poses(module.frames.bases),
+                local_tools=module.frames.local_poses(module.frames.tools),
+                local_bases=module.frames.local_poses(module.frames.bases),
                 routine_targets=module.parameters.to_targets(uses),
                 calls=tuple(uses.calls_abroad),
-                moves=bool(uses.used or uses.of_parameters or any(uses.of_row.values())),
+                named_tools=module.frames.public_tools(),
+                moves=module.moves,
             ),
             keys=tuple(uses.local_keys.get(row, found.names[row].lower()) for row in order.tolist()),
             used=frozenset(k for k, row in enumerate(order.tolist()) if uses.of_row.get(row)),
@@ -274,10 +282,11 @@ def _with_agreed_tools(positions: Positions, external_uses: ExternalUses, keys: 
     tools = list(positions.tools)
     for row, kind in enumerate(positions.kinds):
         if kind == JOINTS:
-            named = {lower_name(move_frames.tool) for move_frames, _ in external_uses.uses_of_name(keys[row])}
+            uses = without_uncertain_tools(external_uses.uses_of_name(keys[row]))
+            named = {lower_name(move_frames.tool) for move_frames, _ in uses}
             named |= {lower_name(tools[row])} if tools[row] else set()
             alone = len(named) == 1 and "" not in named
-            tool = tools[row] or next((each.tool for each, _ in external_uses.uses_of_name(keys[row])), None)
+            tool = tools[row] or next((each.tool for each, _ in uses), None)
             tools[row] = None if not alone or external_uses.doubt_reason(tool, None) else tool
     return replace(positions, tools=tuple(tools))
 

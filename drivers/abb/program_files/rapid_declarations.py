@@ -50,7 +50,7 @@ class RapidDeclarations:
         self.local, local = False, self.local
         self.declared_local = local
         if kind in ("tooldata", "wobjdata"):
-            self.frames.declare_name(name, shown=not local and self.uses.scope.endswith("/"))
+            self.frames.declare_name(kind, name, shown=not local and self.uses.scope.endswith("/"))
         if kind not in AGGREGATES:
             return declared.end()
         if sizes is not None:

@@ -85,6 +85,7 @@ class RapidModule(RapidDeclarations):
     )  # by what is neither read nor a copy
     looked_at: int = 0  # up to where the text was searched for positions inside other data
     set_whole: list[tuple[str, str]] = field(default_factory=list)  # name, scope
+    moves: bool = False  # an instruction of the file moves a robot
     displaced: bool = False  # moves are noted one by one, for displacements
     routine_begins: int = 0
     set_names: set[str] = field(default_factory=set)  # what is assigned as a whole
@@ -124,6 +125,7 @@ class RapidModule(RapidDeclarations):
         """Take a statement as the controller writes it; tell whether it was."""
         if found["name"] is None:
             frame = found["frame"] or "wobj0"
+            self.moves = True
             self.uses.note_use(found["to"], found["tool"], frame)
             if self.displaced:
                 self._note_move(found.start("a_move"), found["to"], -1, frame)
@@ -189,7 +191,7 @@ class RapidModule(RapidDeclarations):
         kept = {(name.partition("{")[0].lower(), scope) for name, scope in self.set_whole}
         self.parameters.routines |= {scope.partition("/")[2] for scope in self.shifts.displacements.routines}
         calls = list(routine_calls(self.found.source.text, self.shifts.displacements.routines))
-        pass_targets(self.uses, self.parameters, calls, kept)
+        pass_targets(self.uses, self.parameters, calls, kept, self.frames.all_tools())
 
     def _take_word(self, word: str, start: int, end: int) -> int:
         """Take a word at statement level; return where to go on."""
@@ -247,6 +249,7 @@ class RapidModule(RapidDeclarations):
         if _ASSIGNED.match(self.found.source.text, end):
             return end
         instruction = read_instruction(self.found.source, word, end)
+        self.moves = True
         for part, target in enumerate(instruction.targets):
             self._moved_to(instruction, part, target, start)
         if word in FINDS and instruction.targets:

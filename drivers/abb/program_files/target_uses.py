@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from cellcal.calibration.message import make_message
 from cellcal.drivers.abb.program_files.collected_positions import RapidPositions
-from cellcal.drivers.programs.barred import MOVED_BY_UNIT, SEEN_FROM_FLANGE
+from cellcal.drivers.programs.barred import MOVED_BY_UNIT, ONLY_SEEN_THERE, SEEN_FROM_FLANGE
 from cellcal.drivers.programs.conditions import ConditionalBar, ProjectNeed
 from cellcal.drivers.programs.file_declarations import COPIED, MoveFrames
 from cellcal.drivers.programs.positions import CARTESIAN
@@ -18,7 +18,6 @@ ToolAndFrame = tuple[str | None, str | None]  # tool, work object; None where it
 _DIFFERENT = "{} is used with different tools or work objects; its user frame and tool are not known."
 _BARRED_DIFFERENT = "the program uses it with different tools or work objects"
 _BARRED_COMPUTED = "the program uses it with a tool or work object that is computed"
-_BARRED_LOCAL = "another module goes there with a tool or work object that only that module sees"
 _BARRED_SEVERAL = "its file declares several tools or work objects of one name"
 BARRED_SET = "its tool or work object is set while the program runs"
 _MOST_USES = 64  # of one target that are told apart
@@ -59,6 +58,7 @@ class TargetUses:
         default_factory=lambda: defaultdict(set)
     )  # by scope and name
     of_row: dict[int, list[ToolAndFrame]] = field(default_factory=lambda: defaultdict(list))
+    tools_of_moves: set[str] = field(default_factory=lambda: {"tool0"})  # in small letters
     spelling: dict[str, str] = field(default_factory=lambda: {"wobj0": "wobj0", "tool0": "tool0"})
     seen_from_flange: set[str] = field(default_factory=set)
     held_objects: set[str] = field(default_factory=set)  # those of them that are work objects
@@ -71,6 +71,9 @@ class TargetUses:
     of_parameters: dict[tuple[str, str], set[ToolAndFrame]] = field(
         default_factory=dict
     )  # by scope and parameter: how the routine's moves go to what is passed
+    of_copied_parameters: dict[tuple[str, str], set[ToolAndFrame]] = field(
+        default_factory=dict
+    )  # how moves go to copies of them; nothing where none does
     calls_abroad: list[RoutineCall] = field(default_factory=list)  # of routines that other files declare
     of_modules: dict[str, list[int]] = field(
         default_factory=lambda: defaultdict(list)
@@ -145,9 +148,10 @@ class TargetUses:
 
     def seen_abroad(self, tool: str | None, frame: str | None) -> ParameterUse:
         """Return a use for other files, which do not see all tools and work objects of this one."""
-        if {(tool or "").lower(), (frame or "").lower()} & self.local_frames:
-            return ParameterUse(None, None, _BARRED_LOCAL)
-        return ParameterUse(tool, frame, "" if tool and frame else _BARRED_COMPUTED)
+        if not (tool and frame):
+            return ParameterUse(tool, frame, _BARRED_COMPUTED)
+        is_local = {tool.lower(), frame.lower()} & self.local_frames
+        return ParameterUse(tool, frame, ONLY_SEEN_THERE if is_local else "")
 
     def note_use(self, name: str, tool: str | None, frame: str | None) -> None:
         """Note that a move goes to a named target."""
@@ -307,6 +311,8 @@ class TargetUses:
         spelled = self.known_here.get((tool, frame))
         if spelled is None:
             spelled = self.known_here[tool, frame] = (self._visible_name(tool), self._visible_name(frame))
+            if spelled[0] is not None and not spelled[0].startswith(PARAMETER):
+                self.tools_of_moves.add(spelled[0].lower())
         return spelled
 
     def _visible_name(self, name: str | None) -> str | None:
@@ -340,6 +346,35 @@ class TargetUses:
         new = [row for row in dict.fromkeys(rows) if row not in set(its)]
         its += new
         return bool(new)
+
+    def note_copied_parameters(self) -> None:
+        """Note how moves of this file go to copies of parameters, and to copies of those."""
+        copies: dict[tuple[str, str], set[tuple[str, str]]] = defaultdict(set)
+        for scope, name, to in self.copied:
+            copies[self._declared_at(name, scope)].add(self._declared_at(to, scope))
+        if not self.parameters & copies.keys():
+            return
+        uses: dict[tuple[str, str], set[ToolAndFrame]] = defaultdict(set)
+        for (scope, name), some in self.used.items():
+            uses[self._declared_at(name, scope)] |= some
+        for parameter in self.parameters & copies.keys():
+            found, waiting = {parameter}, [parameter]
+            while waiting:
+                more = copies.get(waiting.pop(), set()) - found
+                found |= more
+                waiting += more
+            of_copies = (sorted(uses.get(copy, ()), key=str) for copy in sorted(found - {parameter}))
+            self.of_copied_parameters[parameter] = {use for some in of_copies for use in some[:_MOST_USES]}
+
+    def uses_of_parameter(self, scope: str, name: str) -> frozenset[ParameterUse]:
+        """Return how moves go to a parameter, and to copies of it, for other files."""
+        parameter = scope, name
+        found = {self.seen_abroad(*use) for use in self.of_parameters.get(parameter, ())}
+        if parameter in self.of_copied_parameters:
+            copied = {self.seen_abroad(*use) for use in self.of_copied_parameters[parameter]}
+            found |= {use if use.why else use._replace(why=COPIED) for use in copied}
+            found.add(ParameterUse(None, None, COPIED))
+        return frozenset(found)
 
     def forget_parameters(self) -> None:
         """Drop the moves to parameters, which count for what is passed, and tools that only a call could name."""
