@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 
 from cellcal.drivers.programs.errors import ProgramFileError
+from cellcal.drivers.programs.shifts import ShiftAxes
 from cellcal.drivers.yaskawa.program_files.programs import BRAND
 from cellcal.service.cli.app import run_command_line
 from cellcal.service.exit_codes import ExitCode
@@ -45,7 +46,7 @@ def bare_job(*lines: str, name: str = "B") -> str:
 
 def move(tmp_path: Path, *jobs: str, offset: str = SHIFTED, robot: str = "") -> dict:
     """Move jobs by the command; return its report of the first, with the exit code and all findings."""
-    (tmp_path / "jobs").mkdir()
+    (tmp_path / "jobs").mkdir(parents=True)
     for number, text in enumerate(jobs):
         (tmp_path / "jobs" / f"J{number}.JBI").write_text(text, encoding="ascii")
     project = PROJECT.replace('serial = "Y1"\n', f'serial = "Y1"\n{robot}')
@@ -233,6 +234,27 @@ def test_increments_in_small_letters_are_left(tmp_path: Path) -> None:
     assert moved["code"] == ExitCode.REFUSED
     assert "increment" in moved["reasons"]["C00001"]
     assert moved["reasons"]["C00000"] == ""
+
+
+@pytest.mark.parametrize(
+    ("lines", "called"),
+    [
+        (("'see c00001", "SFTON P001 BF", "CALL JOB:Sub", "SFTOF"), "Sub"),
+        (("NOP //move to p001", "SFTON P001 BF", "CALL JOB:Sub IF IN#(1)=ON"), "Sub"),
+        (("sfton p001 bf", "call job:Sub if in#(1)=on 'c00001", "sftof"), "Sub"),
+        (("sfton p001 bf", "pstart job:Sub", "sftof"), "Sub"),
+        (("sfton p001 bf", "call job:sub", "sftof"), "SUB"),
+    ],
+)
+def test_small_letters_lose_no_call(tmp_path: Path, lines: tuple[str, ...], called: str) -> None:
+    moved = move(tmp_path, bare_job(*lines), job("MOVL C00000 V=1.0", name=called), offset=TURNED)
+    assert moved["code"] == ExitCode.REFUSED
+    assert any("SFTON of B shifts C00000" in one["text"] for one in moved["findings"])
+
+
+def test_the_frame_of_a_shift_is_read_in_small_letters() -> None:
+    program = BRAND.read("A.JBI", job("SFTON P001 uf#(2)", "MOVL C00000 V=1.0").encode("ascii"))
+    assert [one.axes for one in program.positions.shifts] == [ShiftAxes.USER_FRAME]
 
 
 def test_a_folder_and_numbers_with_zeros_are_read(tmp_path: Path) -> None:

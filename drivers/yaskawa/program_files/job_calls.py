@@ -46,8 +46,9 @@ def declarations_of(file: str, data: bytes) -> FileDeclarations:
             on = word == "SFTON" or (on and (jumps or word != "SFTOF"))
             called = _CALLED.search(rest) if word in ("CALL", "PSTART", "JUMP") else None
             if called is not None:
-                marks[f"{folder} call {name} {called[1]}"] = name
-                marks |= {f"{folder} shifted {called[1]}": name} if on else {}
+                for called_name in (called[1], called[1].upper()):  # small letters may be an editor's
+                    marks[f"{folder} call {name} {called_name}"] = name
+                    marks |= {f"{folder} shifted {called_name}": name} if on else {}
         for what, number in _MADE.findall(instructions):
             marks[f"{folder} makes {name} {what} {number}"] = name
         if on:
