@@ -214,6 +214,31 @@ def test_a_variable_with_which_another_job_computes_is_left(tmp_path: Path, offs
     assert "job B" in moved["reasons"]["P00000"]
 
 
+@pytest.mark.parametrize("offset", [SHIFTED, TURNED])
+@pytest.mark.parametrize(
+    ("lines", "left"),
+    [
+        (("GETE D010 P000 (1)",), False),
+        (("SET P005 P000",), False),
+        (("SET LP005 P000", "MOVL LP005 V=1.0"), False),
+        (("SET P005 P000", "SETE P005 (3) 1000"), False),
+        (("GETE D010 P000 (1)", "SETE P000 (1) D010"), True),
+        (("SFTON P005 BF", "SET P005 P000"), True),
+        (("SET P006 P005", "SET P005 P000", "ADD P007 P006"), True),
+        (("SET LP005 P000", "IMOV LP005 V=1.0 BF"), True),
+        (("MUL P000 B001",), True),
+        (("ADD P005 P000",), True),
+        (("MSHIFT PX005 BF PX000 PX001",), True),
+    ],
+)
+def test_a_variable_that_another_job_only_reads_moves(
+    tmp_path: Path, offset: str, lines: tuple[str, ...], left: bool
+) -> None:
+    moved = move(tmp_path, variable_job("MOVL P000 V=1.0"), bare_job(*lines), offset=offset)
+    assert ("job B" in moved["reasons"]["P00000"]) == left
+    assert left or moved["reasons"]["P00000"] == ""
+
+
 def test_a_variable_that_another_job_goes_to_moves_with_the_job_that_states_it(tmp_path: Path) -> None:
     moved = move(tmp_path, variable_job("MOVL P000 V=1.0"), bare_job("MOVL P000 V=1.0"))
     assert (moved["code"], moved["findings"]) == (ExitCode.PASS, [])
