@@ -1,10 +1,12 @@
 """Yaskawa jobs of two robots, with rows of axes of another number, variables of other jobs, and relative jobs."""
 
 import json
+import sys
 from pathlib import Path
 
 import pytest
 
+from cellcal.drivers.programs.cross_file_uses import BatchDeclarations
 from cellcal.drivers.programs.errors import ProgramFileError
 from cellcal.drivers.programs.shifts import ShiftAxes
 from cellcal.drivers.yaskawa.program_files.programs import BRAND
@@ -237,6 +239,41 @@ def test_a_variable_that_another_job_only_reads_moves(
     moved = move(tmp_path, variable_job("MOVL P000 V=1.0"), bare_job(*lines), offset=offset)
     assert ("job B" in moved["reasons"]["P00000"]) == left
     assert left or moved["reasons"]["P00000"] == ""
+
+
+def _count_calls_of_batch(count: int) -> int:
+    """Return how many functions are called to give each of many jobs what the others say of it."""
+    texts = {
+        f"J{i}.JBI": job(
+            *(f"GETS PX{number:03d} $PX001" for number in range(10 * i, 10 * i + 10)),
+            "SFTON P001 BF",
+            f"CALL JOB:J{i + 1}",
+            "SFTOF",
+            name=f"J{i}",
+            rows=VARIABLE,
+            counts="0,0,0,1,0,0",
+        )
+        for i in range(count)
+    }
+    programs = {name: BRAND.read(name, text.encode("ascii")) for name, text in texts.items()}
+    across = BatchDeclarations({name: one.declarations for name, one in programs.items()})
+    given = [(program, across.uses_of_file(name)) for name, program in programs.items()]
+    calls = [0]
+
+    def count_call(frame: object, event: str, _: object) -> None:
+        calls[0] += event in ("call", "c_call")
+
+    sys.setprofile(count_call)
+    try:
+        for program, uses in given:
+            program.with_external_uses(uses)
+    finally:
+        sys.setprofile(None)
+    return calls[0]
+
+
+def test_what_other_jobs_say_costs_no_more_for_each_job_of_a_large_folder() -> None:
+    assert _count_calls_of_batch(60) < 2.5 * _count_calls_of_batch(30)
 
 
 def test_a_variable_that_another_job_goes_to_moves_with_the_job_that_states_it(tmp_path: Path) -> None:

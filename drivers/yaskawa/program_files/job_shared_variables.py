@@ -4,10 +4,10 @@ What a job says of this goes to the other jobs of its folder as texts under keys
 """
 
 import re
-from collections.abc import Mapping
 from pathlib import PurePath
 
 from cellcal.calibration.message import make_message
+from cellcal.drivers.programs.file_declarations import BatchReasons
 from cellcal.drivers.yaskawa.program_files.job_remarks import MOVES
 from cellcal.drivers.yaskawa.program_files.job_text import split_instruction
 from cellcal.drivers.yaskawa.program_files.job_variables import FILLS, numbers_in
@@ -44,26 +44,19 @@ def variable_marks(file: str, job: str, head: str, instructions: str) -> dict[st
             used.update(sources if number in used else ())
     computes = {str(number) for number in filled | used if number >= 0}
     stated = {int(number) for number in _STATED.findall(head)} if goes_to else set[int]()
-    marks = {f"{folder} computes {job} {number}": job for number in (*sorted(computes), *(ANY,) * chosen)}
-    return marks | {f"{folder} places {job} {number}": job for number in sorted((stated & goes_to) - others)}
+    marks = {f"{folder} computes {number} {job}": job for number in (*sorted(computes), *(ANY,) * chosen)}
+    return marks | {f"{folder} places {number} {job}": job for number in sorted((stated & goes_to) - others)}
 
 
-def computed_elsewhere(file: str, job: str, number: int, marks: Mapping[str, str]) -> str:
+def computed_elsewhere(file: str, job: str, number: int, marks: BatchReasons) -> str:
     """Return which other job computes with a variable or uses it as an amount, as a reason; "" where none does."""
-    others = [(name, which) for name, which in _marked(file, "computes", marks) if name != job]
     for form, chosen in ((_COMPUTED_BY, str(number)), (_MAY_BE_COMPUTED_BY, ANY)):
-        for name, which in others:
-            if which == chosen:
+        for name in marks.rests_behind(f"{PurePath(file).parent} computes {chosen}"):
+            if name != job:
                 return make_message(form, name)
     return ""
 
 
-def placed_variables(file: str, marks: Mapping[str, str]) -> frozenset[str]:
-    """Return the variables that a job of the folder states and goes to, by number."""
-    return frozenset(number for _, number in _marked(file, "places", marks))
-
-
-def _marked(file: str, what: str, marks: Mapping[str, str]) -> list[tuple[str, str]]:
-    begins = f"{PurePath(file).parent} {what} "
-    pairs = (key.removeprefix(begins).split(" ") for key in marks if key.startswith(begins))
-    return [(name, number) for name, number in pairs]
+def is_placed(file: str, number: str, marks: BatchReasons) -> bool:
+    """Tell whether a job of the folder states a variable and goes to it."""
+    return bool(marks.rests_behind(f"{PurePath(file).parent} places {number}"))
