@@ -18,6 +18,7 @@ from cellcal.drivers.programs.declared_poses import DeclaredPoses
 from cellcal.drivers.programs.file_declarations import (
     COPIED,
     NO_MOTION,
+    BatchReasons,
     ExternalUses,
     FileDeclarations,
     Imports,
@@ -48,7 +49,7 @@ class BatchDeclarations:
             lambda: defaultdict(list)
         )
         self._absent: dict[str, dict[str, frozenset[MoveFrames]]] = defaultdict(dict)  # by file and name
-        self._doubtful: dict[str, str] = {}
+        self._doubtful = BatchReasons()
         self._shown: dict[str, list[str]] = defaultdict(list)  # by routine: the files that show it
         self._folders = {file: str(PurePath(file).parent) for file in declarations}
         self._names = [(file, name) for file, one in declarations.items() for name in one.routines]

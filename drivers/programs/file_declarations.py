@@ -1,8 +1,10 @@
 """What a file of a robot's programs declares and does that counts for the other files of its batch."""
 
-from collections.abc import Mapping, Sequence
+from collections import defaultdict
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import NamedTuple, Protocol, TypeAlias
+from functools import cached_property
+from typing import Any, NamedTuple, Protocol, TypeAlias, TypeVar
 
 from cellcal.drivers.programs.barred import COMPUTED, OVERWRITTEN
 from cellcal.drivers.programs.declared_poses import Poses
@@ -10,6 +12,7 @@ from cellcal.drivers.programs.routine_calls import UNCERTAIN, RoutineCall, Routi
 
 # By its name here: the module that declares a position, and its name there.
 Imports: TypeAlias = Mapping[str, tuple[str, str]]
+Derived = TypeVar("Derived")
 COPIED = "the program copies it, and only the copy is moved to"
 COMPONENT_SET = "the program sets a component of it while it runs"
 VALUES_GIVEN = frozenset((OVERWRITTEN, COMPONENT_SET))
@@ -37,6 +40,35 @@ class RoutineEffects:
     computes: frozenset[str] = frozenset()  # global places that it computes, as the brand names them
     frame_left: str | None = None  # chosen when it ends, "" for the one that it began with; None: not certain
     beside: frozenset[str] = frozenset()  # routines of its calls that go on while it and its callers run
+
+
+class BatchReasons(dict[str, str]):
+    """Reasons by name, of all files of a batch; what a brand derives from them is derived once."""
+
+    @cached_property
+    def _rests(self) -> dict[str, list[str]]:
+        rests: dict[str, list[str]] = defaultdict(list)
+        for name in self:
+            at = name.find(" ")
+            while at >= 0:
+                rests[name[: at + 1]].append(name[at + 1 :])
+                at = name.find(" ", at + 1)
+        return dict(rests)
+
+    @cached_property
+    def _derived(self) -> dict[str, Any]:
+        return {}
+
+    def rests_behind(self, words: str) -> Sequence[str]:
+        """Return what stands in the names behind words with which they begin, and a space."""
+        return self._rests.get(f"{words} ", ())
+
+    def derive_once(self, what: str, derive: Callable[[], Derived]) -> Derived:
+        """Return what was derived under a name, or derive it."""
+        if what not in self._derived:
+            self._derived[what] = derive()
+        found: Derived = self._derived[what]
+        return found
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,7 +117,7 @@ class ExternalUses:
     """What the files of a batch declare and do that counts for one of them."""
 
     uses: Mapping[str, Sequence[tuple[MoveFrames, str]]]  # by declared name; the file that uses it
-    doubtful: Mapping[str, str]
+    doubtful: BatchReasons
     reached: FindOpenReason
     find_declarations: FindDeclarations
     file: str

@@ -5,6 +5,7 @@ from pathlib import Path
 import pytest
 
 from cellcal.drivers.programs.barred import COMPUTED, OVERWRITTEN
+from cellcal.drivers.universal_robots.program_files.script_positions import CONFLICTS
 from cellcal.service.exit_codes import ExitCode
 from tests.programs.test_across_files import dat_file, frames_of_position, read_programs, src_file
 from tests.programs.test_field_cases import move_program
@@ -135,6 +136,90 @@ def test_a_place_that_a_function_brings_into_a_frame_is_in_two(
     if status == "left":
         assert moved.code == ExitCode.REFUSED
         assert moved.report_point("pick")["reason"] == "the program goes to it in different frames"
+
+
+NESTED = """def prog():
+  def over(pose):
+    local t = pose
+    {over}
+  end
+  def set_target(q):
+    global tgt = q
+  end
+  def go_to(pose):
+    if (True):
+      movel(pose)
+    end
+  end
+  set_tcp(p[0,0,0,0,0,0])
+  movej([0.3, -1.4, 1.9, -2.0, -1.57, 0.1], a=1.4, v=1.05)
+  plane = p[0.1,0,0,0,0,0]
+  pick = p[-0.544299,-0.276221,0.194454,1.607636,2.295913,0.875803]
+  movel(pick, a=1.2, v=0.25)
+  {main}
+end
+"""
+
+
+@pytest.mark.parametrize(
+    ("over", "main", "status"),
+    [
+        ("movel(t)", "places = [pick, pick]\n  movel(pose_trans(plane, places[0]))", "left"),
+        (
+            "movel(t)",
+            "places = [pick, # first\n    pick]\n  t = places[1]\n  movel(pose_trans(plane, t))",
+            "left",
+        ),
+        ("movel(pose_trans(plane, t))", "places = [pick]\n  over(places[0])", "left"),
+        ("movel(t)", "places = [1, 1]\n  places[1] = pick\n  movel(pose_trans(plane, places[1]))", "left"),
+        ("movel(t)", "places = [pick, pick]\n  movel(places[0])", "changed"),
+        ("movel(t)", "set_target(pick)\n  movel(pose_trans(plane, tgt))", "left"),
+        ("movel(pose_trans(plane, tgt))", "set_target(pick)\n  over(1)", "left"),
+        ("movel(pose_trans(plane, t))", "over(pick)", "left"),
+        ("movel(t)", "go_to(pick)\n  pose = get_pose()\n  movel(pose_trans(plane, pose))", "changed"),
+        ("movel(t)", "over(pick)\n  t = get_pose()\n  movel(pose_trans(plane, t))", "changed"),
+        ("t = get_pose()\n    movel(pose_trans(plane, t))", "t = pick\n  movel(t)", "changed"),
+        (
+            "movel(t)",
+            "tgt = pick\n  movel(tgt)\n  tgt = get_pose()\n  movel(pose_trans(plane, tgt))",
+            "changed",
+        ),
+        ("movel(t)", "t = pick\n  movel(t)\n  t = pose_trans(plane, t)\n  movel(t)", "left"),
+        (
+            "movel(t)",
+            "while (True):\n    t = pick\n    movel(t)\n    t = get_pose()\n"
+            "    movel(pose_trans(plane, t))\n  end",
+            "changed",
+        ),
+        (
+            "movel(t)",
+            "while (True):\n    movel(pose_trans(plane, t))\n    t = get_pose()\n    t = pick\n  end",
+            "left",
+        ),
+        (
+            "movel(t)",
+            "t = pick\n  if (True):\n    t = get_pose()\n  end\n  movel(pose_trans(plane, t))",
+            "left",
+        ),
+        (
+            "movel(t)",
+            "if (True):\n    t = pick\n  else:\n    t = get_pose()\n  end\n  movel(pose_trans(plane, t))",
+            "left",
+        ),
+        (
+            "movel(pose_trans(plane, tgt))",
+            "global tgt = pick\n  over(1)\n  global tgt = get_pose()\n  movel(tgt)",
+            "left",
+        ),
+    ],
+)
+def test_copies_last_to_the_next_value_and_belong_to_their_function(
+    tmp_path: Path, over: str, main: str, status: str
+) -> None:
+    text = NESTED.format(over=over, main=main)
+    moved = move_program(tmp_path, "ur", "component_assignment.script", offset="10,-5,5,0,0,4", text=text)
+    assert moved.report_point("pick")["status"] == status
+    assert moved.report_point("pick")["reason"] == (CONFLICTS if status == "left" else "")
 
 
 AXES = "{A1 0,A2 -90,A3 90,A4 0,A5 10,A6 0}"

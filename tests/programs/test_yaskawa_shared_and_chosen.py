@@ -1,11 +1,14 @@
 """Yaskawa jobs of two robots, with rows of axes of another number, variables of other jobs, and relative jobs."""
 
 import json
+import sys
 from pathlib import Path
 
 import pytest
 
+from cellcal.drivers.programs.cross_file_uses import BatchDeclarations
 from cellcal.drivers.programs.errors import ProgramFileError
+from cellcal.drivers.programs.shifts import ShiftAxes
 from cellcal.drivers.yaskawa.program_files.programs import BRAND
 from cellcal.service.cli.app import run_command_line
 from cellcal.service.exit_codes import ExitCode
@@ -45,7 +48,7 @@ def bare_job(*lines: str, name: str = "B") -> str:
 
 def move(tmp_path: Path, *jobs: str, offset: str = SHIFTED, robot: str = "") -> dict:
     """Move jobs by the command; return its report of the first, with the exit code and all findings."""
-    (tmp_path / "jobs").mkdir()
+    (tmp_path / "jobs").mkdir(parents=True)
     for number, text in enumerate(jobs):
         (tmp_path / "jobs" / f"J{number}.JBI").write_text(text, encoding="ascii")
     project = PROJECT.replace('serial = "Y1"\n', f'serial = "Y1"\n{robot}')
@@ -213,6 +216,66 @@ def test_a_variable_with_which_another_job_computes_is_left(tmp_path: Path, offs
     assert "job B" in moved["reasons"]["P00000"]
 
 
+@pytest.mark.parametrize("offset", [SHIFTED, TURNED])
+@pytest.mark.parametrize(
+    ("lines", "left"),
+    [
+        (("GETE D010 P000 (1)",), False),
+        (("SET P005 P000",), False),
+        (("SET LP005 P000", "MOVL LP005 V=1.0"), False),
+        (("SET P005 P000", "SETE P005 (3) 1000"), False),
+        (("GETE D010 P000 (1)", "SETE P000 (1) D010"), True),
+        (("SFTON P005 BF", "SET P005 P000"), True),
+        (("SET P006 P005", "SET P005 P000", "ADD P007 P006"), True),
+        (("SET LP005 P000", "IMOV LP005 V=1.0 BF"), True),
+        (("MUL P000 B001",), True),
+        (("ADD P005 P000",), True),
+        (("MSHIFT PX005 BF PX000 PX001",), True),
+    ],
+)
+def test_a_variable_that_another_job_only_reads_moves(
+    tmp_path: Path, offset: str, lines: tuple[str, ...], left: bool
+) -> None:
+    moved = move(tmp_path, variable_job("MOVL P000 V=1.0"), bare_job(*lines), offset=offset)
+    assert ("job B" in moved["reasons"]["P00000"]) == left
+    assert left or moved["reasons"]["P00000"] == ""
+
+
+def _count_calls_of_batch(count: int) -> int:
+    """Return how many functions are called to give each of many jobs what the others say of it."""
+    texts = {
+        f"J{i}.JBI": job(
+            *(f"GETS PX{number:03d} $PX001" for number in range(10 * i, 10 * i + 10)),
+            "SFTON P001 BF",
+            f"CALL JOB:J{i + 1}",
+            "SFTOF",
+            name=f"J{i}",
+            rows=VARIABLE,
+            counts="0,0,0,1,0,0",
+        )
+        for i in range(count)
+    }
+    programs = {name: BRAND.read(name, text.encode("ascii")) for name, text in texts.items()}
+    across = BatchDeclarations({name: one.declarations for name, one in programs.items()})
+    given = [(program, across.uses_of_file(name)) for name, program in programs.items()]
+    calls = [0]
+
+    def count_call(frame: object, event: str, _: object) -> None:
+        calls[0] += event in ("call", "c_call")
+
+    sys.setprofile(count_call)
+    try:
+        for program, uses in given:
+            program.with_external_uses(uses)
+    finally:
+        sys.setprofile(None)
+    return calls[0]
+
+
+def test_what_other_jobs_say_costs_no_more_for_each_job_of_a_large_folder() -> None:
+    assert _count_calls_of_batch(60) < 2.5 * _count_calls_of_batch(30)
+
+
 def test_a_variable_that_another_job_goes_to_moves_with_the_job_that_states_it(tmp_path: Path) -> None:
     moved = move(tmp_path, variable_job("MOVL P000 V=1.0"), bare_job("MOVL P000 V=1.0"))
     assert (moved["code"], moved["findings"]) == (ExitCode.PASS, [])
@@ -233,6 +296,27 @@ def test_increments_in_small_letters_are_left(tmp_path: Path) -> None:
     assert moved["code"] == ExitCode.REFUSED
     assert "increment" in moved["reasons"]["C00001"]
     assert moved["reasons"]["C00000"] == ""
+
+
+@pytest.mark.parametrize(
+    ("lines", "called"),
+    [
+        (("'see c00001", "SFTON P001 BF", "CALL JOB:Sub", "SFTOF"), "Sub"),
+        (("NOP //move to p001", "SFTON P001 BF", "CALL JOB:Sub IF IN#(1)=ON"), "Sub"),
+        (("sfton p001 bf", "call job:Sub if in#(1)=on 'c00001", "sftof"), "Sub"),
+        (("sfton p001 bf", "pstart job:Sub", "sftof"), "Sub"),
+        (("sfton p001 bf", "call job:sub", "sftof"), "SUB"),
+    ],
+)
+def test_small_letters_lose_no_call(tmp_path: Path, lines: tuple[str, ...], called: str) -> None:
+    moved = move(tmp_path, bare_job(*lines), job("MOVL C00000 V=1.0", name=called), offset=TURNED)
+    assert moved["code"] == ExitCode.REFUSED
+    assert any("SFTON of B shifts C00000" in one["text"] for one in moved["findings"])
+
+
+def test_the_frame_of_a_shift_is_read_in_small_letters() -> None:
+    program = BRAND.read("A.JBI", job("SFTON P001 uf#(2)", "MOVL C00000 V=1.0").encode("ascii"))
+    assert [one.axes for one in program.positions.shifts] == [ShiftAxes.USER_FRAME]
 
 
 def test_a_folder_and_numbers_with_zeros_are_read(tmp_path: Path) -> None:

@@ -1,22 +1,36 @@
 """Places that a URScript program passes to its own functions, which may bring them into a frame."""
 
 import re
-from collections.abc import Callable, Mapping, Sequence
+from bisect import bisect_left, bisect_right
+from collections import defaultdict
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+
+from cellcal.drivers.universal_robots.program_files.script_scopes import UNKNOWN, ScriptScopes, Variable
 
 Use = tuple[int, str, str]  # where a name stands, what for, and in which call or frame
 
-_HEADER = re.compile(
-    r"^[ \t]*+(?:def|thread)[ \t]++([A-Za-z_]\w*+)[ \t]*+\(([^()]*+)\)", re.ASCII | re.MULTILINE
-)
 _COPY = re.compile(
-    r"^[ \t]*+(?:(?:global|local)[ \t]++)?+([A-Za-z_]\w*+)[ \t]*+=[ \t]*+([A-Za-z_]\w*+)[ \t]*+(?:#[^\r\n]*+)?\r?$",
+    r"^[ \t]*+(?:(?:global|local)[ \t]++)?+([A-Za-z_]\w*+)(?:\[[^\]\n]*+\])?+[ \t]*+=[ \t]*+"
+    r"(?:(\[)|([A-Za-z_]\w*+)(?:\[[^\]\n]*+\])?+[ \t]*+(?:#[^\r\n]*+)?\r?$)",
     re.ASCII | re.MULTILINE,
 )
-_PARAMETER = re.compile(r"\s*+([A-Za-z_]\w*+)", re.ASCII)
+_LISTED = re.compile(r"#[^\r\n]*+|[\[\](){}]|(?<![\w.])([A-Za-z_]\w*+)", re.ASCII)
 _KEYWORD = re.compile(r"([A-Za-z_]\w*+)\s*+=\s*+\Z", re.ASCII)
+_CALLED = re.compile(r"([A-Za-z_]\w*+)[ \t]*+\Z", re.ASCII)
 _LONGEST_CALL = 2000
+_LONGEST_LIST = 100_000
+_LONGEST_NAME = 60
 _MOST_ROUNDS = 20
+_EVERYWHERE = -3  # in place of where a variable gets its value: all uses count
+
+
+@dataclass
+class _Uses:
+    """The uses of a variable in one function, in the order of the text."""
+
+    offsets: list[int] = field(default_factory=list)
+    uses: list[Use] = field(default_factory=list)
 
 
 @dataclass
@@ -26,62 +40,128 @@ class PassedArguments:
     text: str
     uses: Mapping[str, Sequence[Use]]
     behind_frame: Callable[[int], bool]  # whether a pose in pose_trans stands behind a frame
-    _parameters: dict[str, list[str]] = field(init=False, default_factory=dict)
+    _scopes: ScriptScopes = field(init=False)
+    _parameters: dict[str, Sequence[str]] = field(init=False, default_factory=dict)
     _framed: set[tuple[str, str]] = field(init=False, default_factory=set)  # function, parameter
-
-    _copies: dict[str, set[str]] = field(init=False, default_factory=dict)  # by name: what is set to it
+    _copies: dict[int, tuple[str, int]] = field(init=False, default_factory=dict)  # by use: into what, where
+    _variables: dict[str, dict[Variable, dict[int, _Uses]]] = field(init=False, default_factory=dict)
 
     def __post_init__(self) -> None:
+        self._scopes = ScriptScopes(self.text)
         for one in _COPY.finditer(self.text):
-            self._copies.setdefault(one[2], set()).add(one[1])
-        headers = list(_HEADER.finditer(self.text))
-        ends = [*(one.start() for one in headers), len(self.text)][1:]
+            if one[3]:
+                self._copies[one.start(3)] = (one[1], one.start(1))
+            else:
+                self._copies |= dict.fromkeys(self._listed_names(one.end()), (one[1], one.start(1)))
+        self._parameters = {one.name: one.parameters for one in self._scopes.functions}
         passed: list[tuple[tuple[str, str], Use]] = []
-        for header, end in zip(headers, ends, strict=True):
-            function = header[1]
-            found = [_PARAMETER.match(part) for part in header[2].split(",")]
-            self._parameters[function] = [one[1] if one else "" for one in found]
-            for name in filter(None, self._parameters[function]):
-                inside = [use for use in self._uses_of(name) if header.end() < use[0] < end]
+        for number, function in enumerate(self._scopes.functions):
+            for name in filter(None, function.parameters):
+                inside = list(self._reached_uses((number, name)))
                 if any(self._is_framed(use) for use in inside):
-                    self._framed.add((function, name))
-                passed += [((function, name), use) for use in inside]
+                    self._framed.add((function.name, name))
+                passed += [((function.name, name), use) for use in inside]
         for _ in range(_MOST_ROUNDS):  # a function may pass its parameter on
             more = {key for key, use in passed if self._goes_into_frame(use)}
             if more <= self._framed:
                 break
             self._framed |= more
 
-    def is_brought_into_a_frame(self, name: str) -> bool:
-        """Tell whether a copy of a place, or a function that it is passed to, goes to it in a frame."""
-        if any(self._goes_into_frame(use) for use in self.uses.get(name, ()) if self._framed):
-            return True
+    def is_brought_into_a_frame(self, name: str, at: int) -> bool:
+        """Tell whether a copy of a place, or a function that it is passed to, goes to it in a frame.
+
+        Parameters
+        ----------
+        at
+            Where the place gets its name.
+        """
+        uses = self.uses.get(name, ())
+        if not self._framed and not any(use[0] in self._copies for use in uses):  # as nearly always
+            return False
+        variable = self._scopes.variable_at(name, at)
+        own = {use[0] for use in uses}
         return any(
-            self._is_framed(use) or self._goes_into_frame(use)
-            for copy in self._copies_of(name) - {name}
-            for use in self.uses.get(copy, ())
+            (use[0] not in own and self._is_framed(use)) or self._goes_into_frame(use)
+            for use in self._reached_uses(variable)
         )
 
-    def _copies_of(self, name: str) -> set[str]:
-        """Return a name and all that are set to it, or to a copy of it."""
-        found, waiting = {name}, [name]
+    def _reached_uses(self, variable: Variable) -> Iterator[Use]:
+        """Yield the uses of a variable, and of what is set to it or to a copy of it, as long as that lasts."""
+        found: set[tuple[Variable, int]] = {(variable, _EVERYWHERE)}
+        waiting = list(found)
         while waiting:
-            new = self._copies.get(waiting.pop(), set()) - found
-            found |= new
-            waiting += new
-        return found
+            for use in self._uses_of(*waiting.pop()):
+                yield use
+                copy = self._copies.get(use[0])
+                if copy is None:
+                    continue
+                new = (self._scopes.variable_at(*copy), copy[1])
+                if new not in found:
+                    found.add(new)
+                    waiting.append(new)
 
-    def _uses_of(self, name: str) -> list[Use]:
-        return [use for copy in sorted(self._copies_of(name)) for use in self.uses.get(copy, ())]
+    def _uses_of(self, variable: Variable, at: int) -> Iterator[Use]:
+        """Yield the uses of a variable that may hold what it gets at an offset."""
+        function = _EVERYWHERE if at == _EVERYWHERE else self._scopes.function_at(at)
+        for one in (variable, (UNKNOWN, variable[1])):
+            for number, some in self._variables_named(variable[1]).get(one, {}).items():
+                if number != function:
+                    yield from some.uses
+                    continue
+                for start, stop in self._scopes.reach_of(variable, at):
+                    yield from some.uses[bisect_left(some.offsets, start) : bisect_right(some.offsets, stop)]
+
+    def _variables_named(self, name: str) -> dict[Variable, dict[int, _Uses]]:
+        """Return the variables of a name, and by function their uses."""
+        if name not in self._variables:
+            found: dict[Variable, dict[int, _Uses]] = defaultdict(lambda: defaultdict(_Uses))
+            for use in sorted(self.uses.get(name, ())):
+                at = use[0]
+                some = found[self._scopes.variable_at(name, at)][self._scopes.function_at(at)]
+                some.offsets.append(at)
+                some.uses.append(use)
+            self._variables[name] = found
+        return self._variables[name]
+
+    def _listed_names(self, start: int) -> Iterator[int]:
+        """Yield where names stand in a list, behind its bracket, that are no arguments of calls."""
+        brackets = ["["]
+        for found in _LISTED.finditer(self.text, start, start + _LONGEST_LIST):
+            if found[1]:
+                if "(" not in brackets:
+                    yield found.start(1)
+            elif found[0] in "([{":
+                brackets.append(found[0])
+            elif found[0] in ")]}":
+                brackets.pop()
+                if not brackets:
+                    return
 
     def _is_framed(self, use: Use) -> bool:
         at, role, where = use
-        return role == "in_frame" or (role == "other" and where == "pose_trans" and self.behind_frame(at))
+        return role == "in_frame" or (
+            role == "other" and where in ("pose_trans", "[") and self.behind_frame(at)
+        )
 
     def _goes_into_frame(self, use: Use) -> bool:
         at, role, where = use
+        where = self._function_called_at(at) if where == "[" else where
         parameters = self._parameters.get(where) if role == "other" else None
         return parameters is not None and (where, self._parameter_at(at, where, parameters)) in self._framed
+
+    def _function_called_at(self, at: int) -> str:
+        """Return the function that an element of a list is an argument of; "" where it is none."""
+        begins = max(0, at - _LONGEST_CALL)
+        deep = 0
+        for i in range(at - 1, begins - 1, -1):
+            sign = self.text[i]
+            deep += (sign in ")]") - (sign in "([")
+            if deep < 0:
+                called = _CALLED.search(self.text, max(0, i - _LONGEST_NAME), i) if sign == "(" else None
+                return called[1] if called else ""
+            if sign == "\n" and not deep and self.text[max(0, i - 1)] not in ",(\\\r":
+                return ""
+        return ""
 
     def _parameter_at(self, at: int, function: str, parameters: Sequence[str]) -> str:
         """Return the parameter that an argument is for; "" where it is none."""

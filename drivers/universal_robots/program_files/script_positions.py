@@ -246,7 +246,9 @@ class PositionFinder:
             role == "other" and where == "pose_trans" and self._behind_frame(at)
             for at, role, where in self.found.uses.get(literal.name, ())
         )
-        return len(gone_to) + computed > 1 or self._passed.is_brought_into_a_frame(literal.name)
+        return len(gone_to) + computed > 1 or self._passed.is_brought_into_a_frame(
+            literal.name, literal.start
+        )
 
     @cached_property
     def _passed(self) -> PassedArguments:

@@ -4,11 +4,10 @@ What a job says of this goes to the other jobs of its folder as texts under keys
 """
 
 import re
-from collections.abc import Mapping
 from pathlib import PurePath
 
 from cellcal.calibration.message import make_message
-from cellcal.drivers.programs.file_declarations import FileDeclarations
+from cellcal.drivers.programs.file_declarations import BatchReasons, FileDeclarations
 from cellcal.drivers.yaskawa.program_files.job_shared_variables import variable_marks
 from cellcal.drivers.yaskawa.program_files.job_text import (
     BLOCK_BEGINS,
@@ -46,8 +45,9 @@ def declarations_of(file: str, data: bytes) -> FileDeclarations:
             on = word == "SFTON" or (on and (jumps or word != "SFTOF"))
             called = _CALLED.search(rest) if word in ("CALL", "PSTART", "JUMP") else None
             if called is not None:
-                marks[f"{folder} call {name} {called[1]}"] = name
-                marks |= {f"{folder} shifted {called[1]}": name} if on else {}
+                for called_name in (called[1], called[1].upper()):  # small letters may be an editor's
+                    marks[f"{folder} call {name} {called_name}"] = name
+                    marks |= {f"{folder} shifted {called_name}": name} if on else {}
         for what, number in _MADE.findall(instructions):
             marks[f"{folder} makes {name} {what} {number}"] = name
         if on:
@@ -55,17 +55,23 @@ def declarations_of(file: str, data: bytes) -> FileDeclarations:
     return FileDeclarations(PurePath(file).stem, doubtful=marks)
 
 
-def shift_from_others(file: str, job: str, marks: Mapping[str, str]) -> str:
+def shift_from_others(file: str, job: str, marks: BatchReasons) -> str:
     """Return the SFTON of another job that may be on in a job, as an instruction is named; "" where none is."""
+    folder = f"{PurePath(file).parent}"
+    shifted = marks.derive_once(f"{folder} shifted", lambda: _shifted_jobs(folder, marks))
+    return make_message(_SHIFTED, shifted[job]) if job in shifted else ""
+
+
+def _shifted_jobs(folder: str, marks: BatchReasons) -> dict[str, str]:
+    """Return the jobs of a folder in which another's SFTON may be on, and which job's."""
     calls = [
         (caller, called)
-        for caller, _, called in (pair.partition(" ") for pair in _marked_names(file, "call", marks))
+        for caller, _, called in (pair.partition(" ") for pair in marks.rests_behind(f"{folder} call"))
     ]
     shifted = {
-        called: marks[f"{PurePath(file).parent} shifted {called}"]
-        for called in _marked_names(file, "shifted", marks)
+        called: marks[f"{folder} shifted {called}"] for called in marks.rests_behind(f"{folder} shifted")
     }
-    leaving = set(_marked_names(file, "leaves", marks))
+    leaving = set(marks.rests_behind(f"{folder} leaves"))
     before = -1
     while len(shifted) + len(leaving) > max(before, 0):
         before = len(shifted) + len(leaving)
@@ -75,19 +81,20 @@ def shift_from_others(file: str, job: str, marks: Mapping[str, str]) -> str:
             if called in leaving:
                 leaving.add(caller)
                 shifted.setdefault(caller, called)
-    return make_message(_SHIFTED, shifted[job]) if job in shifted else ""
+    return shifted
 
 
-def frames_from_others(file: str, job: str, marks: Mapping[str, str]) -> dict[tuple[str, str], str]:
+def frames_from_others(file: str, job: str, marks: BatchReasons) -> dict[tuple[str, str], str]:
     """Return user frames and tools that other jobs make while the cell works, by UF or TL and number; and which job.
 
     A job that calls none and that none calls is one to set up the cell, which a person ran once.
     """
-    working = {name for pair in _marked_names(file, "call", marks) for name in pair.split(" ")}
-    made = (key.split(" ") for key in _marked_names(file, "makes", marks))
-    return {(what, number): name for name, what, number in made if name in working and name != job}
+    folder = f"{PurePath(file).parent}"
+    made = marks.derive_once(f"{folder} makes", lambda: _made_by_working_jobs(folder, marks))
+    return {(what, number): name for name, what, number in made if name != job}
 
 
-def _marked_names(file: str, what: str, marks: Mapping[str, str]) -> list[str]:
-    begins = f"{PurePath(file).parent} {what} "
-    return [key.removeprefix(begins) for key in marks if key.startswith(begins)]
+def _made_by_working_jobs(folder: str, marks: BatchReasons) -> list[tuple[str, str, str]]:
+    working = {name for pair in marks.rests_behind(f"{folder} call") for name in pair.split(" ")}
+    made = (key.split(" ") for key in marks.rests_behind(f"{folder} makes"))
+    return [(name, what, number) for name, what, number in made if name in working]

@@ -9,7 +9,7 @@ import numpy as np
 from cellcal.calibration.geometry import Array, Pose
 from cellcal.calibration.message import make_message
 from cellcal.drivers.programs.errors import ProgramFileError
-from cellcal.drivers.programs.file_declarations import ExternalUses, FileDeclarations
+from cellcal.drivers.programs.file_declarations import BatchReasons, ExternalUses, FileDeclarations
 from cellcal.drivers.programs.positions import (
     CARTESIAN,
     JOINTS,
@@ -29,7 +29,7 @@ from cellcal.drivers.yaskawa.program_files.job_edits import RATIOS_NEEDED, edits
 from cellcal.drivers.yaskawa.program_files.job_external import rows_beside
 from cellcal.drivers.yaskawa.program_files.job_motions import motions_in
 from cellcal.drivers.yaskawa.program_files.job_remarks import remarks_of
-from cellcal.drivers.yaskawa.program_files.job_shared_variables import computed_elsewhere, placed_variables
+from cellcal.drivers.yaskawa.program_files.job_shared_variables import computed_elsewhere, is_placed
 from cellcal.drivers.yaskawa.program_files.job_text import ROBOT_ROWS, JobRow, YaskawaJob, jobs_of
 
 ROBOT = 1  # whose jobs are read as those of the robot, where nothing else is said
@@ -89,8 +89,11 @@ class JobProgram:
             if each.kind == "P"
             and (why := computed_elsewhere(self.file, self.jobs[row], int(each.number), marks))
         }
-        placed = placed_variables(self.file, marks)
-        own = [one for one in self.positions.shifts if not (one.absent and _is_placed(one.point, placed))]
+        own = [
+            one
+            for one in self.positions.shifts
+            if not (one.absent and _is_stated_elsewhere(self.file, one.point, marks))
+        ]
         if not (shifts or made or computed) and len(own) == len(self.positions.shifts):
             return self
         positions = replace(
@@ -125,10 +128,10 @@ class JobProgram:
         return changed.with_external_uses(self.external_uses)
 
 
-def _is_placed(point: str, placed: frozenset[str]) -> bool:
+def _is_stated_elsewhere(file: str, point: str, marks: BatchReasons) -> bool:
     """Tell whether a position variable is a place that a job of the folder states."""
     found = re.fullmatch(r"PX?0*(\d+)", point)
-    return found is not None and found[1] in placed
+    return found is not None and is_placed(file, found[1], marks)
 
 
 def _maker_of(row: JobRow, made: Mapping[tuple[str, str], str]) -> str:
