@@ -121,7 +121,8 @@ async def test_touches_from_several_sides_find_the_ball(tmp_path: Path, robot: s
         )
         error_m = np.abs(np.array(fit.point_m) - made.ball_m)
         assert (error_m <= 3 * np.array(fit.point_sigma_m)).all()
-        assert sigma_m < 1e-3  # stated, and not so large that anything would do
+        # Stated, and not so large that anything would do; a reading that a busy machine makes late says more.
+        assert np.median([point.sigma_m for point in points]) < 1e-3
         assert (await made.read_truth())["deepest_m"] < made.cell.probe.capabilities.overtravel_m  # type: ignore[union-attr]
 
 
