@@ -25,7 +25,6 @@ from cellcal.calibration.identification.target_change import (
     TIMES_BETTER,
     SeriesColumns,
     orthonormal_columns,
-    series_columns,
 )
 from cellcal.calibration.message import join_messages, make_message
 
@@ -197,9 +196,11 @@ def _sums(parts: Array) -> Array:
     return found
 
 
-def find_series_changes(model: RobotModel, observations: Observations) -> SeriesChanges | None:
-    """Return changes that explain the rows far better than none, than a moved device, and than a lone target's."""
-    series = series_columns(model, observations)
+def find_series_changes(series: SeriesColumns | None, observations: Observations) -> SeriesChanges | None:
+    """Return changes that explain the rows far better than none, than a moved device, and than a lone target's.
+
+    ``series`` is what `series_columns` tells of the observations.
+    """
     if series is None or len(series.rows) < 3 * FEWEST_ROWS:
         return None
     try:

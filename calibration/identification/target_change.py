@@ -84,9 +84,8 @@ def series_columns(model: RobotModel, observations: Observations) -> SeriesColum
     return SeriesColumns(layout, columns, left, problem.observations.sigma_m, rows)
 
 
-def find_target_change(model: RobotModel, observations: Observations) -> TargetChange | None:
+def find_target_change(found: SeriesColumns | None) -> TargetChange | None:
     """Return where the target changed its place on the flange, if one change explains the rows far better."""
-    found = series_columns(model, observations)
     if found is None:
         return None
     try:

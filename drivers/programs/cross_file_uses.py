@@ -80,7 +80,6 @@ class BatchDeclarations:
         visible = frozenset(name for name, is_visible in one.declares.items() if is_visible or one.public)
         tools, bases = (every.poses_visible_from(self._folders[file]) for every in (self._tools, self._bases))
         tools, bases = self._local.with_local(file, tools, bases)
-        absent = self._absent.get(file, {})
         computed, given = self._computed_beside(file) if one.flat else ({}, frozenset[str]())
         open_calls, running = self._open_beside(file) if one.flat else ({}, {})
         return ExternalUses(
@@ -92,13 +91,13 @@ class BatchDeclarations:
             visible,
             tools,
             bases,
-            absent,
-            computed,
-            given,
-            open_calls,
-            self._frames_left.get(self._folders[file], {}) if one.flat else {},
-            running,
-            other_moving_task(file, self._moving_tasks),
+            absent=self._absent.get(file, {}),
+            computed=computed,
+            given=given,
+            open_calls=open_calls,
+            frames_left=self._frames_left.get(self._folders[file], {}) if one.flat else {},
+            running=running,
+            other_task=other_moving_task(file, self._moving_tasks),
         )
 
     def find_declarations(self, file: str, name: str, /) -> tuple[Sequence[str], str]:

@@ -8,9 +8,9 @@ What is delivered is a file: the program in PolyScope's memory is another until 
 from typing import Self
 
 from cellcal.calibration.documents.plain_files import MOST_BYTES
-from cellcal.calibration.message import make_message
 from cellcal.drivers.errors import RefusedError, UnreachableError
 from cellcal.drivers.universal_robots.dashboard import UrDashboard
+from cellcal.drivers.wire.program_drafts import write_through_draft
 from cellcal.drivers.wire.sftp_link import SftpLink, SshLogin
 
 SSH_PORT = 22
@@ -66,20 +66,9 @@ class UrProgramStore:
         return await self._link.read_file(self._path_of(name), MOST_BYTES)
 
     async def write_file(self, name: str, content: bytes) -> None:
-        draft = f"{_DRAFT}{name}"
-        try:
-            await self._link.write_file(self._path_of(draft), content)
-            if await self.read_file(draft) != content:
-                raise RefusedError(
-                    self.device,
-                    make_message(
-                        "{name} did not arrive as it was sent; the old file is untouched.", name=name
-                    ),
-                    remedy="Look at the network and the room on the controller's disk, then deliver again.",
-                )
-            await self._link.replace_file(self._path_of(draft), self._path_of(name))
-        finally:
-            await self.delete_file(draft)
+        await write_through_draft(
+            self, name, f"{_DRAFT}{name}", content, upload=self._upload, take_place=self._take_place
+        )
 
     async def delete_file(self, name: str) -> None:
         await self._link.delete_file(self._path_of(name))
@@ -94,6 +83,12 @@ class UrProgramStore:
 
     def is_same(self, sent: bytes, read: bytes) -> bool:
         return sent == read
+
+    async def _upload(self, name: str, content: bytes) -> None:
+        await self._link.write_file(self._path_of(name), content)
+
+    async def _take_place(self, draft: str, name: str) -> None:
+        await self._link.replace_file(self._path_of(draft), self._path_of(name))
 
     async def _find_dashboard(self) -> bool:
         """Tell whether the dashboard answers; PolyScope X has none, and security settings may block it."""

@@ -25,14 +25,14 @@ PLACES = (
 MOST_STOPS = 200
 FORGET = "() => { document.activeElement.blur(); scrollTo(0, 0); window.__met = new Set(); }"
 # A field whose own look is hidden is drawn by the label around it. A column is what begins at the same left edge.
-FOCUSED_ELEMENT = """() => { const held = document.activeElement;
-    if (held === document.body || window.__met.has(held)) return null;
-    window.__met.add(held);
-    const drawn = getComputedStyle(held).opacity === '0' ? held.closest('label') : held;
+FOCUSED_ELEMENT = """() => { const focused = document.activeElement;
+    if (focused === document.body || window.__met.has(focused)) return null;
+    window.__met.add(focused);
+    const drawn = getComputedStyle(focused).opacity === '0' ? focused.closest('label') : focused;
     const box = drawn.getBoundingClientRect();
     const [x, y] = [box.left + box.width / 2, box.top + box.height / 2], over = document.elementFromPoint(x, y);
     const column = drawn.closest('.columns > *');
-    return { what: held.outerHTML.slice(0, 90), top: box.top + scrollY, bottom: box.bottom + scrollY, left: box.left,
+    return { what: focused.outerHTML.slice(0, 90), top: box.top + scrollY, bottom: box.bottom + scrollY, left: box.left,
         column: column ? [...column.parentElement.children].indexOf(column) : null,
         drawn: getComputedStyle(drawn).outlineStyle !== 'none',
         covered: over === null || !(drawn.contains(over) || over.contains(drawn)) }; }"""

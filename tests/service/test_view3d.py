@@ -157,9 +157,9 @@ async def test_the_picture_follows_a_moving_arm_twelve_times_a_second_at_most(pi
 async def test_a_picture_that_the_processor_computes_is_drawn_plainly(
     picture_view: Seen, renderer: str, smooth: bool, most_hz: float
 ) -> None:
-    said = f"""{{ const asked = WebGL2RenderingContext.prototype.getParameter;
+    said = f"""{{ const getParameter = WebGL2RenderingContext.prototype.getParameter;
         WebGL2RenderingContext.prototype.getParameter = function (name) {{
-            return name === 0x9246 ? {json.dumps(renderer)} : asked.call(this, name); }} }}"""
+            return name === 0x9246 ? {json.dumps(renderer)} : getParameter.call(this, name); }} }}"""
     async with picture_view[0].open_page() as page:
         await page.add_init_script(said)
         await page.reload()

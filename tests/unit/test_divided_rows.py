@@ -6,9 +6,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from cellcal.calibration.arm.kinematics import RobotModel
 from cellcal.calibration.identification.misfit import FileNames, MisfitError, refuse_misfit
 from cellcal.calibration.identification.observations import PointObservations
-from cellcal.calibration.identification.target_change import find_target_change, refuse_target_change
+from cellcal.calibration.identification.target_change import (
+    TargetChange,
+    find_target_change,
+    refuse_target_change,
+    series_columns,
+)
 from cellcal.service.cli.app import run_command_line
 from cellcal.service.engineering.identification.identify_check import prepare_measurements
 from cellcal.service.engineering.measured.cell_numbers import parse_cell
@@ -19,6 +25,10 @@ from tests.unit.helpers.simulated_arm import tracker_points
 
 ROBOT = "abb_irb120"
 HEADING = ["J1", "J2", "J3", "J4", "J5", "J6", "X", "Y", "Z"]
+
+
+def target_change_of(model: RobotModel, rows: PointObservations) -> TargetChange | None:
+    return find_target_change(series_columns(model, rows))
 
 
 def with_other_target(true, first: int, moved_m, *, until: int | None = None) -> PointObservations:
@@ -47,7 +57,7 @@ def test_a_target_that_changed_is_found_with_row_and_distance(robot: str, moved_
     for seed in range(3):
         true = tracker_points(robot, 80, seed=seed)
         rows = with_other_target(true, first, [0.0, 0.6 * moved_mm * 1e-3, 0.8 * moved_mm * 1e-3])
-        found = find_target_change(true.model, rows)
+        found = target_change_of(true.model, rows)
         assert found is not None
         assert abs(found.row - first) <= (0 if moved_mm > 5.0 else 2)
         assert found.moved_m == pytest.approx(moved_mm * 1e-3, rel=0.15, abs=2e-4)
@@ -58,17 +68,17 @@ def test_one_target_a_moved_device_and_a_slow_drift_are_no_other_target(robot: s
     for seed in range(6):
         true = tracker_points(robot, 60, seed=seed)
         rows: PointObservations = true.observations
-        assert find_target_change(true.model, rows) is None
+        assert target_change_of(true.model, rows) is None
         moved, drifted = rows.positions_m.copy(), rows.positions_m.copy()
         moved[30:] += [0.02, -0.01, 0.005]
         drifted += np.linspace(0.0, 1e-3, 60)[:, None] * [1.0, 0.0, 0.0]
-        assert find_target_change(true.model, replace(rows, positions_m=moved)) is None
-        assert find_target_change(true.model, replace(rows, positions_m=drifted)) is None
+        assert target_change_of(true.model, replace(rows, positions_m=moved)) is None
+        assert target_change_of(true.model, replace(rows, positions_m=drifted)) is None
 
 
 def test_the_refusal_names_the_row_of_the_file() -> None:
     true = tracker_points(ROBOT, 60)
-    found = find_target_change(true.model, with_other_target(true, 30, [0.0, 0.0, 0.005]))
+    found = target_change_of(true.model, with_other_target(true, 30, [0.0, 0.0, 0.005]))
     with pytest.raises(MisfitError, match=r"5\.0\d mm elsewhere on the flange from row 34") as refused:
         refuse_target_change(true.model, found, np.arange(60) + 4)
     assert refused.value.causes[0].kinds == ("target",)

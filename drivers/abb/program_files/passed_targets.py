@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 from cellcal.drivers.abb.program_files.displacements import WORDS
 from cellcal.drivers.abb.program_files.instructions import MOVES
-from cellcal.drivers.abb.program_files.literals import NAME, W, decode_name
+from cellcal.drivers.abb.program_files.literals import INDEX, NAME, OPENED, OPTION, W, decode_name
 from cellcal.drivers.abb.program_files.target_uses import TargetUses
 from cellcal.drivers.programs.routine_calls import (
     UNCERTAIN,
@@ -23,14 +23,11 @@ _PARAMETER = re.compile(
     rf"{W}(?:\{{[^{{}}]*+\}}{W})?+(?=[,\\|]|\Z)",
     re.ASCII | re.IGNORECASE,
 )
-_OPTION = re.compile(rf"{W}({NAME}){W}:=", re.ASCII)
 _PLACE = re.compile(  # a target, or one that a function of the language shifts
     rf"{W}(?:(?:Offs|RelTool){W}\({W}){{0,4}}+({NAME}){W}(?:\{{([^{{}};]*+)\}}{W})?+(?:,[^;]*+)?+",
     re.ASCII | re.IGNORECASE,
 )
 _COMPONENT = re.compile(rf"{W}({NAME}){W}(?:\{{[^{{}};]*+\}}{W})?+\.[^;,(]*+", re.ASCII)
-_INDEX = re.compile(r"\d+(?:,\d+)*")
-_OPENED = re.compile(rf"{W}(\()?+", re.ASCII)
 _HEADER = re.compile(rf"{W}\((?:[^()!]++|![^\n]*+){{0,1000}}+\)", re.ASCII)
 _COMMENT = re.compile(r"![^\n]*+")
 _PASSES = re.compile(rf"{W}[\\A-Za-z\x80-\xff]", re.ASCII)
@@ -216,7 +213,7 @@ def routine_calls(text: str, routines: Mapping[str, tuple[int, int]]) -> Iterato
                 leads = True
                 continue
             word = decode_name(found[0]).lower()
-            opened = _OPENED.match(text, place)
+            opened = OPENED.match(text, place)
             called = opened is not None and opened[1] is not None
             if (
                 word in known
@@ -233,7 +230,7 @@ def _read_call(text: str, span: tuple[int, int], call: tuple[str, str]) -> Routi
     options: dict[str, str] = {}
     stated: ParameterUse | None = None
     for is_option, part in split_arguments(text, span):
-        named = _OPTION.match(part) if is_option else None
+        named = OPTION.match(part) if is_option else None
         if named is not None:
             option = decode_name(named[1]).lower()
             options[option] = _passed_name(part[named.end() :])
@@ -256,7 +253,7 @@ def _passed_name(part: str) -> str:
     if place is None:
         return ""
     index = "".join((place[2] or "").split())
-    return decode_name(place[1]) + (f"{{{index}}}" if _INDEX.fullmatch(index) else "")
+    return decode_name(place[1]) + (f"{{{index}}}" if INDEX.fullmatch(index) else "")
 
 
 def split_arguments(text: str, span: tuple[int, int]) -> Iterator[tuple[bool, str]]:

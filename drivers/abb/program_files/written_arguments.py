@@ -4,7 +4,7 @@ import re
 from collections.abc import Iterator, Mapping, Sequence, Set
 from typing import NamedTuple
 
-from cellcal.drivers.abb.program_files.literals import NAME, W, decode_name
+from cellcal.drivers.abb.program_files.literals import INDEX, NAME, OPENED, OPTION, W, decode_name
 from cellcal.drivers.abb.program_files.passed_targets import RoutineParameters, split_arguments
 from cellcal.drivers.programs.routine_calls import RoutineParameter
 
@@ -23,10 +23,7 @@ _DATA = re.compile(
     rf"{W}({NAME}){W}(?:\{{([^{{}};]*+)\}}{W})?+(?P<part>\.[^;,()]*+)?+(?:\\[^;,]*+)?+", re.ASCII
 )
 _PLACE = re.compile(r"\.\s*+(?:trans|rot|robax|uframe|oframe|tframe)\b|\A\Z", re.IGNORECASE)
-_OPTION = re.compile(rf"{W}({NAME}){W}:=", re.ASCII)
 _BY_NAME = re.compile(rf'{W}"({NAME})"{W}', re.ASCII)
-_OPENED = re.compile(rf"{W}(\()?+", re.ASCII)
-_INDEX = re.compile(r"\d+(?:,\d+)*")
 _MOST_ROUNDS = 20
 
 
@@ -111,7 +108,7 @@ def _iterate_calls(
         for found in code.finditer(text, begin, end):
             if found["called"] is None:
                 continue
-            opened = _OPENED.match(text, found.end())
+            opened = OPENED.match(text, found.end())
             span = (opened.end() if opened and opened[1] else found.end(), end)
             yield found["called"].lower(), (found.start(), scope), list(split_arguments(text, span))
 
@@ -140,7 +137,7 @@ def _passed_to(
     options = {
         decode_name(named[1]).lower(): part[named.end() :]
         for is_option, part in arguments
-        if is_option and (named := _OPTION.match(part)) is not None
+        if is_option and (named := OPTION.match(part)) is not None
     }
     required = [one.name for one in its if not one.optional]
     for one in its:
@@ -157,5 +154,5 @@ def _read_data(parameter: tuple[str, str], part: str, where: tuple[int, str]) ->
     if found is None or _PLACE.search(found["part"] or "") is None:
         return
     index = "".join((found[2] or "").split())
-    name = decode_name(found[1]) + (f"{{{index}}}" if _INDEX.fullmatch(index) else "")
+    name = decode_name(found[1]) + (f"{{{index}}}" if INDEX.fullmatch(index) else "")
     yield _Passed(parameter, WrittenArgument(*where, name, found["part"] or ""))

@@ -10,6 +10,7 @@ from urllib.parse import parse_qsl, urlsplit
 from cellcal.calibration.message import make_message
 from cellcal.drivers.abb.robot_web_services.web_link import WebLink
 from cellcal.drivers.errors import RefusedError, WireProtocolError
+from cellcal.drivers.wire.program_drafts import write_through_draft
 
 PROGRAM_SUFFIXES = (".mod", ".modx", ".prg", ".sys", ".sysx", ".pgf")
 _NOT_FOUND = 404
@@ -65,20 +66,9 @@ class AbbProgramStore:
             raise
 
     async def write_file(self, name: str, content: bytes) -> None:
-        draft = f"{_DRAFT}{name}"
-        try:
-            await self._link.put_content(self._path_of(draft), content)
-            if await self.read_file(draft) != content:
-                raise RefusedError(
-                    self.device,
-                    make_message(
-                        "{name} did not arrive as it was sent; the old file is untouched.", name=name
-                    ),
-                    remedy="Look at the network and the room on the controller's disk, then deliver again.",
-                )
-            await self._copy(draft, name)
-        finally:
-            await self.delete_file(draft)
+        await write_through_draft(
+            self, name, f"{_DRAFT}{name}", content, upload=self._upload, take_place=self._copy
+        )
 
     async def delete_file(self, name: str) -> None:
         try:
@@ -98,6 +88,9 @@ class AbbProgramStore:
 
     def is_same(self, sent: bytes, read: bytes) -> bool:
         return sent == read
+
+    async def _upload(self, name: str, content: bytes) -> None:
+        await self._link.put_content(self._path_of(name), content)
 
     async def _copy(self, draft: str, name: str) -> None:
         path, fields = self._path_of(draft), {"fs-newname": name, "fs-overwrite": "true"}

@@ -5,11 +5,10 @@ good. A motion that names none goes to its point with the rows of the point's ow
 """
 
 import re
-from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 from cellcal.calibration.message import make_message
-from cellcal.drivers.yaskawa.program_files.job_text import JobRow, YaskawaJob, split_instruction
+from cellcal.drivers.yaskawa.program_files.job_text import JobRow, YaskawaJob, iterate_instructions
 
 Key = tuple[str, int]  # C or P, and its number
 BASE_ROWS, STATION_ROWS = ("BC", "BP"), ("EC", "EX", "EP")  # behind a C and behind a P
@@ -39,7 +38,7 @@ def axis_rows_of(job: YaskawaJob) -> AxisRows:
         return found
     present = {_row_name(row.kind, int(row.number)): row for row in job.rows}
     computed: dict[str, int] = {}
-    for line, word, rest in _lines_of(job):
+    for line, word, rest in iterate_instructions(job):
         if not _MOTION.fullmatch(word):
             for kind, number in _NAMED.findall(rest):
                 computed.setdefault(_named_row(kind, number), line)
@@ -62,11 +61,6 @@ def _take_motion(found: AxisRows, key: Key, motion: tuple[int, str], present: di
             found.reasons.setdefault(key, make_message(_SEVERAL, f"{before}, {name}"))
         elif name not in present:
             found.reasons.setdefault(key, make_message(_NO_ROW, name, line))
-
-
-def _lines_of(job: YaskawaJob) -> Iterator[tuple[int, str, str]]:
-    for line, text in enumerate(job.instructions.split("\n"), job.first_line):
-        yield line, *split_instruction(text)
 
 
 def _named_row(kind: str, number: str) -> str:

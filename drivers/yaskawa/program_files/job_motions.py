@@ -17,8 +17,8 @@ from cellcal.drivers.yaskawa.program_files.job_text import (
     ROBOT_ROWS,
     JobRow,
     YaskawaJob,
+    iterate_instructions,
     shifts_in_blocks,
-    split_instruction,
 )
 from cellcal.drivers.yaskawa.program_files.job_variables import (
     AMOUNTS,
@@ -148,7 +148,7 @@ def _of_rows(
 
 
 def _find_motions(job: YaskawaJob, rows: dict[Key, JobRow]) -> _JobFindings:
-    lines = list(_iterate_instructions(job))
+    lines = list(iterate_instructions(job))
     found = _JobFindings(variables=computed_variables(lines))
     from_here = found.variables.from_here
     jumps = _JUMPS.search(job.instructions) is not None
@@ -172,13 +172,6 @@ def _find_motions(job: YaskawaJob, rows: dict[Key, JobRow]) -> _JobFindings:
         else:
             _take_computation(found, (line, word, rest))
     return found
-
-
-def _iterate_instructions(job: YaskawaJob) -> Iterator[tuple[int, str, str]]:
-    for line, text in enumerate(job.instructions.split("\n"), job.first_line):
-        word, rest = split_instruction(text)
-        if word:
-            yield line, word, rest
 
 
 def _shift_of(

@@ -27,7 +27,7 @@ What a pseudo instruction says holds until the next one of its kind. A file may 
 """
 
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from string import ascii_lowercase, ascii_uppercase
 
@@ -344,6 +344,14 @@ def split_instruction(line: str) -> tuple[str, str]:
         return "", ""
     word, _, rest = content.partition(" ")
     return word, rest
+
+
+def iterate_instructions(job: YaskawaJob) -> Iterator[tuple[int, str, str]]:
+    """Yield line, word and rest of each instruction of a job."""
+    for line, text in enumerate(job.instructions.split("\n"), job.first_line):
+        word, rest = split_instruction(text)
+        if word:
+            yield line, word, rest
 
 
 def shifts_in_blocks(words: Iterable[str]) -> bool:

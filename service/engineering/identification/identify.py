@@ -28,7 +28,11 @@ from cellcal.calibration.identification.residual_model import errors_with
 from cellcal.calibration.identification.selection import IdentificationOptions
 from cellcal.calibration.identification.series_breaks import mounting_of
 from cellcal.calibration.identification.series_changes import find_series_changes, refuse_series_changes
-from cellcal.calibration.identification.target_change import find_target_change, refuse_target_change
+from cellcal.calibration.identification.target_change import (
+    find_target_change,
+    refuse_target_change,
+    series_columns,
+)
 from cellcal.calibration.identification.temperature import temperature_effect
 from cellcal.calibration.identification.tip_uncertainty import HayatiTable, hayati_table
 from cellcal.calibration.identification.work_parts import SERIAL, PartRunner
@@ -357,8 +361,9 @@ def _refuse_other_causes(chain: RobotModel, prepared: PreparedMeasurements) -> N
 def _refuse_changes(chain: RobotModel, prepared: PreparedMeasurements) -> None:
     """Refuse rows within which a target, or the zero of a joint, changed."""
     observations, rows = prepared.observations, prepared.measurements.rows
-    refuse_series_changes(chain, find_series_changes(chain, observations), rows)
-    refuse_target_change(chain, find_target_change(chain, observations), rows)
+    series = series_columns(chain, observations)
+    refuse_series_changes(chain, find_series_changes(series, observations), rows)
+    refuse_target_change(chain, find_target_change(series), rows)
 
 
 def _believed_scale(chain: RobotModel, rows: Observations) -> PositionScale | None:

@@ -142,28 +142,29 @@ export class Ghosts {
     this.group.clear();
     this.shown = [];
     this.group.visible = poses.length > 0;
-    const bones = { to_do: [] as Vector3[], next: [] as Vector3[], measured: [] as Vector3[] };
-    const places = { to_do: [] as Vector3[], next: [] as Vector3[], measured: [] as Vector3[] };
+    const points = { to_do: [] as Vector3[], next: [] as Vector3[], measured: [] as Vector3[] };
     const many = poses.length > MOST_BONES;
     for (const pose of poses) {
       bend(this.#arm, this.#cellView, pose.joints_rad);
-      const joints = this.#cellView.joints.map((name) => this.#arm.joints[name]!.getWorldPosition(new Vector3()));
       const flange = this.#arm.links["flange"]!.getWorldPosition(new Vector3());
-      const chain = [...joints, flange];
-      if (many) places[pose.state].push(flange);
-      else for (let i = 1; i < chain.length; i++) bones[pose.state].push(chain[i - 1]!, chain[i]!);
+      if (many) points[pose.state].push(flange);
+      else points[pose.state].push(...this.#bonesTo(flange));
       this.shown.push({ name: pose.name, state: pose.state, flange_m: flange.toArray() });
     }
-    for (const state of ["measured", "to_do", "next"] as const) {
-      if (bones[state].length) this.group.add(lines(bones[state], colour(GHOSTS[state])));
-      else if (places[state].length) this.group.add(dots(places[state], colour(GHOSTS[state])));
-    }
+    for (const state of ["measured", "to_do", "next"] as const)
+      if (points[state].length) this.group.add((many ? dots : lines)(points[state], colour(GHOSTS[state])));
     const whole = poses[chosen];
     if (!whole) return;
     bend(this.#arm, this.#cellView, whole.joints_rad);
     this.#cloth.color.set(colour(GHOSTS[whole.state]));
     this.#cloth.opacity = whole.state === "next" ? 0.5 : 0.32;
     this.group.add(this.#arm);
+  }
+
+  /** The ends of the links of the arm as it is bent, two for each. */
+  #bonesTo(flange: Vector3): Vector3[] {
+    const joints = this.#cellView.joints.map((name) => this.#arm.joints[name]!.getWorldPosition(new Vector3()));
+    return joints.flatMap((from, i) => [from, joints[i + 1] ?? flange]);
   }
 }
 
@@ -206,13 +207,14 @@ export function release(part: Object3D) {
 }
 
 function lines(points: Vector3[], ink: string): LineSegments {
-  const geometry = new BufferGeometry();
-  geometry.setAttribute("position", new Float32BufferAttribute(points.flatMap((p) => p.toArray()), 3));
-  return new LineSegments(geometry, new LineBasicMaterial({ color: ink }));
+  return new LineSegments(through(points), new LineBasicMaterial({ color: ink }));
 }
 
 function dots(points: Vector3[], ink: string): Points {
+  return new Points(through(points), new PointsMaterial({ color: ink, size: DOT_PX, sizeAttenuation: false }));
+}
+
+function through(points: Vector3[]): BufferGeometry {
   const geometry = new BufferGeometry();
-  geometry.setAttribute("position", new Float32BufferAttribute(points.flatMap((p) => p.toArray()), 3));
-  return new Points(geometry, new PointsMaterial({ color: ink, size: DOT_PX, sizeAttenuation: false }));
+  return geometry.setAttribute("position", new Float32BufferAttribute(points.flatMap((p) => p.toArray()), 3));
 }
