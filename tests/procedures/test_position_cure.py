@@ -33,7 +33,7 @@ def figure_named(verdict: ProcedureVerdict, name: str) -> Any:
     return next(figure for figure in verdict.characteristics if figure.name == name)
 
 
-async def test_counters_updated_at_their_marks_pass_with_what_could_not_be_told() -> None:
+async def test_counters_updated_at_their_marks_pass_with_what_could_not_be_determined() -> None:
     made = await cure_scene()
     result, verdict = await cure(made)
     assert verdict.overall_decision is Verdict.PASS

@@ -46,7 +46,7 @@ def write_cell(folder: Path, serial: str, fixture_x: float, frame_x: float, mast
 
 
 @pytest.mark.parametrize(("frame_x", "told"), [(45, True), (40, False)])
-def test_a_frame_that_is_cloned_as_the_master_has_it_is_told(
+def test_a_frame_that_is_cloned_as_the_master_has_it_is_reported(
     tmp_path: Path, frame_x: int, told: bool
 ) -> None:
     master = write_cell(tmp_path / "a", "M1", 0.3, 40)

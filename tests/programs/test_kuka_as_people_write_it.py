@@ -84,7 +84,7 @@ def test_names_of_components_are_blank_and_their_values_stay() -> None:
     assert without_field_names("CIRC XP1,XP2") == "CIRC XP1,XP2"
 
 
-def test_bases_set_one_after_the_other_behind_the_ini_fold_are_told_apart() -> None:
+def test_bases_set_one_after_the_other_behind_the_ini_fold_are_distinguished() -> None:
     line = "LIN {{X {},Y 20,Z 130,A 0,B 180,C 0}}\n"
     body = f"{INI}BAS(#TOOL,1)\nBAS(#BASE,1)\n{line.format(10)}BAS(#BASE,2)\n{line.format(11)}"
     found = read_program("k.src", f"DEF k()\n{body}END\n".encode()).positions

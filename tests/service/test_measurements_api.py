@@ -122,7 +122,7 @@ async def run_job(service_client: ServiceClient, name: str, content: bytes, **wi
     return await wait_for_end(service_client, begun.json()["id"])
 
 
-async def test_a_file_is_told_as_by_the_command_line_and_saved_by_an_engineer(
+async def test_a_file_is_identified_as_by_the_command_and_saved_by_an_engineer(
     tmp_path: Path, points_file: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert run_command_line(["identify", str(points_file), "--robot", "fanuc_m6ib", "--json"]) == 0
@@ -290,7 +290,9 @@ async def test_a_job_ends_when_no_page_asks_for_it(tmp_path: Path, points_file: 
         assert answer["fault"]["message"] == "no page waited for it any more."
 
 
-async def test_a_file_that_takes_too_much_is_told_in_one_sentence(tmp_path: Path, points_file: Path) -> None:
+async def test_a_file_that_takes_too_much_is_refused_in_one_sentence(
+    tmp_path: Path, points_file: Path
+) -> None:
     async with an_engineer(tmp_path) as service_client:
         config = read_cell_file(service_client.app.state.context.settings.cell_file)
         service_client.app.state.identifications = IdentificationJobs(config, IdentifyProcessLimits(cpu_s=1))

@@ -114,7 +114,7 @@ async def _is_saved(page: Page, tablet_service: ServiceWithTablets) -> None:
     await expect(page.get_by_test_id("versions")).to_contain_text("points.csv")
 
 
-async def test_a_file_that_does_not_fit_is_told_with_its_cause_and_cure(
+async def test_a_file_that_does_not_fit_is_reported_with_its_cause_and_cure(
     tablet_service: ServiceWithTablets, points_file: Path
 ) -> None:
     head, *rows = bytes_of(points_file).decode().splitlines()

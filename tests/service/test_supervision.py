@@ -358,7 +358,7 @@ async def test_a_task_that_fails_at_every_start_is_shown_as_such_and_one_that_en
     assert register.note_failure("always", InjectedHereError()) <= LONGEST_PAUSE_S
 
 
-async def test_a_link_that_failed_is_shown_for_a_while_and_then_told_to_be_gone(
+async def test_a_link_that_failed_is_shown_for_a_while_and_then_reported_as_gone(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(supervision, "SHOWN_S", 0.2)

@@ -115,7 +115,7 @@ def test_wire_floor_and_first_posture_suit_the_size_of_an_arm(name):
 
 
 @pytest.mark.parametrize("name", ["franka_fr3", "denso_hsr065a1_n32", "ufactory_xarm5"])
-def test_arms_of_other_kinds_are_not_played_and_it_is_told(name):
+def test_arms_of_other_kinds_are_refused_with_the_reason(name):
     with pytest.raises(CellError, match="six turning axes") as refused:
         plan_demo_arm(name)
     assert f"has {load_model(name).axis_count} axes" in refused.value.message

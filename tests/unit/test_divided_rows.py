@@ -167,7 +167,7 @@ def test_pulses_are_no_degrees(tmp_path: Path) -> None:
     assert "pulses per degree" in refused.value.remedy
 
 
-def test_gon_are_told_by_the_fit(tmp_path: Path) -> None:
+def test_gon_are_recognised_by_the_fit(tmp_path: Path) -> None:
     true = tracker_points(ROBOT, 40)
     rows = replace(true.observations, joints_rad=true.observations.joints_rad / 0.9)
     with pytest.raises(MisfitError) as refused:

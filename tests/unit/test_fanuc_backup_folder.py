@@ -25,7 +25,7 @@ def test_an_archive_is_not_taken_for_a_host_name(tmp_path: Path, capsys) -> None
     assert "Unpack it" in said
 
 
-def test_a_folder_above_the_backup_is_told_which_one_is_meant(tmp_path: Path, capsys) -> None:
+def test_a_folder_above_the_backup_is_refused_and_the_right_one_is_named(tmp_path: Path, capsys) -> None:
     save_backup(FanucCabinet(), tmp_path / "robots" / "MD")
     code, said = try_to_record(tmp_path / "robots", tmp_path, capsys)
     assert code == ExitCode.USAGE

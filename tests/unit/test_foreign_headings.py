@@ -94,14 +94,14 @@ def test_a_posture_in_the_middle_of_all_joints_is_a_reading(tmp_path: Path) -> N
     assert len(read_table(write_table(tmp_path / "rows.csv", lines))) == len(ROWS) + 1
 
 
-def test_decimal_commas_among_commas_are_told(tmp_path: Path) -> None:
+def test_decimal_commas_among_commas_are_reported(tmp_path: Path) -> None:
     path = write_table(tmp_path / "rows.csv", [",".join(HEADING), *text_rows(ROWS, ",", ",")])
     with pytest.raises(MeasurementError, match="line 1 names 9 columns, and the rows hold 18") as refused:
         read_measurements(path, MODEL)
     assert "semicolons" in refused.value.remedy
 
 
-def test_a_table_that_lies_on_its_side_is_told(tmp_path: Path) -> None:
+def test_a_table_that_lies_on_its_side_is_reported(tmp_path: Path) -> None:
     lines = [f"{name},{text}" for name, text in zip(HEADING, text_rows(ROWS.T), strict=True)]
     with pytest.raises(MeasurementError, match="first column") as refused:
         read_measurements(write_table(tmp_path / "rows.csv", lines), MODEL)

@@ -315,7 +315,7 @@ def test_temperatures_come_in_celsius(heading, written):
 GANTRY = ["x [mm]", "y [mm]", "z [mm]", "a [deg]", "X [mm]", "Y [mm]", "Z [mm]"]
 
 
-def test_joints_called_as_a_place_are_told_by_their_letters():
+def test_joints_called_as_a_place_are_recognised_by_their_letters():
     layout = detect_layout(GANTRY, ["x", "y", "z", "a"], slides=(True, True, True, False))
     assert layout.joints == tuple(GANTRY[:4])
     assert layout.position == tuple(GANTRY[4:])

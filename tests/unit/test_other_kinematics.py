@@ -95,7 +95,7 @@ def test_a_calibration_finds_hidden_zeros(robot):
 
 
 @pytest.mark.parametrize(("slides_in", "named"), [("m", True), ("mm", False), ("m", False)])
-def test_the_unit_of_a_slide_is_read_or_told_by_its_travel(tmp_path, slides_in, named):
+def test_the_unit_of_a_slide_is_read_or_recognised_by_its_travel(tmp_path, slides_in, named):
     path = written(tmp_path / "points.csv", TRACK, slides_in=slides_in, named=named)
     report = identify_file(path, TRACK, IdentifyOptions(train_rows=40))
     assert report.measurements.units["slides"] == slides_in

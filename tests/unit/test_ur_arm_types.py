@@ -76,7 +76,7 @@ def test_the_arms_that_fit_a_report(
         ("ur15", X, 9, None, ()),
     ],
 )
-def test_what_cannot_be_told_apart_is_named(
+def test_what_cannot_be_distinguished_is_named(
     expected: str, version: tuple[int, int], code: int, name: str | None, others: tuple[str, ...]
 ) -> None:
     assert check_arm("arm", "10.0.0.7", expected, reported(version, code, name)) == others

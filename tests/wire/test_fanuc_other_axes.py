@@ -46,7 +46,7 @@ def test_a_robot_on_a_rail_is_recorded_and_the_rail_is_named(
     assert watched(on_rail, tmp_path, capsys) == UNCHANGED
 
 
-def test_a_rail_that_was_mastered_anew_is_told(on_rail: FanucFtpServer, tmp_path: Path, capsys) -> None:
+def test_a_rail_that_was_mastered_anew_is_reported(on_rail: FanucFtpServer, tmp_path: Path, capsys) -> None:
     take_record(address_of(on_rail), tmp_path)
     on_rail.cabinet.rail_count_at_zero = RAIL_COUNT - COUNTS_PER_TURN
     code, changes = watched(on_rail, tmp_path, capsys)

@@ -150,7 +150,7 @@ async def test_a_packet_that_is_none_is_an_error_and_the_link_comes_back(
     assert (await rmi_robot.read_joints()).joints_rad
 
 
-async def test_a_second_client_is_told_that_another_one_is_there(rmi_robot: Any, cell: CellConfig) -> None:
+async def test_a_second_client_learns_that_another_one_is_connected(rmi_robot: Any, cell: CellConfig) -> None:
     config = cell.robot_named(CASE.name).model_copy(update={"deadline_s": 0.5})
     with pytest.raises(DeviceTimeoutError):
         async with config.open() as other:

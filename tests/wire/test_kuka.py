@@ -149,7 +149,7 @@ async def test_a_foreign_client_reads_and_writes_the_simulated_controller(
     assert math.degrees((await truth_of(fake_client))["joints_rad"][0]) == pytest.approx(-70.0, abs=1e-6)
 
 
-async def test_both_servers_are_told_apart_and_an_empty_value_is_a_failure(
+async def test_both_servers_are_distinguished_and_an_empty_value_is_a_failure(
     kuka: Any, fake_client: FakeCellClient
 ) -> None:
     assert (await kuka.identify()).firmware.startswith("C3 Bridge")

@@ -228,7 +228,7 @@ async def test_an_answer_that_is_none_is_no_permission(text: str) -> None:
 
 
 @pytest.mark.parametrize("fault", ["silent", "closed"])
-async def test_a_robot_api_that_does_not_answer_is_told(fault: str) -> None:
+async def test_a_robot_api_that_does_not_answer_is_reported(fault: str) -> None:
     async with fake_ur(settings=X) as fake:
         port = fake.server.ports[ROBOT_API_PORT]
         port.silent = True

@@ -47,7 +47,7 @@ software = "10.12.1.0"
 """
 
 
-def test_the_check_says_what_could_not_be_told_apart(
+def test_the_check_says_what_could_not_be_distinguished(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     with run_fakes(tmp_path, CELL) as (path, _):

@@ -97,7 +97,7 @@ def test_an_arm_of_another_kind_is_refused_for_what_it_is(tmp_path, robot, text,
     assert "interaction" not in told
 
 
-def test_a_program_of_joints_moves_with_an_arm_whose_postures_are_not_told_apart(tmp_path):
+def test_a_program_of_joints_moves_with_an_arm_whose_postures_are_not_distinguished(tmp_path):
     """Its wrist does not meet in a point: poses are refused with the cure, and that cure works."""
     model, project_path = load_model("fanuc_crx10ia"), tmp_path / "project.toml"
     project_path.write_text(

@@ -566,7 +566,7 @@ def test_a_joint_that_passes_a_border_of_an_unread_configuration_leaves_the_poin
     assert ("joint 4 would pass a border" in " ".join(capsys.readouterr().out.split())) == (code == 4)
 
 
-def test_both_sides_of_the_elbow_are_told_apart():
+def test_both_sides_of_the_elbow_are_distinguished():
     arm = scara_axes(load_model("denso_hsr065a1_n32"))
     postures = np.random.default_rng(1).uniform(-1.5, 1.5, (50, 4)) * [1, 1, 0.05, 1]
     poses = arm.model.base_flange(postures)
