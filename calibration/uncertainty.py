@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 import numpy as np
-import scipy  # its functions are loaded when one is first asked for: 0.4 s
+import scipy  # loads a part of it when that is first used: 0.4 s
 
 from cellcal.calibration.errors import CalibrationError
 from cellcal.calibration.geometry import Array

@@ -14,6 +14,7 @@ the fixed placements become one matrix product per joint; at public borders the 
 
 from copy import copy
 from dataclasses import dataclass, replace
+from threading import local
 from typing import Self
 
 import numpy as np
@@ -31,6 +32,19 @@ from cellcal.calibration.arm.joint_kinds import (
 )
 from cellcal.calibration.errors import CalibrationError
 from cellcal.calibration.geometry import Array, exp_twist, is_rigid
+
+_MOST_REMEMBERED = 8192  # postures; of more, comparing and storing would cost memory that a fit needs
+
+
+class _LastFrames(local):
+    """The last frames of each thread: one check of a move asks for those of the same postures some ten times."""
+
+    model: "RobotModel | None" = None
+    joints_rad: Array = np.empty((0, 0))
+    frames: tuple[Array, Array] = (np.empty(0), np.empty(0))
+
+
+_last_frames = _LastFrames()
 
 
 @dataclass(frozen=True, eq=False)
@@ -241,7 +255,7 @@ def chain_frames(model: RobotModel, joints_rad: Array) -> tuple[Array, Array]:
         ``rotations[k, row, column]`` of frame k, the one right after placement ``P_k``, seen from the base;
         joint k + 1 turns about, or slides along, its z axis ``rotations[k, :, 2]``; frame n is the flange.
     origins : (n + 1, 3, N)
-        [m]. Each axis ``rotations[k, :, j]`` and each origin is contiguous in memory.
+        [m]. Each axis ``rotations[k, :, j]`` and each origin is contiguous in memory. Both are read-only.
 
     Raises
     ------
@@ -249,12 +263,19 @@ def chain_frames(model: RobotModel, joints_rad: Array) -> tuple[Array, Array]:
         Joint angles of another shape, or not finite.
     """
     joints = np.asarray(joints_rad, dtype=float)
+    if _last_frames.model is model and np.array_equal(_last_frames.joints_rad, joints):
+        return _last_frames.frames
     if joints.ndim != 2 or joints.shape[1] != model.axis_count:
         raise CalibrationError(f"{model.name}: joints must be (N, {model.axis_count}), not {joints.shape}")
     if not np.isfinite(joints).all():
         raise CalibrationError(f"{model.name}: joint angles must be finite")
     angles = model.joint_coupling @ joints.T + model.theta0_rad[:, None]
-    return frames_of_placements(model.placements, angles, sliding=model.sliding)
+    rotations, origins = frames_of_placements(model.placements, angles, sliding=model.sliding)
+    rotations.flags.writeable = origins.flags.writeable = False
+    if len(joints) <= _MOST_REMEMBERED:
+        _last_frames.model, _last_frames.joints_rad = model, joints.copy()
+        _last_frames.frames = rotations, origins
+    return rotations, origins
 
 
 def joint_columns(model: RobotModel, rotations: Array, origins: Array, tip: Array) -> Array:

@@ -4,8 +4,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy  # loads a part of it when that is first used
 from numpy.typing import NDArray
-from scipy.special import chdtri
 
 from cellcal.calibration.cells.estimate import CellFit, estimate_cell
 from cellcal.calibration.cells.state import CellLayout, CellState
@@ -176,7 +176,8 @@ def _rescale_problem(
         standardised = _standardised_residuals(fit, rows, number, weights[number])
         groups = channel_groups(len(standardised))
         medians = [
-            np.median((standardised[g] ** 2).sum(axis=0)) / chdtri(len(standardised[g]), 0.5) for g in groups
+            np.median((standardised[g] ** 2).sum(axis=0)) / scipy.special.chdtri(len(standardised[g]), 0.5)
+            for g in groups
         ]
         freedom = standardised.size - float(fit.learnt[number].sum())
         before = _scale_of(first, rows)

@@ -4,8 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial import cKDTree
-from scipy.special import stdtrit
+import scipy  # loads a part of it when that is first used
 
 from cellcal.calibration.errors import DegenerateDataError
 from cellcal.calibration.geometry import Array
@@ -91,7 +90,7 @@ def same_postures(joints_rad: Array, tolerance_rad: float = _SAME_RAD) -> Rows:
         np.round(joints_rad / tolerance_rad), axis=0, return_index=True, return_inverse=True
     )
     order = np.argsort(row)  # of cells, by first row
-    tree, leader = cKDTree(cells), np.full(len(cells), -1, dtype=np.intp)
+    tree, leader = scipy.spatial.cKDTree(cells), np.full(len(cells), -1, dtype=np.intp)
     for each in order if len(cells) <= _MOST_CELLS else ():
         if leader[each] < 0:
             near = np.array(tree.query_ball_point(cells[each], 1.0, p=np.inf))
@@ -218,4 +217,4 @@ def _is_surely_positive(gains: Array) -> bool:
     if count < 2:
         return False
     spread = float(gains.std(ddof=1)) / np.sqrt(count)
-    return bool(gains.mean() > stdtrit(count - 1, _CONFIDENCE) * spread)
+    return bool(gains.mean() > scipy.special.stdtrit(count - 1, _CONFIDENCE) * spread)

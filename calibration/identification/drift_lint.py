@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import stdtr
+import scipy  # loads a part of it when that is first used
 
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.identification.lints import Lint
@@ -50,7 +50,7 @@ def drift_with(quantity: Array, left_m: Array, groups: Rows) -> ResidualDrift | 
     )
     sigma = np.sqrt((scores**2).sum(axis=1) * number / (number - 1)) / square
     ratio = float(np.max(np.abs(slope) / np.maximum(sigma, 1e-300)))
-    by_chance = min(2.0 * (1.0 - float(stdtr(number - 1, ratio))) * len(slope), 1.0)
+    by_chance = min(2.0 * (1.0 - float(scipy.special.stdtr(number - 1, ratio))) * len(slope), 1.0)
     return ResidualDrift(slope, sigma, by_chance, float(np.linalg.norm(slope)) * float(np.ptp(quantity)))
 
 

@@ -8,7 +8,7 @@ the parameters again.
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.special import fdtrc
+import scipy  # loads a part of it when that is first used
 
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.identification.estimator import ArmFit, estimate_arm
@@ -113,7 +113,7 @@ def contradicted_offsets(robust: RobustFit, posterior: EarlierPosterior) -> tupl
             weights,
         )
         gain = (fit.cost - free.cost) / max(free.cost / freedom, 1e-300)
-        chance = float(fdtrc(1.0, freedom, max(gain, 0.0)))
+        chance = float(scipy.special.fdtrc(1.0, freedom, max(gain, 0.0)))
         if chance < _BY_CHANCE:
             moved = float(layout.plain.prior_deviations(free.state)[i])
             found.append(OffsetContradiction(parameter.name, moved, chance))

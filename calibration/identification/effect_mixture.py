@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
+import scipy  # loads a part of it when that is first used
 
 from cellcal.calibration.arm.joint_terms import JointTerm, gravity_terms, harmonic_terms
 from cellcal.calibration.arm.kinematics import chain_frames, cross_product
@@ -153,10 +153,10 @@ def _mixture_posterior(
     weights = 1.0 / (turned.variances + noise)
     white = turned.columns * weights[:, None]
     information = np.diag(widths**-2.0) + turned.columns.T @ white
-    factor = cho_factor(information, lower=True)
+    factor = scipy.linalg.cho_factor(information, lower=True)
     expected = away / widths**2
     gradient = white.T @ turned.residuals - expected
-    covariance = cho_solve(factor, np.eye(len(information)))
+    covariance = scipy.linalg.cho_solve(factor, np.eye(len(information)))
     shift = covariance @ gradient
     square = float(turned.residuals @ (turned.residuals * weights) + away @ expected - gradient @ shift)
     volume = 2.0 * float(np.log(np.diag(factor[0])).sum() + np.log(widths).sum()) - float(

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.special import fdtrc
+import scipy  # loads a part of it when that is first used
 
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.identification.estimator import (
@@ -96,7 +96,7 @@ def group_effect(residuals: Array, groups: Rows, expected: ExpectedSquares | Non
         return alone
     freedom = expected.between**2 / expected.between_squared, expected.within
     squares = between / expected.between, within / expected.within
-    if fdtrc(*freedom, squares[0] / squares[1]) > _BY_CHANCE:
+    if scipy.special.fdtrc(*freedom, squares[0] / squares[1]) > _BY_CHANCE:
         return alone
     size = (count - float((sizes**2).sum()) / count) / (number - 1)
     expected_shared = size * expected.between_squared, expected.shared_within

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import chdtri
+import scipy  # loads a part of it when that is first used
 
 from cellcal.calibration.errors import CalibrationError
 from cellcal.calibration.geometry import Array
@@ -100,8 +100,8 @@ def judge_offsets(evidence: OffsetEvidence, limit_rad: float, names: Sequence[st
             remedy=f"Fitted: {', '.join(free) or 'none'}. Ask for `--level 1` or higher, or free the offsets.",
         )
     freedom = max(evidence.degrees_of_freedom, 1.0)
-    low = float(np.sqrt(freedom / chdtri(freedom, 1.0 - _PROBABILITY)))
-    high = float(np.sqrt(freedom / chdtri(freedom, _PROBABILITY)))
+    low = float(np.sqrt(freedom / scipy.special.chdtri(freedom, 1.0 - _PROBABILITY)))
+    high = float(np.sqrt(freedom / scipy.special.chdtri(freedom, _PROBABILITY)))
     moved = np.array([slopes[name] for name in judged_names])
     sigma = np.sqrt(np.einsum("kp,pq,kq->k", moved, fit.covariance, moved))
     least, needed = _more_poses_needed(fit, moved, limit_rad / high, evidence.rows)

@@ -7,7 +7,7 @@ parametric arm speaks alone there.
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve, solve_triangular
+import scipy  # loads a part of it when that is first used
 
 from cellcal.calibration.arm.joint_terms import term_values
 from cellcal.calibration.errors import CalibrationError
@@ -45,7 +45,7 @@ class ResidualModel:
             rows = slice(first, first + _BLOCK)
             near = _kernel_matrix(joints_rad[rows], self.joints_rad, self.ranges_rad)
             mean[rows] = near @ self.weights
-            whitened = solve_triangular(self.factor, near.T, lower=True)
+            whitened = scipy.linalg.solve_triangular(self.factor, near.T, lower=True)
             sigma[rows] = np.sqrt(self.variance_m2 * np.maximum(1.0 - (whitened**2).sum(axis=0), 0.0))
         return mean, sigma
 
@@ -127,7 +127,7 @@ def fit_residual(joints_rad: Array, residual_m: Array, *, seed: int = 0) -> Resi
     joints, residuals = joints_rad[some], residual_m[some]
     kernel = _kernel_matrix(joints, joints, ranges) + (noise + _JITTER) * np.eye(len(joints))
     factor = np.asarray(np.linalg.cholesky(kernel), dtype=np.float64)
-    weights = cho_solve((factor, True), residuals)
+    weights = scipy.linalg.cho_solve((factor, True), residuals)
     variance = float((residuals * weights).sum() / residuals.size)
     return ResidualModel(joints, ranges, variance, noise, factor, weights)
 
@@ -145,10 +145,10 @@ def _tune_kernel(joints_rad: Array, residual_m: Array) -> tuple[Array, float]:
         """Return the negative log likelihood, with the process variance at its best, and its gradient."""
         ranges, noise = np.exp(logs[:n]), float(np.exp(logs[n]))
         kernel = np.exp(-0.5 * apart @ ranges**-2.0).reshape(count, count)
-        factor = cho_factor(kernel + (noise + _JITTER) * np.eye(len(kernel)), lower=True)
-        weights = cho_solve(factor, scaled)
+        factor = scipy.linalg.cho_factor(kernel + (noise + _JITTER) * np.eye(len(kernel)), lower=True)
+        weights = scipy.linalg.cho_solve(factor, scaled)
         variance = float((scaled * weights).sum() / scaled.size)
-        inverse = cho_solve(factor, np.eye(len(kernel)))
+        inverse = scipy.linalg.cho_solve(factor, np.eye(len(kernel)))
         slope = 1.5 * inverse - 0.5 * weights @ weights.T / variance
         by_kernel = (slope * kernel).ravel()
         gradient = np.array([*(by_kernel @ apart / ranges**2), noise * np.trace(slope)])

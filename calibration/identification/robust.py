@@ -3,9 +3,9 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy  # loads a part of it when that is first used
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
-from scipy.special import chdtri, fdtri
 
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.identification.estimator import ArmFit, FitProblem, estimate_arm, whitened_residuals
@@ -128,10 +128,10 @@ def rejection_limit(channels: int, rows: int, freedom: float = np.inf) -> float:
     farther: Fisher's F takes the place of chi square.
     """
     alarm = min(0.5, _FALSE_ALARMS / max(rows, 1))
-    limit = np.sqrt(chdtri(channels, alarm))
+    limit = np.sqrt(scipy.special.chdtri(channels, alarm))
     if np.isfinite(freedom):
         effective_rows = max(_MEDIAN_EFFICIENCY[channels] * freedom, 1.0)
-        limit = np.sqrt(channels * fdtri(channels, effective_rows, 1.0 - alarm))
+        limit = np.sqrt(channels * scipy.special.fdtri(channels, effective_rows, 1.0 - alarm))
     return max(_LEAST_REJECTION, float(limit))
 
 
@@ -159,7 +159,10 @@ def _rescale_problem(fit: ArmFit, problem: FitProblem, weights: Array) -> tuple[
     groups = channel_groups(len(standardised))
     factors = np.array(
         [
-            np.sqrt(np.median((standardised[g] ** 2).sum(axis=0)) / chdtri(len(standardised[g]), 0.5))
+            np.sqrt(
+                np.median((standardised[g] ** 2).sum(axis=0))
+                / scipy.special.chdtri(len(standardised[g]), 0.5)
+            )
             for g in groups
         ]
     )

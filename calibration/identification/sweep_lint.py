@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import fdtrc
+import scipy  # loads a part of it when that is first used
 
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.identification.group_effect import group_effect
@@ -113,7 +113,7 @@ def _examine_sweep(
     order = np.array([[angle[bins == b].min(), angle[bins == b].max()] for b in range(len(sizes))])
     middles = np.bincount(bins, angle) / sizes
     share = between / max(float((residuals**2).sum()), 1e-300)
-    return _JointSweep(*at, middles, means, order, share), float(fdtrc(*freedom, ratio))
+    return _JointSweep(*at, middles, means, order, share), float(scipy.special.fdtrc(*freedom, ratio))
 
 
 def _sweep_finding(sweep: _JointSweep, name: str, shown: tuple[str, float], *, lengths: bool) -> Lint:

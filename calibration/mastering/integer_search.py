@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from typing import TypeAlias
 
 import numpy as np
-from scipy.special import ndtr
+import scipy  # loads a part of it when that is first used
 
 from cellcal.calibration.errors import DegenerateDataError
 from cellcal.calibration.geometry import Array
@@ -89,7 +89,7 @@ def success_probability(covariance: Array) -> float:
 
 
 def _bootstrap_probability(triangle: Array) -> float:
-    return float(np.prod(2.0 * ndtr(np.abs(np.diag(triangle)) / 2.0) - 1.0))
+    return float(np.prod(2.0 * scipy.special.ndtr(np.abs(np.diag(triangle)) / 2.0) - 1.0))
 
 
 def _decorrelate_covariance(covariance: Array) -> tuple[Array, Array]:

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import fdtrc
+import scipy  # loads a part of it when that is first used
 
 from cellcal.calibration.geometry import Array
 
@@ -45,5 +45,5 @@ def deleted_residuals(orthonormal: Array, residuals: Array) -> DeletedResiduals:
     own = np.einsum("ni,ni->n", residuals, deleted)
     stray = int(own.argmax())
     rest = max(float((residuals**2).sum() - own[stray]), _ROUNDING_M2) / freedom
-    probability = min(n * float(fdtrc(3.0, freedom, own[stray] / 3.0 / rest)), 1.0)
+    probability = min(n * float(scipy.special.fdtrc(3.0, freedom, own[stray] / 3.0 / rest)), 1.0)
     return DeletedResiduals(tuple(float(v) for v in np.linalg.norm(deleted, axis=1)), stray, probability)

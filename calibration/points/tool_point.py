@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import stdtrit
+import scipy  # loads a part of it when that is first used
 
 from cellcal.calibration.errors import CalibrationError, DegenerateDataError
 from cellcal.calibration.geometry import (
@@ -156,7 +156,9 @@ def locate_tool_point(
     effective_freedom = effective_degrees_of_freedom(parts) if arm_sigma_m else effective_freedom
     spread = covariance if arm_sigma_m else gain  # of touches that agree wholly, too
     in_space = coverage_in_space(np.linalg.eigvalsh(spread).clip(0.0).tolist(), effective_freedom)
-    factor = float(stdtrit(effective_freedom, 0.975)) if math.isfinite(effective_freedom) else 1.96
+    factor = (
+        float(scipy.special.stdtrit(effective_freedom, 0.975)) if math.isfinite(effective_freedom) else 1.96
+    )
     distances = np.linalg.norm(residuals, axis=1)
     deleted = deleted_residuals(u.reshape(n, 3, 6), residuals)
     return ToolPoint(

@@ -10,9 +10,9 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+import scipy  # loads a part of it when that is first used
 from numpy.typing import NDArray
 from pydantic import TypeAdapter
-from scipy.special import chdtri
 
 from cellcal.calibration.arm.joint_terms import term_values
 from cellcal.calibration.geometry import Array
@@ -223,7 +223,9 @@ def _normalised_deviations(series: ArmSeries, used_rows: Chosen, robust: RobustF
         robust.fit.layout, robust.fit.state, problem, weights
     )  # its covariance belongs to these sigmas
     sizes: Array = np.linalg.norm(standardised_residuals(fit, problem, weights), axis=0)
-    typical = float(np.median(sizes[used_rows])) / float(np.sqrt(chdtri(series.task.channel_count, 0.5)))
+    typical = float(np.median(sizes[used_rows])) / float(
+        np.sqrt(scipy.special.chdtri(series.task.channel_count, 0.5))
+    )
     return sizes / max(typical, 1e-12)
 
 
