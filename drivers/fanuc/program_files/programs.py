@@ -1,6 +1,7 @@
 """FANUC programs: .LS listings."""
 
 import re
+from codecs import BOM_UTF8
 from collections.abc import Sequence
 
 from cellcal.drivers.fanuc.program_files.configuration import FanucConfigurations
@@ -14,12 +15,15 @@ from cellcal.drivers.programs.brands import ProgramBrand
 from cellcal.drivers.programs.errors import ProgramFileError
 from cellcal.drivers.programs.positions import PositionChange, ProgramFile
 
-_PROGRAM = re.compile(rb"\s*+/PROG\b", re.IGNORECASE)  # one in small letters is refused by name
+# One in small letters, or whose beginning was lost, is refused by name.
+_SECTION = re.compile(rb"^[ \t]*+/(?:PROG|MN|POS)\b", re.IGNORECASE | re.MULTILINE)
 
 
 def _is_program(data: bytes) -> bool:
     """Tell a program from the other listings that a controller saves as .LS, such as its alarm history."""
-    return _PROGRAM.match(data) is not None
+    if data.startswith(BOM_UTF8):
+        return False  # an editor saved it, which has its own refusal
+    return _SECTION.search(data) is not None
 
 
 class _ListingBatch:

@@ -1,6 +1,7 @@
 """Yaskawa programs: jobs (.JBI)."""
 
 import re
+from codecs import BOM_UTF8
 
 from cellcal.drivers.programs.brands import ProgramBrand
 from cellcal.drivers.yaskawa.program_files.configuration import JobConfigurations
@@ -15,7 +16,10 @@ def _read_plain(name: str, data: bytes) -> JobProgram:
 
 
 def _is_job(data: bytes) -> bool:
-    return re.match(rb"\s*(?:'[^\n]*\n\s*)*/JOB\b", data) is not None
+    """Tell a job, and one whose beginning was lost, which is refused by name when it is read."""
+    if data.startswith(BOM_UTF8):
+        return False  # an editor saved it, which has its own refusal
+    return re.search(rb"^[ \t]*+(?:/JOB|//POS|//INST)\b", data, re.MULTILINE) is not None
 
 
 BRAND = ProgramBrand(

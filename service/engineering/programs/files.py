@@ -86,7 +86,8 @@ def find_programs(named: Sequence[str], *, out: Path | None = None) -> FoundProg
     """Return the programs that files, patterns and folders name; a folder gives those of its subfolders too.
 
     A file that is named is always a source, whatever it is. Below a folder, other files are passed over, and so
-    is ``out``, where an earlier run wrote.
+    is ``out``, where an earlier run wrote. A pattern passes over what has a program's suffix and none inside, as the
+    logs of a whole backup beside its listings.
     """
     if not named:
         raise FilesError("No program was named.", remedy="Name files, folders, or patterns in quotes.")
@@ -277,7 +278,11 @@ def _of_name(name: str, out: Path | None, passed: list[Path]) -> list[ProgramSou
     ]
     if not found:
         raise ProgramFileError(name, "no file matches this pattern.", remedy="Mend the pattern.")
-    return [_single_source(item) for item in found]
+    logs = [item for item in found if is_log(item)]
+    if len(logs) == len(found):
+        return [_single_source(item) for item in found]
+    passed += logs
+    return [_single_source(item) for item in found if item not in logs]
 
 
 def _single_source(path: Path) -> ProgramSource:
@@ -287,7 +292,7 @@ def _single_source(path: Path) -> ProgramSource:
 
 
 def _sources_below(folder: Path, out: Path | None, passed: list[Path]) -> list[ProgramSource]:
-    suffixes = {suffix for its in SUFFIXES.values() for suffix in its}
+    suffixes = _suffixes()
     named = [
         path
         for path in sorted(folder.rglob("*"))
@@ -304,6 +309,15 @@ def _sources_below(folder: Path, out: Path | None, passed: list[Path]) -> list[P
             remedy=make_message("Programs end in {suffixes}.", suffixes=", ".join(sorted(suffixes))),
         )
     return found
+
+
+def is_log(path: Path) -> bool:
+    """Tell whether a file has a program's suffix and none inside, as the logs of a controller's whole backup."""
+    return path.suffix.lower() in _suffixes() and not _is_program(path)
+
+
+def _suffixes() -> set[str]:
+    return {suffix for its in SUFFIXES.values() for suffix in its}
 
 
 def holds_unread_places(path: Path) -> bool:

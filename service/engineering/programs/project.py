@@ -32,6 +32,7 @@ from cellcal.service.engineering.programs.external.axis_tables import (
 )
 from cellcal.service.engineering.programs.external.moving_axes import NO_AXES, CellAxes
 from cellcal.service.engineering.programs.external.standing_tools import NO_STANDING_TOOLS, StandingTools
+from cellcal.service.engineering.programs.files import is_log
 from cellcal.service.engineering.programs.held_joints import read_held_joints
 from cellcal.service.engineering.programs.project_arms import (
     IdentifiedArm,
@@ -136,9 +137,9 @@ class Project:
         return None if moves_six_joints(self.nominal) else OtherArm.from_model(self.nominal, self.held_joints)
 
     def program_files(self) -> tuple[Path, ...]:
-        """Return the programs of this cell, sorted by name."""
+        """Return the programs of this cell, sorted by name; a pattern passes over the logs of a whole backup."""
         found = {item for pattern in self.programs for item in self.path.parent.glob(pattern)}
-        return tuple(sorted(item for item in found if item.is_file()))
+        return tuple(sorted(item for item in found if item.is_file() and not is_log(item)))
 
 
 def read_project(path: Path) -> Project:

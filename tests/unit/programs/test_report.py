@@ -253,7 +253,18 @@ def test_files_folders_and_patterns_are_found_once(tmp_path: Path) -> None:
     assert not found.refused
     assert [path.name for path in found.passed_over] == ["alarms.ls"]
     globbed = find_programs(named[2:])
-    assert [source.path.name for source in globbed.sources] == ["a.ls", "alarms.ls"]
+    assert [source.path.name for source in globbed.sources] == ["a.ls"]
+    assert [path.name for path in globbed.passed_over] == ["alarms.ls"]
+    named_log = find_programs([str(tmp_path / "in" / "alarms.ls")])
+    assert [source.path.name for source in named_log.sources] == ["alarms.ls"]
+    (tmp_path / "in" / "alarms.ls").write_bytes(
+        program[8:]
+    )  # its beginning was lost: refused when it is read
+    assert [source.path.name for source in find_programs(named[2:]).sources] == ["a.ls", "alarms.ls"]
+    (tmp_path / "in" / "alarms.ls").write_bytes(b"ERRALL\n")
+    (tmp_path / "in" / "job.jbi").write_bytes(b"//NAME A\n//POS\n")
+    assert [source.path.name for source in find_programs(named[:1]).sources] == ["a.ls", "job.jbi", "b.LS"]
+    (tmp_path / "in" / "job.jbi").unlink()
     with pytest.raises(FilesError):
         find_programs([])
     (tmp_path / "in" / "A.LS").write_bytes(program)
