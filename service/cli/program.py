@@ -83,7 +83,8 @@ def move(  # noqa: PLR0913  a command's options are its arguments
     Example: cellcal program move programs/ --project cell.toml --offset 12,0,-3.5,0,0,1.5 --frame 2 --out moved
 
     Points with external axes, at a standing tool, or of poses only need [[track]], [[positioner]], [standing_tools]
-    or a starting posture in the project, and are left without. With axes, --offset is seen at their zeros.
+    or a starting posture in the project, and are left without; a servo gun is a [[positioner]] with frames = [].
+    With axes, --offset is seen at their zeros.
 
     Each point keeps its place at the work, to the robot's own accuracy. Exit codes: 0 all fine, 4 a point was
     left as it was or there is a finding (such as a shift while the program runs, in axes that the move turns), 10 a

@@ -125,6 +125,32 @@ def test_a_mastering_that_is_not_valid_is_refused(
         in_force(config)
 
 
+@pytest.mark.parametrize(
+    ("serial", "reported", "outcome"),
+    [
+        ("F-270477", "F270477", "named"),
+        ("f270477", "F270477", "named"),
+        ("F-104711", "F270477", "refused"),
+        ("R16Y01234", "F270477", "unnamed"),  # the arm's own number: nothing to compare
+        ("F-104711", "", "unnamed"),
+    ],
+)
+def test_the_version_report_says_whose_backup_it_is(
+    fake_controller, tmp_path: Path, serial: str, reported: str, outcome: str
+) -> None:
+    config = cell_config(tmp_path / "cell", serial=serial)
+    backup = fake_controller.save_variables(tmp_path / "backup")
+    (backup / "version.dg").write_text(f"VERSION INFORMATION::\nRobot No.           : {reported}\n")
+    if outcome == "refused":
+        with pytest.raises(RecordFileError, match="is of robot F270477, and the cell file says F-104711"):
+            import_backup(config, backup, who="anna", of=RobotOptions())
+        with pytest.raises(RecordFileError, match="no mastering record"):
+            in_force(config)
+        return
+    done = import_backup(config, backup, who="anna", of=RobotOptions())
+    assert any("whose robot" in each for each in done.untold) == (outcome == "unnamed")
+
+
 def test_files_that_are_missing_or_damaged(fake_controller, tmp_path: Path) -> None:
     config = cell_config(tmp_path / "cell")
     backup = fake_controller.save_variables(tmp_path / "backup")

@@ -4,6 +4,7 @@ Counts at zero, drives, and the quick-master reference where it belongs to this 
 is named and left empty, never filled in: wire lengths, places, and the encoder epoch.
 """
 
+import re
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
@@ -11,7 +12,15 @@ from typing import Protocol
 from cellcal.calibration.arm.kinematics import load_model
 from cellcal.calibration.mastering.counts import MasteringRecord
 from cellcal.calibration.mastering.shown_joints import JointConvention
-from cellcal.drivers.fanuc.program_files.va_backup import DRIVES, MASTERING, FanucBackup, read_backup
+from cellcal.calibration.message import make_message
+from cellcal.drivers.fanuc.backup_file import read_backup_file
+from cellcal.drivers.fanuc.controller_files.version_report import read_version_report
+from cellcal.drivers.fanuc.program_files.va_backup import (
+    DRIVES,
+    MASTERING,
+    FanucBackup,
+    read_backup,
+)
 from cellcal.drivers.fanuc.program_files.va_edits import count_edits, edit_instructions
 from cellcal.drivers.fanuc.program_files.va_mastering import GroupDrives, GroupMastering
 from cellcal.procedures.recovery.record_seal import seal_record
@@ -23,9 +32,12 @@ from cellcal.service.record.run_store import RunStore
 _NOT_IN_BACKUP = (
     "wire lengths and places: lost turns cannot be found with this record",
     "the encoder epoch: whether the encoders kept counting since the backup was saved",
-    "whose robot it is: a .VA file holds no serial number of the arm",
 )
+_NO_NUMBER = "whose robot it is: a .VA file holds no serial number of the arm"
 _NO_REFERENCE = "a reference pose: the backup has no quick-master reference of this mastering"
+_VERSION = "VERSION.DG"
+_F_NUMBER = re.compile(r"F\d{4,}")
+_MOST_REPORT_BYTES = 2**20
 
 
 class ArmChoice(Protocol):
@@ -56,8 +68,8 @@ def import_backup(
     Raises
     ------
     RecordFileError
-        The mastering in it is not valid or not whole, it is of another model, or another record is in force and
-        ``replace`` was not said.
+        The mastering in it is not valid or not whole, it is of another robot or model, or another record is in force
+        and ``replace`` was not said.
     ProgramFileError
         A file is damaged.
     """
@@ -70,11 +82,13 @@ def import_backup(
     entry = config.robot_named(of.robot)
     backup = read_backup(folder)
     mastering, drives = _require_valid(backup, of.group)
+    names_robot = _is_named(entry.serial, folder)
     _refuse_other_axes(entry.model, mastering)
     record = _build_record(entry.serial, entry.model, mastering, drives)
     was_known = store_in_force(config, record, who=who, replace=replace)
-    untold = (*_NOT_IN_BACKUP, *(() if record.reference_counts else (_NO_REFERENCE,)))
-    return BackupImport(entry.name, record, was_known, untold, mastering.findings)
+    untold = [*_NOT_IN_BACKUP, *(() if names_robot else (_NO_NUMBER,))]
+    untold += () if record.reference_counts else (_NO_REFERENCE,)
+    return BackupImport(entry.name, record, was_known, tuple(untold), mastering.findings)
 
 
 def edits_to(config: CellConfig, folder: Path, of: ArmChoice) -> tuple[str, ...]:
@@ -115,6 +129,30 @@ def _require_valid(backup: FanucBackup, group: int) -> tuple[GroupMastering, Gro
             remedy="Take a backup from a time when the robot was mastered on every axis.",
         )
     return mastering, mastering.drives
+
+
+def _is_named(serial: str, folder: Path) -> bool:
+    """Tell whether the backup's version report names this robot by its F number; refuse one that names another."""
+    wanted = _plain_number(serial)
+    reports = [path for path in folder.iterdir() if path.name.upper() == _VERSION]
+    if not reports or not _F_NUMBER.fullmatch(wanted):
+        return False
+    there = read_version_report(read_backup_file(reports[0], _MOST_REPORT_BYTES), reports[0].name).serial
+    if _F_NUMBER.fullmatch(_plain_number(there)) and _plain_number(there) != wanted:
+        raise RecordFileError(
+            make_message(
+                "the backup in {folder} is of robot {there}, and the cell file says {serial}.",
+                folder=folder,
+                there=there,
+                serial=serial,
+            ),
+            remedy="Give the backup of this robot, or correct the serial number in the cell file.",
+        )
+    return _plain_number(there) == wanted
+
+
+def _plain_number(serial: str) -> str:
+    return re.sub(r"[^A-Z0-9]", "", serial.upper())
 
 
 def _refuse_other_axes(model: str, mastering: GroupMastering) -> None:
