@@ -1,4 +1,4 @@
-"""CURPOS.DG: the joints that the controller shows, to a hundredth of a degree.
+"""CURPOS.DG: the joints that the controller shows, to a hundredth of a degree, and where it has the tool's tip.
 
 ::
 
@@ -11,6 +11,10 @@
 
     Frame #:   3  Tool #:   1
     CURRENT USER FRAME POSITION:
+
+    Tool #:   1
+    CURRENT WORLD POSITION:
+    X:   1505.56
 """
 
 import re
@@ -26,6 +30,8 @@ from cellcal.drivers.fanuc.controller_files.report_text import (
 _GROUP = re.compile(r"\s*GROUP\s*#?\s*:?\s*(\d+)", re.IGNORECASE)
 _JOINTS = re.compile(r"\s*CURRENT\s+JOINT\s+POSITION", re.IGNORECASE)
 _OTHER_SECTION = re.compile(r"\s*(?:CURRENT\s+(?!JOINT)|FRAME\s*#|TOOL\s*#)", re.IGNORECASE)
+_WORLD = re.compile(r"\s*CURRENT\s+WORLD\s+POSITION", re.IGNORECASE)
+_PLACE = re.compile(r"\s*([XYZ])\s*[:=]\s*(\S+)", re.IGNORECASE)
 _JOINT = re.compile(r"\s*(?:JOINT|J)\s*(\d+)\s*[:=]\s*(\S+)", re.IGNORECASE)
 _SELECTED = re.compile(r"\s*FRAME\s*#\s*:\s*(\d+)\s+TOOL\s*#\s*:\s*(\d+)", re.IGNORECASE)
 _EXTENDED = re.compile(r"\s*EXTAXS\s*:(.*)", re.IGNORECASE)
@@ -44,6 +50,8 @@ class GroupPosition:
     joints_deg: tuple[float | None, ...]
     frame: int | None = None
     tool: int | None = None
+    world_tip_mm: tuple[float, float, float] | None = None  # of that tool; None where the file does not tell
+    is_extended: bool = False  # it holds extended axes, which may carry the arm
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,6 +73,7 @@ class _OpenGroup:
     extended: dict[int, float | None] = field(default_factory=dict)
     frame: int | None = None
     tool: int | None = None
+    world: dict[str, float] = field(default_factory=dict)
 
 
 def read_position_report(data: bytes, file: str = "curpos.dg") -> PositionReport:
@@ -77,20 +86,23 @@ def read_position_report(data: bytes, file: str = "curpos.dg") -> PositionReport
     """
     lines = decode_report(file, data)
     groups: list[_OpenGroup] = []
-    inside = False
+    inside = in_world = False
     for number, line in enumerate(lines, 1):
         group, selected = _GROUP.match(line), _SELECTED.match(line)
         if group is not None:
             groups.append(_OpenGroup(int(group[1])))
-            inside = False
+            inside = in_world = False
         elif _JOINTS.match(line):
             inside = True
             groups = groups or [_OpenGroup(1)]
         elif selected is not None and groups:
             groups[-1].frame, groups[-1].tool = int(selected[1]), int(selected[2])
         inside = inside and not _OTHER_SECTION.match(line)
+        in_world = (in_world or _WORLD.match(line) is not None) and bool(groups)
         if inside:
             _take_joint(groups[-1], line, file, number)
+        elif in_world:
+            _take_place(groups[-1], line)
     if not any(group.joints for group in groups):
         raise damaged_report_error(file, "it holds no joints (CURRENT JOINT POSITION).")
     return PositionReport(read_heading(lines), tuple(_close_group(group, file) for group in groups))
@@ -103,6 +115,13 @@ def _take_joint(group: _OpenGroup, line: str, file: str, number: int) -> None:
     found = _JOINT.match(line)
     if found is not None:
         _take_value(group.joints, int(found[1]), found[2], file, number)
+
+
+def _take_place(group: _OpenGroup, line: str) -> None:
+    """Take up a coordinate of the tip in the world; what is no number there is not told."""
+    found = _PLACE.match(line)
+    if found is not None and _ANGLE.match(found[2]):
+        group.world.setdefault(found[1].upper(), float(found[2]))
 
 
 def _take_value(values: dict[int, float | None], axis: int, text: str, file: str, number: int) -> None:
@@ -121,4 +140,6 @@ def _close_group(group: _OpenGroup, file: str) -> GroupPosition:
         axes = ", ".join(map(str, sorted(values)))
         raise damaged_report_error(file, f"joints {axes} are there; one between is missing.")
     joints = tuple(values[axis] for axis in sorted(values))
-    return GroupPosition(group.group, joints, group.frame, group.tool)
+    world = group.world
+    tip = (world["X"], world["Y"], world["Z"]) if len(world) == len("XYZ") else None
+    return GroupPosition(group.group, joints, group.frame, group.tool, tip, bool(group.extended))

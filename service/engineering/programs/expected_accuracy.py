@@ -48,6 +48,7 @@ class Expectation:
         ends = [self.target] if self.nominal or self.one_cell else [self.source, self.target]
         remarks = []
         for project in ends:
+            remarks += project.doubts
             if project.identified is None:
                 remarks.append(
                     make_message(

@@ -25,6 +25,7 @@ from cellcal.calibration.motion.cell_shapes import CellShape
 from cellcal.calibration.points.alignment import Alignment, read_alignments
 from cellcal.calibration.programs.transfer_other_arms import OtherArm
 from cellcal.service.configuration.cell_shapes import read_cell_shape
+from cellcal.service.engineering.programs.arm_of_backup import arm_doubts
 from cellcal.service.engineering.programs.external.axis_tables import (
     fixture_values,
     frames_at_zero,
@@ -90,6 +91,7 @@ class Project:
     pulses_per_rad: Array | None = None  # (n,) with sign, of a controller whose programs hold pulses
     control_group: str = FIRST_GROUP  # which of its controller's robots it is
     backup: Path | None = None  # folder of the controller's .VA files
+    doubts: tuple[str, ...] = ()  # what its backup says against its arm
     axes: CellAxes = NO_AXES  # external axes
     table_frames: Mapping[str, Array] = field(
         default_factory=dict
@@ -185,6 +187,9 @@ def read_project(path: Path) -> Project:
         pulses_per_rad=pulses_per_rad(robot, nominal.axis_count, f"{where}: [robot]"),
         control_group=robot.control_group or FIRST_GROUP,
         backup=backup.folder,
+        doubts=()
+        if backup.folder is None
+        else arm_doubts(controller, backup.tools, backup.folder, f"{where}: [robot]"),
         axes=axes,
         table_frames=table_frames,
         standing_tools=StandingTools(
