@@ -46,7 +46,7 @@ class Expectation:
 
     def __post_init__(self) -> None:
         ends = [self.target] if self.nominal or self.one_cell else [self.source, self.target]
-        remarks = []
+        remarks: list[str] = []
         for project in ends:
             remarks += project.doubts
             if project.identified is None:
