@@ -13,7 +13,7 @@ async def lengthen_page_texts(page: Page, key: str) -> str:
     replaced: set[str] = set()
 
     async def answer_with_longer_texts(route: Route) -> None:
-        answer = await route.fetch()
+        answer = await route.fetch(max_retries=3)  # the service may close an idle connection just then
         source = await answer.text()
         for each, text in texts.items():
             for quote in ('"', "`", "'"):

@@ -156,7 +156,7 @@ async def test_an_answer_from_before_the_enrolment_ends_no_session(
     requested, answered = asyncio.Event(), asyncio.Event()
 
     async def delay_answer(route: Route) -> None:
-        answer = await route.fetch()
+        answer = await route.fetch(max_retries=3)  # the service may close an idle connection just then
         requested.set()
         await asyncio.sleep(2.0)
         await route.fulfill(response=answer)
