@@ -100,3 +100,26 @@ def test_the_submit_interpreter_counts_as_a_program(tmp_path):
     assert frames_of_position(found["$config.dat"], "GP1") == OVERWRITTEN
     assert frames_of_position(found["a.dat"], "XP2") == COMPUTED
     assert frames_of_position(found["a.dat"], "XP1") == ("1", "1")
+
+
+IN_BASE_2 = ("FDAT_ACT=FP2", "BAS(#CP_PARAMS,2)", "LIN XP2")
+COPY = ("XH=XP1", "XH.Z=XH.Z+100", "LIN XH")
+COPIED_OTHERWISE = "it was taught in another frame than a.src sets where it moves to a copy of it"
+
+
+@pytest.mark.parametrize(
+    ("lines", "expected"),
+    [
+        ((*IN_BASE_2, *COPY), COPIED_OTHERWISE),  # in the base of the form before it
+        ((*TO_P1, *COPY), ("1", "1")),
+        ((*TO_P1, "IF $IN[1] THEN", *IN_BASE_2, "ENDIF", *COPY), COPIED_OTHERWISE),
+        ((*IN_BASE_2, "GRIP()", *COPY), COPIED_OTHERWISE),
+        ((*IN_BASE_2, "OVER()", "END", "DEF OVER()", *COPY), COPIED_OTHERWISE),  # the caller's base
+        ((*TO_P1, "OVER()", "END", "DEF OVER()", *COPY), ("1", "1")),
+        ((*IN_BASE_2, *TO_P1, *COPY), ("1", "1")),
+        (COPY, ("1", "1")),  # nothing is known of the base
+    ],
+)
+def test_a_copy_is_moved_to_in_the_base_of_the_inline_forms_before_it(lines, expected, tmp_path):
+    files = {"a.dat": dat_file("A", *POINTS), "a.src": src_file("A", "DECL E6POS XH", *lines)}
+    assert frames_of_position(read_programs(tmp_path, files)["a.dat"], "XP1") == expected

@@ -9,7 +9,7 @@ from typing import Protocol
 from cellcal.drivers.kuka.program_files.patterns import B
 from cellcal.drivers.kuka.program_files.point_uses import EXTERNAL_TOOL, data_of
 from cellcal.drivers.programs.barred import COMPUTED
-from cellcal.drivers.programs.file_declarations import ExternalUses, MoveFrames
+from cellcal.drivers.programs.file_declarations import COPIED, ExternalUses, MoveFrames
 
 _TOOL_OF = re.compile(rf"\$TOOL{B}*+={B}*+STOOL2?{B}*+\({B}*+(\w++)", re.ASCII | re.IGNORECASE)
 _BASE_OF = re.compile(rf"\$BASE{B}*+={B}*+SBASE{B}*+\({B}*+(\w++)", re.ASCII | re.IGNORECASE)
@@ -125,6 +125,9 @@ def _frames_of(
     owners, there = external_uses.find_declarations(file, name)
     of_this_list = external_uses.file in owners and len({PurePath(each).stem.upper() for each in owners}) == 1
     data = frame_data.get(there) if of_this_list else None
+    if move_frames.why == COPIED:  # to a copy of the point, which may be taken into this base
+        tool, base = (None, None) if data is None else (data.tool, data.base)
+        return move_frames._replace(tool=tool, frame=base)
     if data is None or data.tool is None or data.base is None:
         return MoveFrames(None, None, COMPUTED)
     return MoveFrames(None, None, EXTERNAL_TOOL) if data.external_tool else MoveFrames(data.tool, data.base)

@@ -112,6 +112,7 @@ class KrlRoutine:
     shown: bool = False  # other files may call it
     declared: set[str] = field(default_factory=set)  # names that hide those of other files
     calls: set[str] = field(default_factory=set)
+    data_taken: set[str] = field(default_factory=set)  # frame data of its inline forms
     parameters: tuple[RoutineParameter, ...] = ()
     assigned: set[str] = field(default_factory=set)  # names that get a value, or a component
     tool: FrameUse = field(default_factory=FrameUse)

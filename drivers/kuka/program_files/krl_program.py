@@ -56,7 +56,7 @@ class KrlProgram(KrlMotions):
         prepared = patterns.PREPARED.fullmatch(text, line.start, line.end)
         if prepared is not None:
             if prepared[1]:
-                self.force.take_data(prepared[1])
+                self._take_data(prepared[1])
             remark_comment(self.found, line)
             return
         word = first_word(text, line)  # it rules most patterns out: a large program has a million lines
@@ -77,7 +77,13 @@ class KrlProgram(KrlMotions):
     def read_taught_move(self, found: re.Match[str]) -> None:
         """Take a move as the inline forms write it, with all that stands around it."""
         self._set_both_frames(found.start("bas"), UNKNOWN)
-        self.force.take_data(f"F{found['point']}")
+        self._take_data(f"F{found['point']}")
+
+    def _take_data(self, name: str) -> None:
+        """Take frame data that an inline form sets; "" for such that no point has."""
+        self.force.take_data(name)
+        if name:
+            self.points.routines[-1].data_taken.add(name.upper())
 
     def _take_statement(self, line: KrlLine, word: str) -> None:
         text = self.found.source.text
@@ -111,7 +117,7 @@ class KrlProgram(KrlMotions):
             self._take_branch(word, line.start)
         elif word == patterns.FRAME_DATA_ACTIVE:
             data = patterns.FRAME_DATA_SET.match(code)  # a part of it, or all written out, is of no point
-            self.force.take_data(data[1] if data is not None else "")
+            self._take_data(data[1] if data is not None else "")
         elif word in ("SPLINE", "PTP_SPLINE"):
             self.force.begin_block()
         elif word == "ENDSPLINE":
