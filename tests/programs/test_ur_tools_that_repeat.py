@@ -35,6 +35,7 @@ def reasons_of(moved: MovedProgram) -> dict[str, str]:
         (("def go():", MOVE, LONG, "end"), ("go()", "go()"), DIFFERENT),
         (("def go():", MOVE, LONG, "end"), ("while True:", "go()", "end"), DIFFERENT),
         (("def other():", LONG, "end"), ("while True:", MOVE, "other()", "end"), DIFFERENT),
+        (("def inner():", LONG, "end", "def outer():", "inner()", "end"), ("outer()", MOVE), ON_THE_WAY),
         (("thread t():", LONG, "end"), ("run t()", MOVE), ON_THE_WAY),
     ],
 )

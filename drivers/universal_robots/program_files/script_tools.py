@@ -42,7 +42,6 @@ class ScriptTools:
             b for b in source.blocks if bisect_right(self.offsets, b[0]) < bisect_left(self.offsets, b[1])
         ]
         self.until = _block_ends(self.offsets, holding, len(source.text))
-        begun = {start for start, _ in holding}
         ends = dict(source.blocks)
         self.functions = [  # where each begins and ends, and its calls
             (start, ends.get(start, start), [call for call in calls if call != function.end() - 1])
@@ -53,8 +52,7 @@ class ScriptTools:
         self.begins = [start for start, _, _ in self.functions]
         self.around = _innermost_functions(self.functions)
         self.set_before: dict[int, bool] = {}  # functions that surely run after a set_tcp
-        # calls of functions that set a tool
-        self.setting = sorted(call for start, _, calls in self.functions if start in begun for call in calls)
+        self.setting = _calls_that_set(self.functions, self.offsets)
         self.set_at = sorted([*self.offsets, *self.setting])
         blocks = [
             b for b in source.blocks if bisect_right(self.set_at, b[0]) < bisect_left(self.set_at, b[1])
@@ -148,6 +146,20 @@ class ScriptTools:
             yield Remark(
                 0, "foreign", "the tool is the one that is active on the robot: no set_tcp is in this file."
             )
+
+
+def _calls_that_set(functions: Sequence[tuple[int, int, Sequence[int]]], offsets: Sequence[int]) -> list[int]:
+    """Return in the order of the text the calls of functions that set a tool, themselves or by such a call."""
+    found, before = list[int](), -1
+    while len(found) > before:
+        before, set_at = len(found), sorted([*offsets, *found])
+        found = [
+            call
+            for start, end, calls in functions
+            if bisect_right(set_at, start) < bisect_left(set_at, end)
+            for call in calls
+        ]
+    return sorted(found)
 
 
 def _names_tool(text: str, use: int) -> bool:
