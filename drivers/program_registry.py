@@ -50,7 +50,7 @@ _LOADED: Mapping[str, Callable[[], ProgramBrand]] = {
 SUFFIXES: Mapping[str, tuple[str, ...]] = {
     "abb": (".mod", ".prg", ".sys", ".modx", ".sysx"),
     "fanuc": (".ls",),
-    "kuka": (".src", ".dat"),
+    "kuka": (".src", ".dat", ".sub"),
     "universal_robots": (".script", ".urp", ".installation"),
     "yaskawa": (".jbi",),
 }

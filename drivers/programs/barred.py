@@ -2,6 +2,7 @@
 
 SEVERAL = "the program sets another tool or base for it at different places"
 COMPUTED = "its tool or base is set while the program runs"
+SOURCE_OF_TARGET = "a move computes the place that it goes to from it"
 CALLED = "a routine that its program calls sets another tool or base"
 CALLER = "a routine that calls its program sets the tool or base"
 OVERWRITTEN = "the program gives it another value while it runs"
@@ -15,6 +16,6 @@ EXTERNAL_BASE = (
     "EK(…, BASE_DATA[n]), and state the axis in the project as [[positioner]]"
 )
 UNKNOWN_FRAMES = frozenset(
-    (SEVERAL, COMPUTED, LATER, CALLED, CALLER, EXTERNAL_BASE)
+    (SEVERAL, COMPUTED, SOURCE_OF_TARGET, LATER, CALLED, CALLER, EXTERNAL_BASE)
 )  # of which joint angles do not depend
 MOVED_FRAMES = frozenset((MOVED_BY_UNIT, TURNED_BASE))  # a project may state what these lack

@@ -337,3 +337,35 @@ def test_an_installation_gives_the_frames_that_are_beyond_doubt_and_names_the_ot
     assert sum("not read" in remark.text for remark in file.remarks) == 2
     with pytest.raises(ProgramFileError, match="no positions"):
         file.with_changes(PositionChange(np.array([0])))
+
+
+@pytest.mark.parametrize(
+    ("node", "turns"),
+    [
+        ("<Force type='Simple'><children/></Force>", False),
+        ("<Direction><children/></Direction>", False),
+        ("<Pallet><children/></Pallet>", True),
+        ("<ConveyorTracking/>", True),
+    ],
+)
+def test_a_node_that_is_not_known_is_a_finding(node, turns):
+    program = read_urp("a.urp", _urp_bytes(f"{_waypoint_xml()}</children></Move>{node}<Move><children>"))
+    (shift,) = program.positions.shifts
+    assert shift.what == f"the node {re.match('<([A-Za-z]+)', node)[1]}"
+    assert (shift.quaternion is None) == turns  # a shift of the work leaves a direction as it is
+
+
+def test_nodes_that_move_nothing_are_no_findings():
+    nodes = "<Wait type='Sleep'/><Popup/><Set/><SubProgram reference='../a'/><SafeHome/><Comment/><If><children/></If>"
+    program = read_urp("a.urp", _urp_bytes(f"{_waypoint_xml()}</children></Move>{nodes}<Move><children>"))
+    assert program.positions.shifts == ()
+
+
+@pytest.mark.parametrize(
+    "value", ["p[0.1,-0.2,0.3,0,3.14,0]", "0.1, -0.2, 0.3, 0, 3.14, 0", "{q: [1,2,3,-1,0.5,0]}"]
+)
+def test_a_position_in_a_node_of_a_urcap_is_left_and_named(value):
+    node = f"<Contributed><dataModel><data key='at' value='{value}'/><data key='f' value='[9]'/></dataModel></Contributed>"
+    program = read_urp("a.urp", _urp_bytes(f"{_waypoint_xml()}</children></Move>{node}<Move><children>"))
+    assert program.positions.kinds[1:] == (UNREAD,)
+    assert "URCap" in program.positions.barred[1]

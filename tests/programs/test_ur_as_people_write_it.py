@@ -4,6 +4,7 @@ from pathlib import Path
 
 import pytest
 
+from cellcal.service.engineering.programs.files import find_programs, holds_unread_places
 from cellcal.service.exit_codes import ExitCode
 from tests.programs.test_field_cases import MovedProgram, move_program
 
@@ -135,3 +136,10 @@ def test_a_recorded_pair_that_contradicts_is_still_left(tmp_path: Path) -> None:
     moved = move_script(tmp_path, TOOL, HOME, *pair, f"movel({PLACE})")
     assert moved.code == ExitCode.REFUSED
     assert statuses_of(moved)["W_1"] == "left"
+
+
+def test_programs_of_polyscope_x_in_a_folder_are_named_as_not_read(tmp_path: Path) -> None:
+    (tmp_path / "a.script").write_text("def a():\nend\n")
+    (tmp_path / "b.urpx").write_text("{}")
+    found = find_programs([str(tmp_path)])
+    assert [path.name for path in found.passed_over if holds_unread_places(path)] == ["b.urpx"]

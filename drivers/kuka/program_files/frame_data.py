@@ -1,7 +1,7 @@
 """Which frame data (FDAT) a move is done with: its own, those of the inline form before it, or those of its block."""
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Set
 from dataclasses import dataclass, field, replace
 from pathlib import PurePath
 from typing import Protocol
@@ -9,10 +9,11 @@ from typing import Protocol
 from cellcal.drivers.kuka.program_files.patterns import B
 from cellcal.drivers.kuka.program_files.point_uses import EXTERNAL_TOOL, data_of
 from cellcal.drivers.programs.barred import COMPUTED
-from cellcal.drivers.programs.file_declarations import ExternalUses, MoveFrames
+from cellcal.drivers.programs.file_declarations import COPIED, ExternalUses, MoveFrames
 
 _TOOL_OF = re.compile(rf"\$TOOL{B}*+={B}*+STOOL2?{B}*+\({B}*+(\w++)", re.ASCII | re.IGNORECASE)
 _BASE_OF = re.compile(rf"\$BASE{B}*+={B}*+SBASE{B}*+\({B}*+(\w++)", re.ASCII | re.IGNORECASE)
+SET_DATA = "sets"  # before a name that a program gives a value, or a part of frame data
 _FRAME_SET = re.compile(rf"\$(?:TOOL|BASE)\b{B}*+(?:\.\w++{B}*+)?+=", re.IGNORECASE)
 
 
@@ -84,12 +85,30 @@ class TaughtFrames(Protocol):
     def external_tool(self) -> bool: ...
 
 
-def with_frame_data(external_uses: ExternalUses, frame_data: Mapping[str, TaughtFrames]) -> ExternalUses:
+def marks_of_set_data(names: Iterable[str], file: PurePath) -> dict[str, str]:
+    """Return what a program says of the names that it gives a value, which may be frame data, to all data lists."""
+    return {f"{SET_DATA} {name} {file}": COMPUTED for name in sorted(names)}
+
+
+def data_set_by_programs(external_uses: ExternalUses, frame_data: Iterable[str]) -> Set[str]:
+    """Return the frame data of a data list that programs give a value, or a part of it."""
+    return {
+        name
+        for name in frame_data
+        for program in external_uses.doubtful.rests_behind(f"{SET_DATA} {name}")
+        if external_uses.file in external_uses.find_declarations(program, name)[0]
+    }
+
+
+def with_frame_data(
+    external_uses: ExternalUses, frame_data: Mapping[str, TaughtFrames], set_data: Set[str]
+) -> ExternalUses:
     """Return the uses of a data list's points with the tools and bases of the frame data that each move takes.
 
     A name of frame data means those of the moving file's own data list before any others. Moves with data of
-    another list than this one leave the point.
+    another list than this one leave the point, and so do data that a program sets.
     """
+    frame_data = {name: data for name, data in frame_data.items() if name not in set_data}
     uses = {
         name: [(_frames_of(move_frames, file, external_uses, frame_data), file) for move_frames, file in some]
         for name, some in external_uses.uses.items()
@@ -106,6 +125,9 @@ def _frames_of(
     owners, there = external_uses.find_declarations(file, name)
     of_this_list = external_uses.file in owners and len({PurePath(each).stem.upper() for each in owners}) == 1
     data = frame_data.get(there) if of_this_list else None
+    if move_frames.why == COPIED:  # to a copy of the point, which may be taken into this base
+        tool, base = (None, None) if data is None else (data.tool, data.base)
+        return move_frames._replace(tool=tool, frame=base)
     if data is None or data.tool is None or data.base is None:
         return MoveFrames(None, None, COMPUTED)
     return MoveFrames(None, None, EXTERNAL_TOOL) if data.external_tool else MoveFrames(data.tool, data.base)

@@ -5,7 +5,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import TypeAlias
 
-from cellcal.drivers.programs.barred import CALLED, CALLER, COMPUTED, EXTERNAL_BASE, LATER, SEVERAL
+from cellcal.drivers.programs.barred import (
+    CALLED,
+    CALLER,
+    COMPUTED,
+    EXTERNAL_BASE,
+    LATER,
+    SEVERAL,
+    SOURCE_OF_TARGET,
+)
 from cellcal.drivers.programs.call_graph import Marks, reached_settings
 from cellcal.drivers.programs.routine_calls import RoutineParameter
 
@@ -15,6 +23,7 @@ RESET = "~"  # what the controller begins with: BAS(#INITMOV,0) sets it, behind 
 BARRED = {
     "several": SEVERAL,
     "computed": COMPUTED,
+    "source": SOURCE_OF_TARGET,
     "external": EXTERNAL_BASE,
     "called": CALLED,
     "caller": CALLER,
@@ -103,6 +112,7 @@ class KrlRoutine:
     shown: bool = False  # other files may call it
     declared: set[str] = field(default_factory=set)  # names that hide those of other files
     calls: set[str] = field(default_factory=set)
+    data_taken: set[str] = field(default_factory=set)  # frame data of its inline forms
     parameters: tuple[RoutineParameter, ...] = ()
     assigned: set[str] = field(default_factory=set)  # names that get a value, or a component
     tool: FrameUse = field(default_factory=FrameUse)

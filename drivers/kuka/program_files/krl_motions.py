@@ -11,6 +11,7 @@ from cellcal.drivers.kuka.program_files.found_shifts import ShiftNotes
 from cellcal.drivers.kuka.program_files.frame_data import FramesInForce, data_taken
 from cellcal.drivers.kuka.program_files.frame_uses import (
     BARRED,
+    UNKNOWN,
     Branches,
 )
 from cellcal.drivers.kuka.program_files.lines import (
@@ -21,7 +22,7 @@ from cellcal.drivers.kuka.program_files.lines import (
     without_strings,
 )
 from cellcal.drivers.kuka.program_files.literals import KrlLiteral
-from cellcal.drivers.kuka.program_files.passed_points import call_of, calls_of, given_from
+from cellcal.drivers.kuka.program_files.passed_points import call_of, calls_of, given_from, is_by_value
 from cellcal.drivers.kuka.program_files.point_uses import PointMove, PointUses
 from cellcal.drivers.programs.barred import OVERWRITTEN
 
@@ -129,13 +130,13 @@ class KrlMotions:
             self.found.add_remark(begin + place, "computed", patterns.CALL)
             self.shifts.note_computed(begin + place, "move", self.move_here(begin + place))
             self._written_inside(code[place:], begin + place)
-            self._use_all_words(code[place:], begin + place, BARRED["computed"])
+            self._use_all_words(code[place:], begin + place, BARRED["source"])
             return len(code)
         if ":" in target:
             self.found.add_remark(begin + place, "offset", patterns.OFFSET)
             self.shifts.note_operators(target, begin + place, self.types, self.move_here(begin + place))
             self._point_behind(code[place:], begin + place)
-            self._use_all_words(target[first.end() :] if first else target, begin + place, BARRED["computed"])
+            self._use_all_words(target[first.end() :] if first else target, begin + place, BARRED["source"])
         if first is not None:
             self._use_point(first, begin + place, own)
         return len(code) if ":" in target else comma
@@ -201,9 +202,19 @@ class KrlMotions:
                 continue
             for argument in arguments[given_from(name) :]:
                 self._give_value(argument, line)
+            for number, argument in enumerate(arguments):
+                if (frame := patterns.FRAME_PASSED.fullmatch(argument)) is not None:
+                    self._pass_frame(frame[1].upper(), (name, number), line)
             call = call_of(routine.name, name, arguments)
             if call is not None and given_from(name) >= len(arguments):
                 self.points.calls.append(call)
+
+    def _pass_frame(self, which: str, parameter: tuple[str, int], line: KrlLine) -> None:
+        """Take ``$BASE`` or ``$TOOL`` that a call passes: it comes back set, unless the parameter is ``:IN``."""
+        if not is_by_value(self.found.source.text, *parameter):
+            routine = self.points.routines[-1]
+            use = routine.tool if which == "TOOL" else routine.base
+            use.take_value(line.start, UNKNOWN, self.branches)
 
     def _give_value(self, argument: str, line: KrlLine) -> None:
         """Take data that a function of the language gives a value."""

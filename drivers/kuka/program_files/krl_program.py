@@ -56,7 +56,7 @@ class KrlProgram(KrlMotions):
         prepared = patterns.PREPARED.fullmatch(text, line.start, line.end)
         if prepared is not None:
             if prepared[1]:
-                self.force.take_data(prepared[1])
+                self._take_data(prepared[1])
             remark_comment(self.found, line)
             return
         word = first_word(text, line)  # it rules most patterns out: a large program has a million lines
@@ -77,7 +77,13 @@ class KrlProgram(KrlMotions):
     def read_taught_move(self, found: re.Match[str]) -> None:
         """Take a move as the inline forms write it, with all that stands around it."""
         self._set_both_frames(found.start("bas"), UNKNOWN)
-        self.force.take_data(f"F{found['point']}")
+        self._take_data(f"F{found['point']}")
+
+    def _take_data(self, name: str) -> None:
+        """Take frame data that an inline form sets; "" for such that no point has."""
+        self.force.take_data(name)
+        if name:
+            self.points.routines[-1].data_taken.add(name.upper())
 
     def _take_statement(self, line: KrlLine, word: str) -> None:
         text = self.found.source.text
@@ -109,8 +115,9 @@ class KrlProgram(KrlMotions):
             self.take_calls(code, line)
         if word in patterns.BRANCHES:
             self._take_branch(word, line.start)
-        elif word == "FDAT_ACT" and (data := patterns.FRAME_DATA_SET.match(code)) is not None:
-            self.force.take_data(data[1])
+        elif word == patterns.FRAME_DATA_ACTIVE:
+            data = patterns.FRAME_DATA_SET.match(code)  # a part of it, or all written out, is of no point
+            self._take_data(data[1] if data is not None else "")
         elif word in ("SPLINE", "PTP_SPLINE"):
             self.force.begin_block()
         elif word == "ENDSPLINE":
@@ -192,7 +199,10 @@ class KrlProgram(KrlMotions):
         if turned is not None and which == "BASE" and not frame[2]:
             self.points.turned_bases.add(turned[1])
             return turned[1]
-        if patterns.NULL.fullmatch(text, place, line.end) and not frame[2]:
+        is_null = patterns.NULL.fullmatch(text, place, line.end) or (
+            which == "BASE" and patterns.WORLD.fullmatch(text, place, line.end)
+        )
+        if is_null and not frame[2]:
             return "0"
         literal = self.found.read_literal(place, line.end) if text[place : line.end][:1] == "{" else None
         alone = literal is not None and not text[literal.end : line.end].strip()
@@ -206,12 +216,17 @@ class KrlProgram(KrlMotions):
         if name is not None and name.value is not None:
             self.points.routines[-1].assigned.add(name.name.upper())
             self._take_value(name, line)
-        else:
-            remark_hidden_positions(self.found, line, line.start)
+            return
+        part = patterns.FRAME_DATA_COMPONENT.match(text, line.start, line.end)
+        if part is not None:
+            self.points.set_data.add(part[1].upper())
+        remark_hidden_positions(self.found, line, line.start)
 
     def _take_value(self, name: NamedItem, line: KrlLine) -> None:
         upper = name.name.upper()
         value = without_strings(self.found.source.text[name.value : line.end])
+        if value[:1] == "{" or patterns.NAME_VALUE.match(value):
+            self.points.set_data.add(upper)
         if upper in patterns.TABLES:
             self._take_table_setting(name, line)
         elif value.startswith("{"):

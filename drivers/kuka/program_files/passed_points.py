@@ -39,6 +39,14 @@ def parameters_of(header: str) -> tuple[RoutineParameter, ...]:
     )
 
 
+def is_by_value(text: str, routine: str, number: int) -> bool:
+    """Tell whether a parameter of a routine, counted from 0, is one that a program declares ``:IN``."""
+    header = rf"^[ \t]*(?:GLOBAL[ \t]+)?(?:DEF|DEFFCT[ \t]+\w+)[ \t]+{re.escape(routine)}\b([^\n;]*)"
+    found = re.search(header, text, re.IGNORECASE | re.MULTILINE)
+    parameters = parameters_of(found[1]) if found is not None else ()
+    return number < len(parameters) and parameters[number].by_value
+
+
 def calls_of(code: str) -> Iterator[tuple[str, list[str]]]:
     """Yield the calls in a statement: the routine in capitals, and the arguments as they are written."""
     for called in patterns.CALLS.finditer(code):

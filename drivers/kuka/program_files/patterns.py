@@ -10,6 +10,11 @@ WITH = re.compile(r"\bWITH\b", re.IGNORECASE)
 ROUTINE = re.compile(rf"{B}*+(?:GLOBAL{B}++)?+(?:DEF|DEFFCT{B}++\w++)\b{B}*+(\w*+)", re.ASCII | re.IGNORECASE)
 CALLS = re.compile(rf"(?<![\w.$])([A-Za-z_]\w*+){B}*+\(", re.ASCII)  # in conditions and values, too
 FRAME_DATA_SET = re.compile(rf"{B}*+FDAT_ACT{B}*+={B}*+(\w++)", re.ASCII | re.IGNORECASE)
+FRAME_PASSED = re.compile(rf"{B}*+\$(TOOL|BASE){B}*+(?:\.{B}*+\w++{B}*+)?+", re.IGNORECASE)
+FRAME_DATA_COMPONENT = re.compile(  # of frame data: the tool, the base, or which of them stands in the cell
+    rf"{B}*+([A-Za-z_]\w*+){B}*+(?:\[[^\[\]\n]*+\]{B}*+)?+\.{B}*+(?:TOOL_NO|BASE_NO|IPO_FRAME){B}*+=(?!=)",
+    re.ASCII | re.IGNORECASE,
+)
 PREPARED = re.compile(  # what stands around every taught move
     rf"{B}*+(?:FDAT_ACT{B}*+={B}*+(\w++)|(?:LDAT_ACT|PDAT_ACT|\$BWDSTART){B}*+={B}*+\w++){B}*+",
     re.ASCII | re.IGNORECASE,
@@ -38,10 +43,14 @@ MOVE = frozenset(
 BRANCHES = frozenset(
     ("IF", "SWITCH", "WHILE", "FOR", "ELSE", "CASE", "DEFAULT", "ENDIF", "ENDSWITCH", "ENDWHILE", "ENDFOR")
 )
-MOTION_DATA = frozenset(("FDAT_ACT", "LDAT_ACT", "PDAT_ACT"))  # of the controller's types: never positions
+FRAME_DATA_ACTIVE = "FDAT_ACT"
+MOTION_DATA = frozenset(
+    (FRAME_DATA_ACTIVE, "LDAT_ACT", "PDAT_ACT")
+)  # of the controller's types: never positions
 TABLES = {"TOOL_DATA": "TOOL", "BASE_DATA": "BASE"}
 NAME_VALUE = re.compile(r"(?!(?:TRUE|FALSE)\b)[A-Za-z_$(]", re.IGNORECASE)  # no number, truth or choice
 NULL = re.compile(rf"\$?NULLFRAME{B}*+", re.IGNORECASE)
+WORLD = re.compile(rf"\$WORLD{B}*+", re.IGNORECASE)  # a base there is the null frame
 STRUCT = re.compile(r"\{[^{}]*+\}")
 OF_POINT = re.compile(r"\bE?6?POS\b|\b[ST][ \t]+[\d']", re.IGNORECASE)
 TOOL_AXES = re.compile(r"#TOOL\b", re.IGNORECASE)

@@ -53,6 +53,7 @@ class PointUses:
     set_tables: set[str] = field(
         default_factory=set
     )  # "BASE 16": BASE_DATA[16] is set; "BASE *": one of them
+    set_data: set[str] = field(default_factory=set)  # names that get a value, or a part of frame data
     calls: list[RoutineCall] = field(default_factory=list)  # that pass data with a name
     used_names: dict[str, list[str]] = field(default_factory=dict)  # by array, when all is read
     external_tool: bool = False
@@ -234,23 +235,37 @@ class PointUses:
         return {move_frames for copy in copies for move_frames in self._frames_of_name(copy)}
 
     def _frames_of_name(self, copy: str) -> Set[MoveFrames]:
-        """Return the bases that are set where a name is moved to; any element of an array may be the one."""
+        """Return the bases of the moves to a name; any element of an array may be the one."""
         if copy not in self.bases_of:
             names = {copy, array_name_of(copy), f"{array_name_of(copy)}[]"}
-            routines = {
-                used.routine
-                for one in names
-                for used in self.uses.get(one, {}).values()
-                if not used.why and not used.data
-            }
-            named = self._name_of_set("BASE") or "$"
+            moves = {used for one in names for used in self.uses.get(one, {}).values() if not used.why}
             self.bases_of[copy] = {
-                MoveFrames(None, named if base == "$" else base, COPIED, self.routines[routine].name)
-                for routine in routines
-                for base in self.routines[routine].base.values
-                if base not in (UNKNOWN, TURNED_BY_AXIS, RESET)
+                MoveFrames(
+                    base if base.startswith(FRAME_DATA) else None,
+                    base,
+                    COPIED,
+                    self.routines[used.routine].name,
+                )
+                for used in moves
+                for base in self._possible_bases(used)
             }
         return self.bases_of[copy]
+
+    def _possible_bases(self, used: PointMove) -> Set[str]:
+        """Return the base of a move; where it is not certain, all that its routine sets or takes from frame data."""
+        move_frames = self.frames_of_move(used, joints=False)
+        if move_frames.frame is not None and not move_frames.why:
+            return {move_frames.frame}
+        routine = self.routines[used.routine]
+        callers = [one for one in self.routines if routine.name in one.calls]
+        return self._bases_in(routine) or {base for one in callers for base in self._bases_in(one)}
+
+    def _bases_in(self, routine: KrlRoutine) -> Set[str]:
+        """Return the bases that a routine sets, or takes from frame data."""
+        named = self._name_of_set("BASE") or "$"
+        values = routine.base.values - {UNKNOWN, TURNED_BY_AXIS, RESET}
+        taken = {f"{FRAME_DATA}{data}" for data in routine.data_taken}
+        return taken | {named if base == "$" else base for base in values}
 
     def routine_effects(self) -> dict[str, RoutineEffects]:
         """Return what routines set, for the files that call them."""

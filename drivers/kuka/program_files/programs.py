@@ -9,8 +9,14 @@ from typing import Self
 from cellcal.calibration.geometry import Pose
 from cellcal.drivers.kuka.program_files.collected_positions import KrlPositions
 from cellcal.drivers.kuka.program_files.configuration import KukaConfigurations
-from cellcal.drivers.kuka.program_files.data_list import declared_names, read_data_list
-from cellcal.drivers.kuka.program_files.frame_data import TaughtFrames, uses_of_own_data, with_frame_data
+from cellcal.drivers.kuka.program_files.data_list import declared_names, name_of_data, read_data_list
+from cellcal.drivers.kuka.program_files.frame_data import (
+    TaughtFrames,
+    data_set_by_programs,
+    marks_of_set_data,
+    uses_of_own_data,
+    with_frame_data,
+)
 from cellcal.drivers.kuka.program_files.imports import imports_of, remark_imports
 from cellcal.drivers.kuka.program_files.krl_program import read_program
 from cellcal.drivers.kuka.program_files.passed_points import (
@@ -62,7 +68,7 @@ MIXED_WORK = "it is taught with an external tool (IPO_FRAME #TCP), and moved to 
 
 @dataclass(frozen=True, eq=False)
 class KukaFile:
-    """One .src or .dat file."""
+    """One .src, .sub or .dat file."""
 
     source: ProgramText
     name: str
@@ -118,7 +124,7 @@ class KukaFile:
         return cls(
             source=source,
             name=module,
-            declarations=_with_path(PurePath(name), summary.declarations),
+            declarations=_with_path(PurePath(name), summary.declarations, summary.set_data),
             keys=tuple(found.names[row].upper() for row in rows.tolist()),
             taught=frozenset(k for k, row in enumerate(rows.tolist()) if row in summary.taught),
             routines={
@@ -134,7 +140,8 @@ class KukaFile:
 
     def with_external_uses(self, external_uses: ExternalUses) -> Self:
         """Return the file with what others say of its positions."""
-        external_uses = with_frame_data(external_uses, self.frame_data)
+        set_data = data_set_by_programs(external_uses, self.frame_data)
+        external_uses = with_frame_data(external_uses, self.frame_data, set_data)
         used = frozenset(self.routines) | {
             k
             for k, (tool, base) in enumerate(
@@ -152,6 +159,7 @@ class KukaFile:
         )
         positions = _without_set_tables(positions, self.declarations.module, external_uses)
         positions = _without_mixed_work(positions, self.keys, external_uses)
+        positions = _without_set_data(positions, self.keys, self.taught, set_data)
         frames = with_declared(
             self.frames, positions, external_uses.tools, external_uses.bases, own=frozenset()
         )
@@ -171,6 +179,7 @@ class _FileSummary:
     taught: Set[int] = frozenset()
     routines: Mapping[int, str] = field(default_factory=dict)
     shifts: Sequence[ProgramShift] = ()
+    set_data: Set[str] = frozenset()  # names that a program gives a value
     frame_data: Mapping[str, TaughtFrames] = field(default_factory=dict)
 
 
@@ -212,7 +221,12 @@ def _read_src(source: ProgramText) -> _Read:
     return (
         points.found,
         points.to_frames(),
-        _FileSummary(declarations, routines=routines, shifts=program.shifts.to_shifts(points)),
+        _FileSummary(
+            declarations,
+            routines=routines,
+            shifts=program.shifts.to_shifts(points),
+            set_data=points.set_data,
+        ),
     )
 
 
@@ -221,7 +235,7 @@ def _is_data_list(name: str) -> bool:
 
 
 def writes_program(data: bytes) -> bool:
-    """Tell whether a .dat or .src file is KUKA's: others use these suffixes, too."""
+    """Tell whether a .dat, .src or .sub file is KUKA's: others use these suffixes, too."""
     return _DEFINED_BYTES.search(data, 0, _LOOKED_AT) is not None
 
 
@@ -243,12 +257,15 @@ def _declarations_of(name: str, data: bytes) -> FileDeclarations | None:
     return _with_path(path, declarations)
 
 
-def _with_path(path: PurePath, declarations: FileDeclarations) -> FileDeclarations:
+def _with_path(
+    path: PurePath, declarations: FileDeclarations, set_data: Set[str] = frozenset()
+) -> FileDeclarations:
     module = path.stem.upper()
     doubtful = {
         f"{module if key[-1] == '*' else _program_folder(path)} {key}": why
         for key, why in declarations.doubtful.items()
     }
+    doubtful |= marks_of_set_data(set_data, path)
     return replace(declarations, module=module, public=module == "$CONFIG", doubtful=doubtful)
 
 
@@ -257,6 +274,16 @@ def _program_folder(path: PurePath) -> str:
     parts = path.parent.parts
     roots = [depth for depth, part in enumerate(parts, 1) if _ROOT.fullmatch(part)]
     return str(PurePath(*parts[: roots[-1]] if roots else parts))
+
+
+def _without_set_data(
+    positions: Positions, keys: Sequence[str], taught: Set[int], set_data: Set[str]
+) -> Positions:
+    """Return positions of which those are left whose frame data a program sets."""
+    if not set_data:
+        return positions
+    rows = [row for row in sorted(taught) if name_of_data(keys[row]) in set_data]
+    return replace(positions, barred={**dict.fromkeys(rows, COMPUTED), **positions.barred})
 
 
 def _without_mixed_work(positions: Positions, keys: Sequence[str], external_uses: ExternalUses) -> Positions:
@@ -288,7 +315,7 @@ def _without_set_tables(positions: Positions, module: str, external_uses: Extern
 
 BRAND = ProgramBrand(
     brand="kuka",
-    suffixes=(".src", ".dat"),
+    suffixes=(".src", ".dat", ".sub"),
     read=KukaFile.from_bytes,
     configurations=KukaConfigurations(),
     writes_program=writes_program,

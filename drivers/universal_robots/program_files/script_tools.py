@@ -20,6 +20,8 @@ from cellcal.drivers.universal_robots.program_files.script_positions import Posi
 from cellcal.drivers.universal_robots.program_files.script_text import SIX_NUMBERS, ScriptLiteral, ScriptText
 
 PROGRAM = re.compile(r"^[ \t]*def[ \t]+(\w+)[ \t]*\(", re.ASCII | re.MULTILINE)
+_LOOP = re.compile(r"while\b", re.ASCII)
+_THREAD = re.compile(r"thread\b", re.ASCII)
 _DEEPEST = 100  # functions that call each other
 _INVERSE = re.compile(r"\bget_inverse_kin[ \t]*\([ \t]*(?:x[ \t]*=[ \t]*)?(?:p[ \t]*\[)?[ \t]*\Z", re.ASCII)
 _TOOL_NAMED = re.compile(r"\btcp[ \t]*=(?!=)", re.ASCII)
@@ -40,7 +42,6 @@ class ScriptTools:
             b for b in source.blocks if bisect_right(self.offsets, b[0]) < bisect_left(self.offsets, b[1])
         ]
         self.until = _block_ends(self.offsets, holding, len(source.text))
-        begun = {start for start, _ in holding}
         ends = dict(source.blocks)
         self.functions = [  # where each begins and ends, and its calls
             (start, ends.get(start, start), [call for call in calls if call != function.end() - 1])
@@ -51,13 +52,20 @@ class ScriptTools:
         self.begins = [start for start, _, _ in self.functions]
         self.around = _innermost_functions(self.functions)
         self.set_before: dict[int, bool] = {}  # functions that surely run after a set_tcp
-        # calls of functions that set a tool
-        self.setting = sorted(call for start, _, calls in self.functions if start in begun for call in calls)
+        self.setting = _calls_that_set(self.functions, self.offsets)
         self.set_at = sorted([*self.offsets, *self.setting])
         blocks = [
             b for b in source.blocks if bisect_right(self.set_at, b[0]) < bisect_left(self.set_at, b[1])
         ]
         self.set_until = list(accumulate(_block_ends(self.set_at, blocks, len(source.text)), max))
+        again = {start for start, _ in source.blocks if _LOOP.match(source.text, start)}
+        again |= {
+            start
+            for start, _, calls in self.functions
+            if len(calls) > 1 or any(b[0] < call < b[1] and b[0] in again for call in calls for b in blocks)
+        }
+        self.repeated = [b for b in blocks if b[0] in again]
+        self.beside = [b for b in holding if _THREAD.match(source.text, b[0])]
         self.flange_tip = frames_of(source, {name: pose for _, name, pose in self.calls if pose is not None})
 
     def tool_of(self, place: ScriptPlace) -> str | None:
@@ -96,8 +104,20 @@ class ScriptTools:
             called = bisect_right(self.setting, since) < bisect_left(self.setting, use)
             ended = at > 0 and self.until[at - 1] < use
             sure = not called and not ended if self.several else not ended or self._is_set(use)
-            found.append((self.calls[at - 1][1] if at else "", sure))
+            beside = any(not begin < use < end for begin, end in self.beside)
+            found.append((self.calls[at - 1][1] if at else "", sure and not beside))
+            found += self._left_by_last_pass(use, since if sure else -1)
         return found
+
+    def _left_by_last_pass(self, use: int, since: int) -> Iterator[tuple[str, bool]]:
+        """Yield the tools that what repeats has set below a move when it comes there again."""
+        for begin, end in self.repeated:
+            if not begin < use < end or since > begin:
+                continue
+            for at in range(bisect_right(self.set_at, use), bisect_left(self.set_at, end)):
+                number = bisect_left(self.offsets, self.set_at[at])
+                is_call = number == len(self.offsets) or self.offsets[number] != self.set_at[at]
+                yield ("", False) if is_call and self.several else (self.calls[number - is_call][1], True)
 
     def _is_set(self, use: int, depth: int = 0) -> bool:
         """Tell whether a ``set_tcp``, or a call of a function with one, surely runs before what stands here."""
@@ -126,6 +146,20 @@ class ScriptTools:
             yield Remark(
                 0, "foreign", "the tool is the one that is active on the robot: no set_tcp is in this file."
             )
+
+
+def _calls_that_set(functions: Sequence[tuple[int, int, Sequence[int]]], offsets: Sequence[int]) -> list[int]:
+    """Return in the order of the text the calls of functions that set a tool, themselves or by such a call."""
+    found, before = list[int](), -1
+    while len(found) > before:
+        before, set_at = len(found), sorted([*offsets, *found])
+        found = [
+            call
+            for start, end, calls in functions
+            if bisect_right(set_at, start) < bisect_left(set_at, end)
+            for call in calls
+        ]
+    return sorted(found)
 
 
 def _names_tool(text: str, use: int) -> bool:

@@ -4,22 +4,32 @@ import re
 from collections.abc import Iterator
 
 from cellcal.drivers.programs.shifts import NO_TURN, UNREADABLE, ProgramShift, ShiftAxes
-from cellcal.drivers.universal_robots.program_files.script_text import SIX
+from cellcal.drivers.universal_robots.program_files.script_text import SIX, SIX_NUMBERS
 from cellcal.drivers.universal_robots.program_files.urp_waypoints import BASE, WaypointReader
 from cellcal.drivers.universal_robots.program_files.urp_xml import XmlText
 
 IN_SCRIPT = "it stands in a script or an expression of the program, and is not read"
+IN_URCAP = "it stands in a node of a URCap, and is not read"
 STRAY = "it belongs to no waypoint, and is not read"
 _LITERAL = re.compile(rf"p?\[{SIX}\]", re.ASCII)
 _COMPUTES = re.compile(r"pose_\w+|interpolate_pose|\w+_kin\(|p\[|\bspeedl\b|\bforce_mode\b", re.ASCII)
 # A move of a script: where to is a variable or a call; what is written out is a position that is not read.
 _MOVES = re.compile(r"\b(?:move[jlcp]|servo[jlc])\s*\(\s*(?P<target>\w*)", re.ASCII)
 _COMPUTED_PLACE = "a computed place"
+_KNOWN_NODES = frozenset(  # those of public programs: read here, or they move nothing, or what is inside is read
+    (
+        "Move", "CircleMove", "Waypoint", "Script", "If", "ElseIf", "Else", "Loop", "Switch", "Case", "DefaultCase",
+        "Folder", "Comment", "Halt", "Popup", "Wait", "Set", "Assignment", "Timer", "Event", "Thread",
+        "SuppressedNode", "SubProgram", "CallSubProgram", "SafeHome", "MainProgram", "SpecialSequence",
+        "InitVariablesNode", "Contributed", "Until",
+    )
+)  # fmt: skip
+_DIRECTED = re.compile(r"Force|Direction")  # along axes: a shift of the work changes nothing
 
 
 def shifts_of(xml: XmlText, reader: WaypointReader) -> tuple[ProgramShift, ...]:
     """Return the steps of a program that do not turn with its waypoints, and the places that it computes."""
-    found = [*_relative_shifts(xml, reader), *_computed_shifts(xml, reader)]
+    found = [*_relative_shifts(xml, reader), *_computed_shifts(xml, reader), *_unread_nodes(xml, reader)]
     return tuple(sorted(found, key=lambda one: one.line))
 
 
@@ -54,6 +64,19 @@ def _computed_shifts(xml: XmlText, reader: WaypointReader) -> Iterator[ProgramSh
             )
 
 
+def _unread_nodes(xml: XmlText, reader: WaypointReader) -> Iterator[ProgramShift]:
+    """Yield nodes of the program that are not known, such as Force, Direction or Pallet: they may move the robot."""
+    for around in reader.tags.get("children", ()):
+        for i in xml.children[around]:
+            tag = xml.elements[i].tag
+            if tag not in _KNOWN_NODES and "reference" not in xml.elements[i].attributes:
+                turn = NO_TURN if _DIRECTED.search(tag) else None
+                line = xml.line_of(xml.elements[i].offset)
+                yield ProgramShift(
+                    line, f"the node {tag}", ShiftAxes.BASE, (), _COMPUTED_PLACE, BASE, UNREADABLE, turn
+                )
+
+
 def unread_positions_of(xml: XmlText, reader: WaypointReader) -> list[tuple[str, int, str]]:
     """Return name, line and reason of positions that are in the file and not in a waypoint."""
     found = [
@@ -61,10 +84,22 @@ def unread_positions_of(xml: XmlText, reader: WaypointReader) -> list[tuple[str,
         for i, text in _script_texts(xml, reader)
         for _ in _LITERAL.finditer(text)
     ]
+    found += [
+        (f"line {xml.line_of(xml.elements[i].offset)}", xml.line_of(xml.elements[i].offset), IN_URCAP)
+        for i in reader.tags.get("data", ())
+        if xml.find_above(i, "Contributed") is not None
+        for _ in _LITERAL.finditer(_data_text(xml, i))
+    ]
     return found + [
         (f"line {xml.line_of(xml.elements[i].offset)}", xml.line_of(xml.elements[i].offset), STRAY)
         for i in reader.stray_joints()
     ]
+
+
+def _data_text(xml: XmlText, data: int) -> str:
+    """Return what a node of a URCap stores, with the brackets of a list around bare numbers."""
+    text = xml.attribute_value(data, "value").replace("&quot;", '"')
+    return f"[{text}]" if SIX_NUMBERS.fullmatch(text) else text
 
 
 def _outside_scripts(xml: XmlText, reader: WaypointReader) -> Iterator[tuple[int, str]]:

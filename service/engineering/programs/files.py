@@ -25,7 +25,7 @@ from cellcal.drivers.programs.errors import ProgramFileError
 from cellcal.service.engineering.programs.drafts import draft_beside, remove_left_behind
 
 LARGEST_BYTES = 64 << 20  # no controller keeps a program of this size: what is larger is not one
-_UNREAD_SUFFIXES = frozenset((".tp", ".kl"))  # programs that are not read: FANUC's binary ones, KAREL
+_UNREAD_SUFFIXES = frozenset((".tp", ".kl", ".urpx"))  # not read: binary ones of FANUC, KAREL, PolyScope X
 _YASKAWA_VARIABLES = "var.dat"  # also places of a controller's jobs
 _WRITERS = 8
 _WILD = frozenset("*?[")
