@@ -110,11 +110,14 @@ def test_a_table_that_lies_on_its_side_is_told(tmp_path: Path) -> None:
 
 def test_columns_by_number_are_those_that_hold_numbers(tmp_path: Path) -> None:
     lines = [f"A,Main,P{i},{text}" for i, text in enumerate(text_rows(ROWS))]
-    path = write_table(tmp_path / "rows.txt", ["// SpatialAnalyzer", *lines])
+    few = write_table(tmp_path / "few.txt", ["// SpatialAnalyzer", *lines[:10]])
     with pytest.raises(MeasurementError) as refused:
-        read_measurements(path, MODEL)
+        read_measurements(few, MODEL)
     assert "joints=4,5,6,7,8,9" in refused.value.remedy
     assert "position=10,11,12" in refused.value.remedy
+    found = read_measurements(write_table(tmp_path / "rows.txt", ["// SpatialAnalyzer", *lines]), MODEL)
+    assert found.layout.joints == tuple(f"column {at}" for at in range(4, 10))
+    assert found.layout.position == tuple(f"column {at}" for at in range(10, 13))
 
 
 def test_attitudes_show_which_way_the_last_joint_turns() -> None:
