@@ -8,6 +8,7 @@ import pytest
 from cellcal.calibration.arm.kinematics import load_model
 from cellcal.calibration.identification.last_joint import last_joint_note
 from cellcal.calibration.identification.observations import PointObservations
+from cellcal.service.engineering.measured.columns import detect_layout
 from cellcal.service.engineering.measured.measurements import read_measurements
 from cellcal.service.engineering.measured.table import MeasurementError, read_table
 from tests.unit.helpers.simulated_arm import tracker_poses
@@ -106,6 +107,26 @@ def test_a_table_that_lies_on_its_side_is_told(tmp_path: Path) -> None:
     with pytest.raises(MeasurementError, match="first column") as refused:
         read_measurements(write_table(tmp_path / "rows.csv", lines), MODEL)
     assert "transposed" in refused.value.remedy
+
+
+SEVEN = [f"joint{at}" for at in range(1, 8)]
+
+
+@pytest.mark.parametrize(
+    ("headings", "joints"),
+    [
+        ([f".position[{at}]" for at in range(9)], [f".position[{at}]" for at in range(7)]),
+        ([f"field.position{at}" for at in range(8)], [f"field.position{at}" for at in range(7)]),
+        ([f"q_cmd{at}" for at in range(1, 8)] + [f"q_meas{at}" for at in range(1, 8)], None),
+        ([f"q_des_{at}" for at in range(1, 8)] + [f"q_{at}" for at in range(1, 8)], None),
+    ],
+)
+def test_elements_of_an_array_and_words_beside_the_letter(
+    headings: list[str], joints: list[str] | None
+) -> None:
+    """Fingers stand behind the arm's elements; what the arm had goes before what it was told."""
+    found = detect_layout([*headings, "x", "y", "z"], SEVEN).joints
+    assert found == tuple(joints or headings[-7:])
 
 
 def test_columns_by_number_are_those_that_hold_numbers(tmp_path: Path) -> None:
