@@ -103,6 +103,11 @@ def parse_description(text: str) -> ET.Element:
     CalibrationError
         It is no URDF, or one whose xacro is not expanded.
     """
+    if not text.strip("\ufeff \t\r\n\0"):
+        raise CalibrationError(
+            "the file is empty.",
+            remedy="Write the description again from its source: xacro FILE.xacro > arm.urdf.",
+        )
     try:
         root = parse_xml(text)
     except DocumentError as broken:
@@ -117,9 +122,16 @@ def parse_description(text: str) -> ET.Element:
             f"not a robot description: the root element is {root.tag!r}, not 'robot'.",
             remedy=_root_remedy(root.tag),
         )
-    if any("xacro" in str(element.tag) for element in root.iter()):
+    if any("xacro" in str(element.tag) for element in root.iter()) or _names_are_computed(root):
         raise _xacro_error()
     return root
+
+
+def _names_are_computed(root: ET.Element) -> bool:
+    """Tell whether a link or joint is called by an expression that xacro would have replaced."""
+    named = [*root.iter("link"), *root.iter("joint"), *root.iter("parent"), *root.iter("child")]
+    names = (element.get(key, "") for element in named for key in ("name", "link", "type"))
+    return any("${" in name or "$(" in name for name in names)
 
 
 def _xacro_error() -> CalibrationError:
@@ -148,6 +160,11 @@ class _Tree:
         joints = root.findall("joint")
         _refuse_twice("link", links)
         _refuse_twice("joint", [joint.get("name", "") for joint in joints])
+        if not links:
+            raise CalibrationError(
+                "the description has no links, and so no arm.",
+                remedy="Write it again from its source, with every <link> and <joint> between base and flange.",
+            )
         above: dict[str, ET.Element] = {}
         for joint in joints:
             parent, child = link_of(joint, "parent"), link_of(joint, "child")
@@ -163,6 +180,14 @@ class _Tree:
                     remedy="A description is a tree: leave one of them out.",
                 )
             above[child] = joint
+        if len(above) == len(links):
+            raise CalibrationError(
+                make_message(
+                    "no link of the description is its base: each hangs on a joint, {joint_names}.",
+                    joint_names=_named([joint.get("name", "") for joint in above.values()]),
+                ),
+                remedy="A description is a tree: leave out the joint that leads back to the base.",
+            )
         return cls(links, above)
 
     def base(self, asked: str | None) -> str:

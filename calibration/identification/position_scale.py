@@ -4,13 +4,15 @@ Such a factor and link lengths are partly the same: a fit hides it in them. What
 deviate. Errors of making are of about one size and of either sign; a factor makes every length deviate in proportion
 to itself. So the size of length errors is taken from these rows as well, with a factor and without one, and the two
 are compared by how probable they make the rows. One length that alone is wrong (a link that was exchanged or bent)
-looks like a factor of the arm's longest link, and is compared as an explanation of its own.
+looks like a factor of the arm's longest link, and is compared as an explanation of its own. The arm may sag under its
+weight in every comparison: what sags lies lower the further out it is, which a stiff arm would explain by a factor.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from cellcal.calibration.arm.joint_terms import gravity_terms
 from cellcal.calibration.arm.kinematics import RobotModel
 from cellcal.calibration.errors import CalibrationError
 from cellcal.calibration.geometry import Array
@@ -95,8 +97,10 @@ def position_scale(model: RobotModel, observations: Observations) -> PositionSca
     except (CalibrationError, np.linalg.LinAlgError):
         return None
     kept = np.setdiff1d(np.arange(len(places)), found.rejected)
-    problem = found.problem.select_rows(kept)
-    state = found.fit.state
+    sag = gravity_terms(model)
+    layout = make_layout(model, places.kind, 1, level=GEOMETRY, terms=sag, priors=_WIDE)
+    state = replace(found.fit.state, terms=sag, coefficients=np.zeros(len(sag)))
+    problem = FitProblem.from_observations(state, found.problem.observations).select_rows(kept)
     columns, left = place_columns(layout, state, problem)
     deviations = layout.prior_deviations(state)
     sigma_m = problem.observations.sigma_m

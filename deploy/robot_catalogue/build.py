@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from cellcal.calibration.geometry import Array, homogeneous, inverse_transform
+from cellcal.calibration.geometry import Array, homogeneous_matrix, inverse_transform
 from cellcal.calibration.orientation import rotation_from, values_from
 
 HERE = Path(__file__).parent
@@ -172,7 +172,9 @@ def _read_pose(table: Mapping[str, Any]) -> Array:
     quarters = rpy / (np.pi / 12)  # the tables write multiples of 15 degrees with twelve digits
     rounded = np.round(quarters)
     exact = np.where(np.abs(quarters - rounded) < 1e-9, rounded * (np.pi / 12), rpy)
-    return homogeneous(rotation_from("ros_rpy", exact), np.array(table.get("xyz", [0.0] * 3), dtype=float))
+    return homogeneous_matrix(
+        rotation_from("ros_rpy", exact), np.array(table.get("xyz", [0.0] * 3), dtype=float)
+    )
 
 
 def _pose_table(pose: Array) -> dict[str, list[float]]:

@@ -98,7 +98,7 @@ CAMPAIGNS: dict[str, tuple[Callable[[int], CampaignFigures], int]] = {
     "moved_fanuc": (moved_programs.moved_fanuc, 10_000),
     "moved_yaskawa": (moved_programs.moved_yaskawa, 10_000),
     "programs_roundtrip": (programs.programs_roundtrip, 10_000),
-    "catalogue_arms": (any_arm.catalogue_arms, 381),
+    "catalogue_arms": (any_arm.catalogue_arms, 382),
     "demo_robots": (any_arm.demo_robots, 4),
     "cold": (cold.cold, 20),
     "two_tablets": (two_tablets.two_tablets, 20),

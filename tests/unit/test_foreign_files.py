@@ -275,14 +275,16 @@ def test_columns_of_two_units_are_refused(tmp_path, capsys):
 
 
 def test_a_file_without_heading_is_read_by_the_numbers_of_its_columns(tmp_path, capsys):
-    path = file_of(tmp_path, ["// exported", *text_rows(MM, DEG)])
-    code, _, message = identify_file_as(path, capsys)
+    few = file_of(tmp_path, ["// exported", *text_rows(DEG, MM)[:10]])
+    code, _, message = identify_file_as(few, capsys)
     assert code == ExitCode.USAGE
     assert "--columns joints=1,2,3,4,5,6" in message
+    path = file_of(tmp_path, ["// exported", *text_rows(MM, DEG)])
     column_options = ["--columns", "joints=4,5,6,7,8,9", "--columns", "position=1,2,3"]
-    code, report, _ = identify_file_as(path, capsys, *column_options)
-    assert code == ExitCode.PASS
-    assert report["held_out"]["rmse_m"] < 3e-3
+    for options in ([], column_options):
+        code, report, _ = identify_file_as(path, capsys, *options)
+        assert code == ExitCode.PASS
+        assert report["held_out"]["rmse_m"] < 3e-3
 
 
 def test_remarks_between_the_rows_are_no_rows(tmp_path, capsys):

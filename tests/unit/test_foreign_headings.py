@@ -8,6 +8,7 @@ import pytest
 from cellcal.calibration.arm.kinematics import load_model
 from cellcal.calibration.identification.last_joint import last_joint_note
 from cellcal.calibration.identification.observations import PointObservations
+from cellcal.service.engineering.measured.columns import detect_layout
 from cellcal.service.engineering.measured.measurements import read_measurements
 from cellcal.service.engineering.measured.table import MeasurementError, read_table
 from tests.unit.helpers.simulated_arm import tracker_poses
@@ -108,13 +109,36 @@ def test_a_table_that_lies_on_its_side_is_reported(tmp_path: Path) -> None:
     assert "transposed" in refused.value.remedy
 
 
+SEVEN = [f"joint{at}" for at in range(1, 8)]
+
+
+@pytest.mark.parametrize(
+    ("headings", "joints"),
+    [
+        ([f".position[{at}]" for at in range(9)], [f".position[{at}]" for at in range(7)]),
+        ([f"field.position{at}" for at in range(8)], [f"field.position{at}" for at in range(7)]),
+        ([f"q_cmd{at}" for at in range(1, 8)] + [f"q_meas{at}" for at in range(1, 8)], None),
+        ([f"q_des_{at}" for at in range(1, 8)] + [f"q_{at}" for at in range(1, 8)], None),
+    ],
+)
+def test_elements_of_an_array_and_words_beside_the_letter(
+    headings: list[str], joints: list[str] | None
+) -> None:
+    """Fingers stand behind the arm's elements; what the arm had goes before what it was told."""
+    found = detect_layout([*headings, "x", "y", "z"], SEVEN).joints
+    assert found == tuple(joints or headings[-7:])
+
+
 def test_columns_by_number_are_those_that_hold_numbers(tmp_path: Path) -> None:
     lines = [f"A,Main,P{i},{text}" for i, text in enumerate(text_rows(ROWS))]
-    path = write_table(tmp_path / "rows.txt", ["// SpatialAnalyzer", *lines])
+    few = write_table(tmp_path / "few.txt", ["// SpatialAnalyzer", *lines[:10]])
     with pytest.raises(MeasurementError) as refused:
-        read_measurements(path, MODEL)
+        read_measurements(few, MODEL)
     assert "joints=4,5,6,7,8,9" in refused.value.remedy
     assert "position=10,11,12" in refused.value.remedy
+    found = read_measurements(write_table(tmp_path / "rows.txt", ["// SpatialAnalyzer", *lines]), MODEL)
+    assert found.layout.joints == tuple(f"column {at}" for at in range(4, 10))
+    assert found.layout.position == tuple(f"column {at}" for at in range(10, 13))
 
 
 def test_attitudes_show_which_way_the_last_joint_turns() -> None:

@@ -226,6 +226,34 @@ def test_a_wrong_question_is_answered_with_names(urdf, asked, says, cure):
     assert cure in refused.value.remedy
 
 
+_LOOP = (
+    '<robot name="x"><link name="a"/><link name="b"/>'
+    '<joint name="out" type="fixed"><parent link="a"/><child link="b"/></joint>'
+    '<joint name="back" type="fixed"><parent link="b"/><child link="a"/></joint></robot>'
+)
+
+
+@pytest.mark.parametrize(
+    ("text", "says", "cure"),
+    [
+        ("", "the file is empty", "xacro FILE.xacro > arm.urdf"),
+        (" \n\n", "the file is empty", "xacro FILE.xacro > arm.urdf"),
+        ('<robot name="x"/>', "has no links", "every <link> and <joint>"),
+        (_LOOP, "each hangs on a joint, out, back", "leads back to the base"),
+        (_LOOP.replace('"back"', '"$(arg prefix)back"'), "xacro that is not expanded", "Expand it first"),
+        (_LOOP.replace('link="b"', 'link="${prefix}b"'), "xacro that is not expanded", "Expand it first"),
+    ],
+)
+def test_a_description_without_an_arm_is_refused_in_words(tmp_path, text, says, cure):
+    path = tmp_path / "arm.urdf"
+    path.write_text(text, encoding="utf-8")
+    for question in ("", "?base=a&tip=b"):
+        with pytest.raises(CalibrationError) as refused:
+            load_model(f"{path}{question}")
+        assert says in refused.value.message
+        assert cure in refused.value.remedy
+
+
 def test_a_file_that_is_not_there_is_named(tmp_path):
     with pytest.raises(CalibrationError, match=r"none\.urdf cannot be read"):
         load_model(f"{tmp_path}/none.urdf?tip=a")

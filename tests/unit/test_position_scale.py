@@ -6,8 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from cellcal.calibration.arm.joint_terms import gravity_terms
 from cellcal.calibration.arm.kinematics import load_model
 from cellcal.calibration.geometry import homogeneous_matrix
+from cellcal.calibration.identification.estimator import FitProblem, whitened_residuals
 from cellcal.calibration.identification.last_joint import last_joint_note
 from cellcal.calibration.identification.misfit import refuse_misfit
 from cellcal.calibration.identification.misfit_error import MisfitError
@@ -88,6 +90,34 @@ def test_one_wrong_link_is_no_factor(robot: str, error_m: float) -> None:
         assert scale_note(scale) == []
 
 
+SAG_DEG_PER_M = 0.2  # of a collaborative arm
+
+
+def sagging_arm(robot: str, seed: int, factor: float):
+    """Return a series of an arm whose links pull every joint down, and positions with a factor."""
+    true = arm(robot, seed, count=60)
+    terms = gravity_terms(true.model)
+    pull = np.abs(np.random.default_rng(seed).standard_normal(len(terms))) * np.deg2rad(SAG_DEG_PER_M)
+    truth = replace(true.truth, terms=terms, coefficients=pull)
+    problem = FitProblem.from_observations(truth, true.observations)
+    sagging_m = true.observations.positions_m - whitened_residuals(truth, problem).T * 5e-5
+    noise_m = true.observations.positions_m - true.tips_m
+    return true.model, replace(true.observations, positions_m=(sagging_m + noise_m) * factor)
+
+
+@pytest.mark.parametrize("robot", ["kuka_lbr_iiwa14_r820", "fanuc_r2000ic_165f", "ur10"])
+def test_an_arm_that_sags_has_no_factor_and_hides_none(robot: str) -> None:
+    for seed in range(100, 104):
+        scale = position_scale(*sagging_arm(robot, seed, 1.0))
+        assert scale is not None
+        assert not is_wrong(scale), (seed, scale)
+        assert scale_note(scale) == []
+        found = position_scale(*sagging_arm(robot, seed, 1.003))
+        assert found is not None
+        assert is_wrong(found), (seed, found)
+        assert abs(found.factor - 1.003) < 3.0 * found.sigma
+
+
 def test_what_temperature_explains_is_no_factor() -> None:
     true = arm("fanuc_m6ib", 2, 1e-5)
     warm = replace(true.observations, positions_m=true.observations.positions_m * (1.0 + 23e-6 * 35.0))
@@ -104,11 +134,18 @@ def test_lengths_and_few_rows_have_none() -> None:
 def test_the_refusal_says_the_cure_and_what_the_rows_cannot_tell() -> None:
     true = arm("fanuc_m6ib", 3)
     spoilt = replace(true.observations, positions_m=true.observations.positions_m * 1.003)
+    scale = position_scale(true.model, spoilt)
+    assert scale is not None
     with pytest.raises(MisfitError) as refused:
-        refuse_wrong_scale(true.model, position_scale(true.model, spoilt))
+        refuse_wrong_scale(true.model, scale)
     assert refused.value.causes[0].kinds == ("scale",)
-    assert "too large by 0.3" in refused.value.message
-    for words in ("scale bar", "divide X, Y and Z by 1.003", "cannot tell", "Nothing was stored"):
+    assert f"too large by {(scale.factor - 1.0) * 1e2:.2f} %" in refused.value.message
+    for words in (
+        "scale bar",
+        f"divide X, Y and Z by {scale.factor:.4f}",
+        "cannot tell",
+        "Nothing was stored",
+    ):
         assert words in refused.value.remedy
 
 

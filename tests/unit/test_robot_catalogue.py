@@ -1,5 +1,6 @@
 """The catalogue: every robot against its source's joints, its DH rows, and Pinocchio on what we export of it."""
 
+import importlib.util
 import json
 import zlib
 from types import SimpleNamespace
@@ -24,7 +25,7 @@ from cellcal.calibration.arm.urdf import bare_urdf, read_urdf
 from cellcal.calibration.errors import CalibrationError
 from cellcal.service.cli.app import app, run_command_line
 from cellcal.service.cli.model_argument import complete_robot
-from tests.unit.helpers.robot_tables import flange_by_joints, flange_by_rows, tables, withheld
+from tests.unit.helpers.robot_tables import FOLDER, flange_by_joints, flange_by_rows, tables, withheld
 
 OWN = {"abb_irb120": "abb_irb120_3_58", "kuka_kr6_r900": "kuka_kr6_r900_sixx"}
 OWN |= {name: f"universal_robots_{name}" for name in model_names() if name.startswith("ur")}
@@ -50,6 +51,18 @@ def test_the_catalogue_is_as_large_as_its_tables_allow():
     assert len(makers) >= 18
     assert {OWN.get(name, name) for name in NAMES} == tables().keys() - withheld().keys()
     assert set(model_names()) <= set(NAMES) == known_names()
+
+
+def test_the_catalogue_that_ships_is_what_its_tables_make(tmp_path, monkeypatch):
+    place = FOLDER / "build.py"
+    spec = importlib.util.spec_from_file_location("build_robot_catalogue", place)
+    build = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(build)
+    shipped = build.CATALOGUE
+    monkeypatch.setattr(build, "CATALOGUE", tmp_path)
+    build.main()
+    made = {path.name: path.read_text(encoding="utf-8") for path in tmp_path.iterdir()}
+    assert made == {path.name: path.read_text(encoding="utf-8") for path in shipped.glob("*.json")}
 
 
 def test_every_robot_is_where_the_joints_of_its_source_put_it():
@@ -194,16 +207,16 @@ def test_frames_of_the_source_can_be_chosen():
         ("pnada", "franka_fer"),
         ("pand", "franka_fer"),
         ("FR-3", "franka_fr3"),
-        ("iiwa", "kuka_lbr_iiwa14_r820"),
-        ("LBR iiwa", "kuka_lbr_iiwa14_r820"),
-        ("iiwaa", "kuka_lbr_iiwa14_r820"),
+        ("iiwa", "kuka_lbr_iiwa7_r800"),
+        ("LBR iiwa 14", "kuka_lbr_iiwa14_r820"),
+        ("iiwaa", "kuka_lbr_iiwa7_r800"),
         ("KR-210", "kuka_kr210l150"),
         ("IRB_120", "abb_irb120"),
         ("irb12o", "abb_irb120"),
         ("UR-10 e", "ur10e"),
         ("motman gp25", "yaskawa_gp25"),
         ("omron tm5 700", "techman_tm5_700"),
-        ("kuka 7 axis", "kuka_lbr_iiwa14_r820"),
+        ("kuka 7 axis", "kuka_lbr_iiwa7_r800"),
         ("mitsubishi scara", "mitsubishi_rh6crh6020"),
     ],
 )

@@ -15,7 +15,13 @@ _STEMS = (
     "ax", "achse", "angle", "rax", "jt", "gelenk", "axe", "eje", "joints", "joint_angles", "axes", "angles",
     "joint_positions", "jointtarget", "joint_target", "jpos", "position", "positions", "pos",
 )  # fmt: skip
-_JOINT = re.compile(rf"^(?P<before>(?:.*_)?)(?P<stem>{'|'.join(_STEMS)})_?(?P<number>\d)(?P<after>\D.*)?$")
+_TOLD = CONTROLLER_WORDS | {"des"}
+_HAD = {"actual", "act", "measured", "meas", "real", "msr"}
+_OF_JOINT = "|".join(sorted(_TOLD | _HAD))
+_JOINT = re.compile(
+    rf"^(?P<before>(?:.*_)?)(?P<stem>{'|'.join(_STEMS)})(?P<which>_(?:{_OF_JOINT}))?_?(?P<number>\d)(?P<after>\D.*)?$"
+)
+_ELEMENT = re.compile(r"\[\s*\d+\s*\]|positions?[_ .]?\d", re.IGNORECASE)  # of an array, which counts from 0
 _BY_MAKER = (
     ("base", "shoulder", "elbow", "wrist1", "wrist2", "wrist3"),
     ("base", "shoulder", "elbow", "wrist_1", "wrist_2", "wrist_3"),
@@ -125,7 +131,8 @@ def _numbered_families(names: Sequence[str], plain: Mapping[str, str]) -> dict[F
     for name in names:
         match = _JOINT.match(plain[name])
         if match:
-            key = (match["before"], match["stem"], match["after"] or "")
+            behind = "_".join(filter(None, [match["which"], match["after"]]))
+            key = (match["before"], match["stem"], behind)
             families.setdefault(key, {})[int(match["number"])] = name
     return families
 
@@ -204,7 +211,9 @@ def _joints_remedy(names: Sequence[str], plain: Mapping[str, str], joint_names: 
 
 
 def _first_number(numbered: Mapping[int, str], count: int) -> int:
-    for first in (1, 0):
+    """Return from which number on a family has so many: from 0 in an array, which may have fingers behind the arm."""
+    is_array = 0 in numbered and _ELEMENT.search(numbered[0]) is not None
+    for first in (0, 1) if is_array else (1, 0):
         if all(first + i in numbered for i in range(count)):
             return first
     return -1
@@ -221,9 +230,4 @@ def _preference_rank(key: tuple[str, str, str]) -> int:
             | {"vel", "qd", "velocity", "current", "torque", "temp", "speed", "moment", "acc", "effort"}
         )
     )
-    return (
-        1000 * wrong
-        + 100 * bool(words & CONTROLLER_WORDS)
-        - 50 * bool(words & {"actual", "act", "measured"})
-        + order
-    )
+    return 1000 * wrong + 100 * bool(words & _TOLD) - 50 * bool(words & _HAD) + order

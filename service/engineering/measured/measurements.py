@@ -36,6 +36,7 @@ from cellcal.service.engineering.measured.table import (
 from cellcal.service.engineering.measured.table_numbers import TableNumbers
 from cellcal.service.engineering.measured.unit_choice import UnitChoice
 from cellcal.service.engineering.measured.units import to_celsius
+from cellcal.service.engineering.measured.unnamed_columns import find_unnamed_columns, tell_nothing
 
 UNREAD, OUTLIER, REPEAT = "no reading", "outlier", "repeat"
 _UNBELIEVABLE = 1e9  # in any unit that instruments write
@@ -157,8 +158,10 @@ def _lay_out(
 ) -> tuple[MeasurementTable, TableLayout]:
     """Return what each column is, and the table with joints in rows that share those of the row above."""
     slides = () if model.sliding is None else model.sliding.tolist()
-    numeric = table.numeric_names()
-    layout = detect_layout(table.names, model.joint_names, options.columns, slides, numeric)
+    columns = options.columns
+    if not columns and tell_nothing(table.names):
+        table, columns = find_unnamed_columns(table, model)
+    layout = detect_layout(table.names, model.joint_names, columns, slides, table.numeric_names())
     return fill_merged_joints(table, layout.joints, (*layout.position, layout.length)), layout
 
 

@@ -65,6 +65,18 @@ def better_places(
     return {"position": position, "controller": controller}
 
 
+def calculated_places(
+    model: RobotModel, raw_joints: Array, joint_unit: Array, places: Sequence[Array]
+) -> list[bool]:
+    """Return of each series of places (N, 3), as written, whether the nominal arm calculates it from the joints.
+
+    ``raw_joints`` (N, n) are as written, ``joint_unit`` (n,) is rad or m per unit of them.
+    """
+    rows = spread_rows(len(raw_joints), _MOST_ROWS)
+    step_rad = np.array([find_resolution(column) for column in raw_joints.T]) * joint_unit
+    return [_is_calculated(model, raw_joints[rows] * joint_unit, step_rad, each[rows]) for each in places]
+
+
 def _is_range(lengths: Array, place: Sequence[str], values: Mapping[str, Array]) -> bool:
     positions = np.column_stack([values[name] for name in place])
     if len(lengths) < _FEWEST_ROWS or not (np.isfinite(positions).all() and np.isfinite(lengths).all()):

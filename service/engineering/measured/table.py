@@ -36,6 +36,7 @@ from cellcal.service.engineering.measured.table_heads import (
     is_counting_heading,
     is_remark,
     names_without_heading,
+    only_counts,
 )
 from cellcal.service.engineering.measured.workbooks import (
     FEWEST_COLUMNS,
@@ -211,7 +212,12 @@ def _build_table(path: Path, cells: Iterable[list[float | str]], dialect: str) -
     usual = widths.most_common(1)[0][0]
     enough = [i for i, count in enumerate(counts) if count >= max(FEWEST_COLUMNS, 0.5 * usual)]
     first = next(
-        (i for i, under in pairwise(enough) if not is_counting_heading(head[i], head[under])), enough[-1]
+        (
+            i
+            for i, under in pairwise(enough)
+            if not (is_counting_heading(head[i], head[under]) or (i == enough[0] and only_counts(head[i])))
+        ),
+        enough[-1],
     )
     names = heading_names(head[:first], _filled_width(head[first]))
     has_heading = names is not None

@@ -13,6 +13,7 @@ _OTHER_UNITS = frozenset(
 )
 _RULE = re.compile(r"[\s|+:=\-_]*(?:--|==|-:|:-)[\s|+:=\-_]*")  # |---|:---:| of Markdown, +=====+
 _FEWEST_COUNTED = 3  # joints side by side
+_FEWEST_ONLY_COUNTED = 5  # of a whole row
 _AXES = re.compile(r"AXES\s*=\s*CARTESIAN\s*:\s*X\s*,\s*Y\s*,\s*Z\s*\(([^)]*)\)", re.IGNORECASE)
 
 Cells = list[float | str]
@@ -42,6 +43,16 @@ def is_counting_heading(row: Cells, below: Cells) -> bool:
         else:
             runs.append([cell])
     return named and bool(runs) and all(run[0] in (0.0, 1.0) and len(run) >= _FEWEST_COUNTED for run in runs)
+
+
+def only_counts(row: Cells) -> bool:
+    """Tell whether a row does nothing but count its columns from 0 or 1, as programs write that know no names."""
+    filled = [cell for cell in row if cell != ""]
+    count = len(filled)
+    return count >= _FEWEST_ONLY_COUNTED and filled in (
+        [float(at) for at in range(count)],
+        [float(at) for at in range(1, count + 1)],
+    )
 
 
 def heading_names(above: Sequence[Cells], width: int) -> tuple[str, ...] | None:

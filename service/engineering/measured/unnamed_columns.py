@@ -1,0 +1,161 @@
+"""Joints and position of a table whose headings tell nothing: the columns that fit the robot, and no others do."""
+
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from math import log
+
+import numpy as np
+
+from cellcal.calibration.arm.kinematics import RobotModel
+from cellcal.calibration.errors import CalibrationError
+from cellcal.calibration.geometry import Array
+from cellcal.calibration.identification.quick_fit import spread_rows, trimmed_point_scores
+from cellcal.calibration.message import join_messages, make_message
+from cellcal.service.engineering.measured.joint_units import joint_units
+from cellcal.service.engineering.measured.place_choice import calculated_places, further_places_note
+from cellcal.service.engineering.measured.table import MeasurementTable
+from cellcal.service.engineering.measured.unit_choice import UnitChoice
+from cellcal.service.engineering.measured.units import LENGTH_UNITS
+
+_TELLS_NOTHING = re.compile(
+    r"(column|col|c|var|variable|unnamed|field|data|value|channel|ch|spalte|colonne|columna)?[ _:.]*\d+( \[.*\])?",
+    re.IGNORECASE,
+)
+_FEWEST_ROWS = 12
+_MOST_ROWS = 60
+_MOST_COLUMNS = 40
+_FILLED = 0.8  # of the rows of a column that takes part
+_PLAUSIBLE = log(4.0)  # the spread of a target beside that of the flange
+_MOST_LEFT = 0.04  # of the motion: zeros that are off by two degrees leave as much
+_CLEAR = 3.0  # times as much must every other choice of joints leave
+_SMALLEST_M = 1e-3
+_ORTHONORMAL = 0.02
+_MATRIX_STEP = 4  # from x to y to z in a pose of rows of four
+
+
+@dataclass(frozen=True, slots=True)
+class _Choice:
+    joints: tuple[int, ...]
+    place: tuple[int, ...]
+    left: float  # of the motion, by the unit that fits best
+
+
+def tell_nothing(names: Sequence[str]) -> bool:
+    """Tell whether headings only count the columns: none at all, Var1 to Var9, or 0 to 8."""
+    return all(_TELLS_NOTHING.fullmatch(name.strip()) for name in names)
+
+
+def find_unnamed_columns(
+    table: MeasurementTable, model: RobotModel
+) -> tuple[MeasurementTable, dict[str, tuple[str, ...]]]:
+    """Return the columns of joints and position by what fits the robot, and the table with a word on it.
+
+    Joints stand side by side in the robot's order, and so do x, y and z, or in the fourth column of a pose of rows of
+    four. Base and target are fitted to each such choice. Without one that fits, and that fits clearly better than
+    every other choice of joints, nothing is returned.
+    """
+    columns, values = _usable_numbers(table)
+    if len(values) < _FEWEST_ROWS or not model.axis_count + 3 <= len(columns) <= _MOST_COLUMNS:
+        return table, {}
+    found = sorted(_choices(model, values), key=lambda choice: choice.left)
+    if not found or found[0].left > _MOST_LEFT:
+        return table, {}
+    best = found[0]
+    if any(each.joints != best.joints and each.left < _CLEAR * best.left for each in found):
+        return table, {}
+    alike = sorted(
+        (each.place for each in found if each.joints == best.joints and each.left <= _MOST_LEFT),
+        key=lambda place: place[0],
+    )
+    joints = tuple(columns[at] for at in best.joints)
+    named = [tuple(columns[at] for at in place) for place in alike]
+    read = _read_places(table, model, joints, named)
+    said = make_message(
+        "headings tell nothing: {joints} are the joints and {place} the position, for so they fit {model_name}, and "
+        "in no other way; `--columns` names others",
+        joints=", ".join(joints),
+        place=", ".join(read[0]),
+        model_name=model.name,
+    )
+    further = further_places_note([place for place in named if place != read[0]])
+    dialect = join_messages("; ", [each for each in (table.dialect, said, further) if each])
+    return replace(table, dialect=dialect), {"joints": joints, "position": read[0]}
+
+
+def _usable_numbers(table: MeasurementTable) -> tuple[list[str], Array]:
+    """Return columns of numbers, and rows that are full in all of them (N, k), spread over the series."""
+    often = np.isfinite(table.numbers).mean(axis=0) >= _FILLED if len(table) else np.zeros(len(table.names))
+    at = [each for each in np.flatnonzero(often).tolist() if each not in table.doubts]
+    values = table.numbers[:, at]
+    full = values[np.isfinite(values).all(axis=1)]
+    return [table.names[each] for each in at], full[spread_rows(len(full), _MOST_ROWS)] if len(full) else full
+
+
+def _choices(model: RobotModel, values: Array) -> Iterator[_Choice]:
+    count, width = model.axis_count, values.shape[1]
+    places = list(_places(values))
+    for first in range(width - count + 1):
+        joints = tuple(range(first, first + count))
+        raw = values[:, joints]
+        joints_rad = raw * joint_units(UnitChoice({}, []), [str(at) for at in joints], raw, model)
+        flanges = model.base_flange(joints_rad)
+        moved_m = _spread(flanges[None, :, :3, 3])[0]
+        apart = [place for place in places if not set(place) & set(joints)]
+        if moved_m < _SMALLEST_M or not apart:
+            continue
+        left = _left_of(flanges, moved_m, np.array([values[:, place] for place in apart]))
+        yield from (_Choice(joints, place, each) for place, each in zip(apart, left.tolist(), strict=True))
+
+
+def _places(values: Array) -> Iterator[tuple[int, ...]]:
+    """Return which columns may be x, y and z: side by side, or the fourth of the rows of a pose."""
+    width = values.shape[1]
+    yield from ((at, at + 1, at + 2) for at in range(width - 2))
+    for first in range(width - 3 * _MATRIX_STEP + 1):
+        turn = values[:, [first + _MATRIX_STEP * row + column for row in range(3) for column in range(3)]]
+        turn = turn.reshape(-1, 3, 3)
+        if np.abs(turn @ np.swapaxes(turn, 1, 2) - np.eye(3)).max() < _ORTHONORMAL:
+            yield tuple(first + 3 + _MATRIX_STEP * row for row in range(3))
+
+
+def _left_of(flanges: Array, moved_m: float, places: Array) -> Array:
+    """Return what fits of base and target leave of the motion, by the best unit, of each choice of places (P,)."""
+    spread = _spread(places)
+    left = np.full(len(places), np.inf)
+    for metres in LENGTH_UNITS.values():
+        likely = np.flatnonzero(np.abs(np.log(np.maximum(spread * metres, 1e-12) / moved_m)) < _PLAUSIBLE)
+        if not len(likely):
+            continue
+        frames = np.broadcast_to(flanges, (len(likely), *flanges.shape))
+        try:
+            scores = trimmed_point_scores(frames, places[likely] * metres, np.zeros(len(likely), dtype=bool))
+        except (CalibrationError, np.linalg.LinAlgError):
+            continue
+        left[likely] = np.minimum(left[likely], scores / (spread[likely] * metres))
+    return left
+
+
+def _spread(points: Array) -> Array:
+    """Return how far points (P, N, 3) stand about their mean (RMS), of each (P,)."""
+    spread: Array = np.sqrt(((points - points.mean(axis=1, keepdims=True)) ** 2).sum(axis=2).mean(axis=1))
+    return spread
+
+
+def _read_places(
+    table: MeasurementTable,
+    model: RobotModel,
+    joints: Sequence[str],
+    places: Sequence[tuple[str, ...]],
+) -> list[tuple[str, ...]]:
+    """Return the places that a device read: those that the nominal arm calculates go last."""
+    if len(places) == 1:
+        return list(places)
+    names = [*joints, *(name for place in places for name in place)]
+    values = np.column_stack([table.column_values(name) for name in names])
+    values = values[np.isfinite(values).all(axis=1)]
+    raw, behind = values[:, : len(joints)], values[:, len(joints) :]
+    unit = joint_units(UnitChoice({}, []), joints, raw, model)
+    each = [behind[:, 3 * at : 3 * at + 3] for at in range(len(places))]
+    calculated = calculated_places(model, raw, unit, each)
+    return [place for _, place in sorted(zip(calculated, places, strict=True), key=lambda pair: pair[0])]

@@ -1,0 +1,131 @@
+"""Files whose headings tell nothing are read by what fits the robot, and refused where nothing or too much fits."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cellcal.calibration.arm.kinematics import load_model
+from cellcal.service.engineering.measured.measurements import Measurements, ReadOptions, read_measurements
+from cellcal.service.engineering.measured.table import MeasurementError
+from tests.unit.helpers.simulated_arm import TOOL, TRACKER, tracker_points
+
+ROBOT = "franka_fer"
+ROWS = 40
+TRUE = tracker_points(ROBOT, ROWS, seed=5)
+JOINTS_DEG = np.rad2deg(TRUE.observations.joints_rad)
+PLACES_MM = TRUE.observations.positions_m * 1e3
+
+
+def write(path: Path, columns: Sequence[np.ndarray], heading: str = "", first: str = "") -> Path:
+    rows = np.hstack(columns)
+    lines = [heading] if heading else []
+    lines += [
+        first.format(at) + ",".join(f"{value:.7g}" for value in row) for at, row in enumerate(rows.tolist())
+    ]
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    return path
+
+
+def read(path: Path, robot: str = ROBOT, **columns: Sequence[str]) -> Measurements:
+    return read_measurements(path, load_model(robot), ReadOptions(columns=columns))
+
+
+def prove_read(found: Measurements, joints: Sequence[int], place: Sequence[int]) -> None:
+    """The columns are those of these places, counted from 0, and so are the numbers."""
+    assert len(found.observations) == ROWS
+    np.testing.assert_allclose(found.observations.joints_rad, TRUE.observations.joints_rad, atol=1e-6)
+    np.testing.assert_allclose(found.observations.positions_m, TRUE.observations.positions_m, atol=1e-6)
+    assert any("headings tell nothing" in each for each in found.guesses)
+    assert len(found.layout.joints) == len(joints)
+    assert len(found.layout.position) == len(place)
+
+
+@pytest.mark.parametrize(
+    ("heading", "first"),
+    [
+        ("", ""),
+        ("", "Motion{},"),
+        (",".join(map(str, range(10))), ""),
+        ("," + ",".join(map(str, range(10))), "{},"),
+        (",".join(f"Var{at}" for at in range(1, 11)), ""),
+    ],
+)
+def test_joints_and_then_places(tmp_path: Path, heading: str, first: str) -> None:
+    found = read(write(tmp_path / "rows.csv", [JOINTS_DEG, PLACES_MM], heading, first))
+    prove_read(found, range(7), range(7, 10))
+    assert found.units == {"joints": "deg", "position": "mm"}
+
+
+def test_places_first_and_other_units(tmp_path: Path) -> None:
+    file = write(tmp_path / "rows.csv", [PLACES_MM * 1e-3, np.deg2rad(JOINTS_DEG)])
+    found = read(file)
+    prove_read(found, range(3, 10), range(3))
+    assert found.units == {"joints": "rad", "position": "m"}
+
+
+def test_times_and_speeds_stand_between(tmp_path: Path) -> None:
+    rng = np.random.default_rng(0)
+    times = np.arange(ROWS)[:, None] * 0.75
+    speeds = rng.standard_normal((ROWS, 7))
+    prove_read(
+        read(write(tmp_path / "rows.csv", [times, JOINTS_DEG, speeds, PLACES_MM])), range(1, 8), range(15, 18)
+    )
+
+
+@pytest.mark.parametrize("rows_of_pose", [3, 4])
+def test_a_pose_of_rows_of_four(tmp_path: Path, rows_of_pose: int) -> None:
+    poses = np.tile(np.eye(4), (ROWS, 1, 1))
+    poses[:, :3, :3] = TRUE.model.base_flange(TRUE.observations.joints_rad)[:, :3, :3]
+    poses[:, :3, 3] = TRUE.observations.positions_m
+    file = write(tmp_path / "rows.csv", [JOINTS_DEG, poses[:, :rows_of_pose].reshape(ROWS, -1)])
+    found = read(file)
+    prove_read(found, range(7), (10, 14, 18))
+    assert found.layout.position == ("column 11", "column 15", "column 19")
+
+
+def test_what_the_controller_calculated_is_not_what_was_measured(tmp_path: Path) -> None:
+    nominal_mm = TRUE.model.base_flange(TRUE.observations.joints_rad)[:, :3, 3] * 1e3
+    found = read(write(tmp_path / "rows.csv", [JOINTS_DEG, nominal_mm, PLACES_MM]))
+    prove_read(found, range(7), range(10, 13))
+    assert found.layout.position == ("column 11", "column 12", "column 13")
+    assert any("1 other places of each row take no part" in each for each in found.guesses)
+
+
+def test_where_nothing_fits_the_refusal_stays(tmp_path: Path) -> None:
+    shuffled = np.random.default_rng(1).permutation(ROWS)
+    for places in (PLACES_MM[shuffled], PLACES_MM * [1.0, 1.0, 0.5]):
+        with pytest.raises(MeasurementError, match="no 7 joint columns found") as refused:
+            read(write(tmp_path / "rows.csv", [JOINTS_DEG, places]))
+        assert "--columns joints=1,2,3,4,5,6,7" in refused.value.remedy
+
+
+def test_a_few_rows_prove_nothing(tmp_path: Path) -> None:
+    with pytest.raises(MeasurementError, match="no 7 joint columns found"):
+        read(write(tmp_path / "rows.csv", [JOINTS_DEG[:8], PLACES_MM[:8]]))
+
+
+def test_two_series_of_joints_that_fit_alike_are_not_chosen_from(tmp_path: Path) -> None:
+    """What the arm was told and what it had: which of them is meant, no fit can tell."""
+    told = JOINTS_DEG + 0.001 * np.random.default_rng(2).standard_normal(JOINTS_DEG.shape)
+    with pytest.raises(MeasurementError, match="no 7 joint columns found"):
+        read(write(tmp_path / "rows.csv", [JOINTS_DEG, told, PLACES_MM]))
+
+
+def test_numbers_that_are_typed_go_first(tmp_path: Path) -> None:
+    file = write(tmp_path / "rows.csv", [JOINTS_DEG, PLACES_MM])
+    found = read(file, joints=["1", "2", "3", "4", "5", "6", "7"], position=["10", "9", "8"])
+    assert found.layout.position == ("column 10", "column 9", "column 8")
+
+
+def test_joints_that_slide_have_their_own_unit(tmp_path: Path) -> None:
+    model = load_model("mitsubishi_rh6frh5520")
+    assert model.sliding is not None
+    low, high = np.maximum(model.lower_rad, -2.0), np.minimum(model.upper_rad, 2.0)
+    joints = np.random.default_rng(4).uniform(low, high, (ROWS, model.axis_count))
+    places = (TRACKER @ model.base_flange(joints) @ TOOL)[:, :3, 3]
+    raw = np.where(model.sliding, joints * 1e3, np.rad2deg(joints))
+    found = read(write(tmp_path / "rows.csv", [raw, places * 1e3]), "mitsubishi_rh6frh5520")
+    np.testing.assert_allclose(found.observations.joints_rad, joints, atol=1e-6)
+    assert found.units == {"joints": "deg", "slides": "mm", "position": "mm"}
