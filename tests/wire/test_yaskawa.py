@@ -16,6 +16,7 @@ from cellcal.drivers.interfaces import AlarmKind, Readiness
 from cellcal.drivers.wire.stepwise_motion import step_targets
 from cellcal.drivers.yaskawa.condition import condition_of
 from cellcal.drivers.yaskawa.hses_frames import HsesRequest, read_answer
+from cellcal.drivers.yaskawa.job_store import YaskawaJobStore
 from cellcal.drivers.yaskawa.motion import PulseScale, speed_share
 from cellcal.drivers.yaskawa.state import AlarmEntry, ControllerStatus
 from cellcal.drivers.yaskawa.tool_file import read_tools
@@ -190,6 +191,20 @@ async def test_answers_that_are_late_doubled_or_lost_do_no_harm(
     await fake_client.inject_fault("lossy", device="motoman")
     for _ in range(5):
         assert await motoman.encoder_counts() == expected
+
+
+@pytest.mark.parametrize("faults", [(), ("unnumbered",)])
+async def test_a_file_in_one_answer_is_read_with_and_without_a_block_number(
+    motoman: Any, cell: CellConfig, fake_client: FakeCellClient, faults: tuple[str, ...]
+) -> None:
+    for fault in faults:
+        await fake_client.inject_fault(fault, device="motoman")
+    config = cell.robot_named("motoman")
+    async with YaskawaJobStore("motoman", config.address, timeout_s=config.deadline_s) as store:
+        assert "CELLCAL.JBI" not in await store.list_names()
+        await store.write_file("CELLCAL.JBI", b"/JOB\r\n//NAME CELLCAL\r\n")
+        assert await store.read_file("CELLCAL.JBI") == b"/JOB\r\n//NAME CELLCAL\r\n"
+        await store.delete_file("CELLCAL.JBI")
 
 
 async def test_an_order_whose_answer_was_lost_is_not_given_twice(
