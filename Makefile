@@ -8,6 +8,7 @@ export OPENBLAS_NUM_THREADS ?= 1
 export PYTHONDONTWRITEBYTECODE :=
 
 PAGES := service/web/dist/index.html
+NODE_CLIENTS := tests/node_clients/node_modules/.package-lock.json
 
 .PHONY: demo test check soak bench lock pages types clean
 
@@ -25,18 +26,22 @@ $(VENV)/.dev: requirements-dev.lock $(VENV)/.runtime
 	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes -r requirements-dev.lock
 	@touch $@
 
-# Node is needed only here; where none is installed, a pinned one comes from the package registry.
+# Node is needed only here and for the clients below; where none is installed, a pinned one comes from the package registry.
 $(PAGES): $(VENV)/.runtime web/package-lock.json web/index.html web/fleet.html web/vite.config.ts web/chinese_font.mjs $(shell find web/src web/public -type f)
 	@./deploy/build_pages.sh
 
 pages: $(PAGES)
+
+# Clients of others that the tests run with Node.
+$(NODE_CLIENTS): $(VENV)/.runtime tests/node_clients/package-lock.json
+	@./deploy/install_node_clients.sh
 
 # In a terminal it opens the pages until Ctrl-C; anywhere else it tells the story and ends.
 demo: $(VENV)/.runtime
 	@if [ -t 2 ] && [ -z "$${CI:-}" ]; then $(MAKE) --no-print-directory pages || true; fi
 	@$(BIN)/cellcal demo $(ARGS)
 
-test: check $(PAGES)
+test: check $(PAGES) $(NODE_CLIENTS)
 	@$(BIN)/python -m pytest tests -m "not soak" -n 2 --dist loadgroup $(ARGS)
 
 check: $(VENV)/.dev
