@@ -29,7 +29,17 @@ from cellcal.fake_devices.yaskawa.packets import (
     parse_request,
 )
 
-LINK_FAULTS = ("silent", "refuse", "cut", "late", "doubled", "foreign", "other_service", "lossy", "unnumbered")
+LINK_FAULTS = (
+    "silent",
+    "refuse",
+    "cut",
+    "late",
+    "doubled",
+    "foreign",
+    "other_service",
+    "lossy",
+    "unnumbered",
+)
 _BLOCK = 400
 _LOAD = 0x15
 Sender = Callable[[bytes], None]

@@ -111,7 +111,9 @@ async def web_server(status: str, challenge: str) -> AsyncIterator[int]:
 
 async def test_a_controller_without_a_free_session_says_so() -> None:
     async with web_server("503 Service Unavailable", "") as port:
-        link = WebLink(ServiceAddress("abb", "127.0.0.1", port), ("Default User", "robotics"), deadline_s=20.0)
+        link = WebLink(
+            ServiceAddress("abb", "127.0.0.1", port), ("Default User", "robotics"), deadline_s=20.0
+        )
         with pytest.raises(RefusedError, match="no session left"):
             await link.connect()
 
@@ -120,7 +122,9 @@ async def test_a_controller_without_a_free_session_says_so() -> None:
 async def test_a_digest_of_another_kind_is_refused_in_a_sentence(kind: str) -> None:
     challenge = f'WWW-Authenticate: Digest realm="validusers@robapi.abb", nonce="1", {kind}\r\n'
     async with web_server("401 Unauthorized", challenge) as port:
-        link = WebLink(ServiceAddress("abb", "127.0.0.1", port), ("Default User", "robotics"), deadline_s=20.0)
+        link = WebLink(
+            ServiceAddress("abb", "127.0.0.1", port), ("Default User", "robotics"), deadline_s=20.0
+        )
         await link.connect()
         with pytest.raises(RefusedError, match="digest login of a kind"):
             await link.get_state("/rw/panel/opmode")

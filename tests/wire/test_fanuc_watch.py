@@ -47,7 +47,10 @@ def test_nothing_happened(served: FanucFtpServer, tmp_path: Path, capsys) -> Non
 
 @pytest.mark.parametrize(
     ("held_deg", "is_no_change"),
-    [((-0.086, 0.112), True), ((-0.086, 0.5), False)],  # the first as a public backup of an R-2000iC/210L shows
+    [
+        ((-0.086, 0.112), True),
+        ((-0.086, 0.5), False),
+    ],  # the first as a public backup of an R-2000iC/210L shows
 )
 def test_a_robot_that_is_held_beside_its_angles_under_power(
     served: FanucFtpServer, tmp_path: Path, capsys, held_deg: tuple[float, float], is_no_change: bool

@@ -42,7 +42,9 @@ async def read_with_node_opcua(address: str, home: Path) -> dict[str, Any]:
             process.kill()
             await process.wait()
     assert process.returncode == 0, complaints.decode()
-    (answer,) = [line for line in out.splitlines() if line.startswith(b"{")]  # beside lines of the library's log
+    (answer,) = [
+        line for line in out.splitlines() if line.startswith(b"{")
+    ]  # beside lines of the library's log
     found: dict[str, Any] = json.loads(answer)
     return found
 

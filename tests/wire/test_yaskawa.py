@@ -85,7 +85,7 @@ def test_the_data_of_an_alarm_are_axes_only_where_their_type_says_so() -> None:
 
 
 def test_a_lost_position_is_known_by_its_number_where_the_pendant_speaks_another_language() -> None:
-    japanese = text_of("範囲オーバ（位置データ）".encode("shift_jis"))
+    japanese = text_of("範囲オーバ(位置データ)".encode("shift_jis"))
     condition = condition_of(READY, (AlarmEntry(4107, 4, japanese, 3),))
     assert condition.readiness is Readiness.POSITION_LOST
     assert condition.alarms[0].axis == 2

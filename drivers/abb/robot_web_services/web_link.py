@@ -183,7 +183,10 @@ class WebLink:
                 make_message("the connection was lost: {reason}.", reason=find_reason(error)),
                 remedy=CABLE,
             ) from error
-        except (NotImplementedError, KeyError) as error:  # of the library's digest: protection or hash of another kind
+        except (
+            NotImplementedError,
+            KeyError,
+        ) as error:  # of the library's digest: protection or hash of another kind
             raise RefusedError(
                 self.device,
                 make_message(

@@ -40,7 +40,7 @@ class _WritingSource(FtpSource):
         self._ftp.close()
 
     def read_listed(self, name: str) -> bytes | None:
-        """Return a file; None of one that is not listed. One that is listed and not given is no program that is not there.
+        """Return a file; None of one that is not listed.
 
         Raises
         ------

@@ -1,8 +1,9 @@
 """Packets of the Remote Motion Interface: JSON objects that end in CR LF, over one TCP connection.
 
 Source: FANUC B-84184EN/03. A command is answered at once, an instruction after it was executed; the controller also
-sends packets of its own accord. A reply is matched by its name, that of an instruction by its SequenceID. The name does not
-tell the answer to this question from a late one to the question before: a reply that is still due is passed over.
+sends packets of its own accord. A reply is matched by its name, that of an instruction by its SequenceID. The name
+does not tell the answer to this question from a late one to the question before: a reply that is still due is passed
+over.
 """
 
 import asyncio

@@ -105,7 +105,7 @@ def _compare_counts(
 
 
 def describe_uncompared_angles(files: ControllerFiles, last: StoredRecord) -> str:
-    """Say why shown angles cannot be compared with the counts of a robot whose mastering is unchanged; "" if they can.
+    """Say why shown angles cannot be compared with counts although the mastering is unchanged; "" if they can.
 
     Under power some controllers hold J2 and J3 beside the angles that they show.
     """

@@ -16,7 +16,10 @@ from cellcal.drivers.fanuc.controller_files.ftp_source import FtpLogin, FtpSourc
 from cellcal.drivers.programs.errors import ProgramFileError
 from cellcal.service.engineering.controller_files.backup_folder import open_backup_folder, refuse_file
 from cellcal.service.engineering.controller_files.file_change import ChangeKind, FileChange
-from cellcal.service.engineering.controller_files.file_changes import compare_files, describe_uncompared_angles
+from cellcal.service.engineering.controller_files.file_changes import (
+    compare_files,
+    describe_uncompared_angles,
+)
 from cellcal.service.engineering.controller_files.other_axes import find_other_axes, name_axis
 from cellcal.service.engineering.controller_files.stored_records import StoredRecord, list_records
 from cellcal.service.exit_codes import ExitCode

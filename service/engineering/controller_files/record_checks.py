@@ -226,7 +226,8 @@ def check_angles(
             f"J{axis} by {miss:+.3f} deg" for axis, miss in enumerate(misses, 1) if abs(miss) > TOLERANCE_DEG
         )
         has_power = files.axes is not None and bool(files.axes.servo_ready)
-        kind = HeldBesideAnglesError if has_power and _is_sag(misses) else ControllerRecordError
+        is_sag = has_power and _is_sag([float(miss) for miss in misses])
+        kind = HeldBesideAnglesError if is_sag else ControllerRecordError
         raise kind(
             files.device,
             f"the angles from the counts are not those that {POSITION} shows: {listed}.",
