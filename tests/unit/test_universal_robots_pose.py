@@ -34,7 +34,7 @@ class _Options:
 @pytest.mark.parametrize("place", [0, 4])
 async def test_a_pose_that_is_no_number_is_refused(field: str, place: int) -> None:
     broken = (*POSE[:place], math.nan, *POSE[place + 1 :])
-    values = {name: 0.0 for name in StateSample.__slots__} | {"tcp_pose": POSE, "tcp_offset": POSE}
+    values = dict.fromkeys(StateSample.__slots__, 0.0) | {"tcp_pose": POSE, "tcp_offset": POSE}
     robot = ReadingUniversalRobot(_Contact(StateSample(**values | {field: broken})), "", _Options())  # type: ignore[arg-type]
     with pytest.raises(RefusedError, match="ur: the controller tells a pose or tool"):
         await robot.flange_pose()
