@@ -125,7 +125,9 @@ class FanucCabinet:
         """Return the joints as the pendant shows them, also while a drifting robot moves."""
         shown = list(self.joints_deg[: self.axes])
         if self.servo_on:
-            shown[1:3] = [angle + held for angle, held in zip(shown[1:3], self.held_beside_deg, strict=False)]
+            shown[1:3] = [
+                angle + offset for angle, offset in zip(shown[1:3], self.held_beside_deg, strict=False)
+            ]
         return shown
 
     def let_time_pass(self, **amount: float) -> None:

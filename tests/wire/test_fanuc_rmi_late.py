@@ -19,7 +19,7 @@ class SlowController:
     """Numbers the questions of all connections; J1 of a reply is the number of its question."""
 
     def __init__(self) -> None:
-        self.asked = asyncio.Semaphore(0)
+        self.arrivals = asyncio.Semaphore(0)
         self.may_answer = asyncio.Event()
         self.may_answer.set()
         self.never_answers = False
@@ -36,7 +36,7 @@ class SlowController:
         while line := await reader.readline():
             self.questions += 1
             number, name = self.questions, json.loads(line).get("Command")
-            self.asked.release()
+            self.arrivals.release()
             await self.may_answer.wait()
             if name is None or self.never_answers:
                 continue
@@ -70,7 +70,7 @@ async def number_told(link: RmiLink) -> int:
 
 async def give_up_reading(controller: SlowController, link: RmiLink) -> None:
     reading = asyncio.create_task(number_told(link))
-    await controller.asked.acquire()
+    await controller.arrivals.acquire()
     reading.cancel()
     with pytest.raises(asyncio.CancelledError):
         await reading
@@ -80,7 +80,7 @@ async def test_a_late_reply_does_not_answer_the_next_question() -> None:
     controller = SlowController()
     async with controller.running() as link:
         assert await number_told(link) == 1
-        await controller.asked.acquire()
+        await controller.arrivals.acquire()
         controller.may_answer.clear()
         await give_up_reading(controller, link)
         asyncio.get_running_loop().call_soon(controller.may_answer.set)

@@ -125,8 +125,8 @@ def _find_contradiction(
     """
     texts = list(files.list_contradictions())
     error = None if texts else _angle_error(files, mastering)
-    held = _is_held_beside(error, mastering, last)
-    if error is not None and not held and not error.code.endswith("moved"):
+    is_beside = _is_held_beside(error, mastering, last)
+    if error is not None and not is_beside and not error.code.endswith("moved"):
         texts.append(error.message.removeprefix(f"{files.device}: ").rstrip("."))
     return [FileChange(ChangeKind.CONTRADICTION, text) for text in texts]
 
