@@ -90,9 +90,9 @@ async def fetch_programs(store: ProgramStore, folder: Path) -> dict[str, bytes]:
             raise CellError(make_message("{path} is not what was written.", path=folder / name), code="store")
         found[name] = content
     if not_given and (
-        left := set(not_given) & set(await store.list_names())
+        unread := set(not_given) & set(await store.list_names())
     ):  # the others were deleted since
-        raise _not_copied(sorted(left), len(names), folder)
+        raise _not_copied(sorted(unread), len(names), folder)
     return found
 
 
