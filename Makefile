@@ -8,6 +8,7 @@ export OPENBLAS_NUM_THREADS ?= 1
 export PYTHONDONTWRITEBYTECODE :=
 
 PAGES := service/web/dist/index.html
+NODE_CLIENTS := tests/node_clients/node_modules/.package-lock.json
 WORKERS ?= 3
 
 .PHONY: demo test run-tests check lint type-check soak bench lock pages types clean
@@ -26,11 +27,15 @@ $(VENV)/.dev: requirements-dev.lock $(VENV)/.runtime
 	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes -r requirements-dev.lock
 	@touch $@
 
-# Node is needed only here; where none is installed, a pinned one comes from the package registry.
+# Node is needed only here and for the clients below; where none is installed, a pinned one comes from the package registry.
 $(PAGES): $(VENV)/.runtime web/package-lock.json web/index.html web/fleet.html web/vite.config.ts web/chinese_font.mjs $(shell find web/src web/public -type f)
 	@./deploy/build_pages.sh
 
 pages: $(PAGES)
+
+# Clients of others that the tests run with Node.
+$(NODE_CLIENTS): $(VENV)/.runtime tests/node_clients/package-lock.json
+	@./deploy/install_node_clients.sh
 
 # In a terminal it opens the pages until Ctrl-C; anywhere else it tells the story and ends.
 demo: $(VENV)/.runtime
@@ -42,7 +47,7 @@ demo: $(VENV)/.runtime
 test: lint
 	@$(MAKE) --no-print-directory -j 2 type-check run-tests
 
-run-tests: $(VENV)/.dev $(PAGES)
+run-tests: $(VENV)/.dev $(PAGES) $(NODE_CLIENTS)
 	@$(BIN)/python -m pytest tests -m "not soak" -n $(WORKERS) --dist loadgroup $(ARGS)
 
 check: lint type-check

@@ -37,7 +37,9 @@ class DeviceError(CellError):
     code = "device"
 
     def __init__(self, device: str, message: str, *, remedy: str = "") -> None:
-        super().__init__(make_message("{device}: {message}", device=device, message=message), remedy=remedy)
+        is_named = message.startswith(f"{device}: ")  # the text of an error of the same device
+        text = message if is_named else make_message("{device}: {message}", device=device, message=message)
+        super().__init__(text, remedy=remedy)
         self.device = device
 
 

@@ -101,6 +101,9 @@ class ReadingUniversalRobot:
 
     async def flange_pose(self) -> Pose:
         sample = await self._read_sample("reading the pose")
+        if not all(map(math.isfinite, (*sample.tcp_pose, *sample.tcp_offset))):
+            raise RefusedError(self.name, "the controller tells a pose or tool that is not a number.",
+                               remedy="Set the TCP anew on the pendant, and look at the pose there.")  # fmt: skip
         return _to_pose(sample.tcp_pose) @ _to_pose(sample.tcp_offset).inverse()
 
     async def active_frames(self) -> ActiveFrames:

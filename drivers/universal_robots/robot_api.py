@@ -4,6 +4,7 @@ Source: the maker's C++ client library 2.14.0 (its Robot API client, tests and m
 model are not in it. Modes can be read from version 3.1.4 on (PolyScope X 10.12).
 """
 
+import re
 from collections.abc import Mapping
 from typing import Any
 
@@ -20,6 +21,7 @@ _BASE = "/universal-robots/robot-api"
 _TELLS_MODES_SINCE = (3, 1, 4)
 _MOST_OCTETS = 8_000_000
 _SHOWN = 500
+_VERSION = re.compile(r"\s*v?(\d{1,4}(?:\.\d{1,6}){1,3})(?![.\d])", re.ASCII | re.IGNORECASE)
 _ASK_TO_REPORT = "Report this with the controller's version; nothing in the cell is at fault."
 _SWITCHED_ON = (
     "Check that the controller is switched on, that the network cable is plugged in, and that its settings allow "
@@ -48,10 +50,14 @@ class RobotApiClient:
         reply = await self._request("GET", "/openapi.json")
         info = reply.get("info")
         version = info.get("version") if isinstance(info, dict) else None
-        try:
-            self._version = tuple(int(part) for part in str(version).split("."))
-        except ValueError:
-            raise self._unreadable("its version is missing") from None
+        self._version = self.read_version(version)
+
+    def read_version(self, text: object) -> tuple[int, ...]:
+        """Return the numbers of a version, whatever follows them; raise WireProtocolError where it is none."""
+        found = _VERSION.match(text) if isinstance(text, str) else None
+        if found is None:
+            raise self._unreadable("its version is missing")
+        return tuple(int(part) for part in found[1].split("."))
 
     @property
     def tells_modes(self) -> bool:
@@ -102,9 +108,9 @@ class RobotApiClient:
         self.trace.add_frame("<", f"{response.status_code} {response.text[:_SHOWN]}")
         if response.request.method != method or response.url.host != self._host:
             raise self._unreadable(make_message("{path} leads elsewhere", path=path))
-        if response.status_code != httpx.codes.OK:
+        if not response.is_success:
             raise self._refused_error(response)
-        return self.decode_answer(response.content)
+        return self.decode_answer(response.content) if response.content else {}
 
     def decode_answer(self, content: bytes) -> dict[str, Any]:
         """Return the JSON object of an answer; raise WireProtocolError where it is none."""

@@ -11,18 +11,23 @@ _POSITION_LOST = re.compile(r"ABSO|OUT OF RANGE|ENCODER BACKUP|HOME POSITION|POS
 _BATTERY = re.compile(r"BATTERY", re.IGNORECASE)
 _ENCODER = re.compile(r"ENCODER", re.IGNORECASE)
 _COLLISION = re.compile(r"COLLISION|SHOCK", re.IGNORECASE)
+# Where the pendant's language is another, the text is not understood. This number is OUT OF RANGE (ABSO DATA) in
+# every public list that was found.
+_LOST_NUMBER = 4107
+_DATA_ARE_AXES = 3  # the type "user axis" of the alarm's data, as YHSES and a protocol text list the types
 _LOST_REMEDY = (
     "Do not move to taught points. Renew the battery if it is empty, reset the alarm, move to the second home "
     "position and confirm it at the pendant; then compare with a measurement."
 )
 _OTHER_REMEDY = "Read the alarm at the pendant, mend its cause and reset it."
 _AXES = 8
+_UNREADABLE = "\N{REPLACEMENT CHARACTER}"
 
 
 def describe_alarm(alarm: AlarmEntry) -> tuple[Alarm, ...]:
     """Return an alarm with what it says about the position; one of several axes once for each of them."""
     axes = _axes_of(alarm) or (None,)
-    return tuple(Alarm(str(alarm.code), alarm.name, axis, _kind_of(alarm.name)) for axis in axes)
+    return tuple(Alarm(str(alarm.code), alarm.name, axis, _kind_of(alarm)) for axis in axes)
 
 
 def condition_of(status: ControllerStatus, alarms: tuple[AlarmEntry, ...]) -> Condition:
@@ -75,20 +80,25 @@ def _condition_of_switches(status: ControllerStatus, alarms: tuple[Alarm, ...]) 
     return Condition(Readiness.READY, alarms=alarms)
 
 
-def _kind_of(text: str) -> AlarmKind:
+def _kind_of(alarm: AlarmEntry) -> AlarmKind:
     for pattern, kind in (
         (_BATTERY, AlarmKind.BATTERY_LOW),
         (_POSITION_LOST, AlarmKind.TURNS),
         (_ENCODER, AlarmKind.ENCODER),
         (_COLLISION, AlarmKind.COLLISION),
     ):
-        if pattern.search(text):
+        if pattern.search(alarm.name):
             return kind
-    return AlarmKind.UNKNOWN
+    return AlarmKind.TURNS if _is_lost_number(alarm) else AlarmKind.UNKNOWN
 
 
 def _axes_of(alarm: AlarmEntry) -> tuple[int, ...]:
-    """Return the axes whose bits the alarm's data have set, where it is an alarm of axes."""
-    if not (_POSITION_LOST.search(alarm.name) or _ENCODER.search(alarm.name)):
+    """Return the axes whose bits the alarm's data have set, where it is an alarm of axes and its data are axes."""
+    concerns_axes = _POSITION_LOST.search(alarm.name) or _ENCODER.search(alarm.name) or _is_lost_number(alarm)
+    if not concerns_axes or alarm.data_type != _DATA_ARE_AXES:
         return ()
     return tuple(axis for axis in range(_AXES) if alarm.data >> axis & 1)
+
+
+def _is_lost_number(alarm: AlarmEntry) -> bool:
+    return alarm.code == _LOST_NUMBER and _UNREADABLE in alarm.name

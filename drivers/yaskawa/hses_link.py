@@ -165,7 +165,10 @@ class HsesLink(asyncio.DatagramProtocol):
                 return answer  # others are late answers to earlier questions, or doubled blocks
 
     def _is_block(self, answer: HsesAnswer, block: int | None) -> bool:
-        return block is None or answer.status != 0 or answer.block & ~LAST_BLOCK == block
+        """Tell whether this is the expected block; what fits one answer may bear no number, as other answers."""
+        if block is None or answer.status != 0 or answer.block & ~LAST_BLOCK == block:
+            return True
+        return block == 1 and answer.block == LAST_BLOCK
 
     def _read_frame(self, frame: bytes) -> HsesAnswer:
         try:

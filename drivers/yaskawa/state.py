@@ -63,11 +63,12 @@ class ControllerStatus:
 
 @dataclass(frozen=True, slots=True)
 class AlarmEntry:
-    """One alarm (command 0x70) in the maker's words."""
+    """One alarm (command 0x70) in the maker's words; ``data_type`` tells what its data are."""
 
     code: int
     data: int
     name: str
+    data_type: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,7 +104,7 @@ async def read_alarms(link: HsesLink) -> tuple[AlarmEntry, ...]:
         code, detail, kind, _, name = _unpack(link, _ALARM, data)
         if kind == 0 and code == 0:  # an empty place
             break
-        found.append(AlarmEntry(code, detail, text_of(name)))
+        found.append(AlarmEntry(code, detail, text_of(name), kind))
     return tuple(found)
 
 

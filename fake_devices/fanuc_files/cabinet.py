@@ -59,6 +59,7 @@ class FanucCabinet:
     )
     programs: dict[str, str] = field(default_factory=lambda: {"MAIN": "CALL PICK", "PICK": "UTOOL_NUM=1"})
     servo_on: bool = False
+    held_beside_deg: tuple[float, float] = (0.0, 0.0)  # J2 and J3 under power, beside what is shown
     positioner_counts: list[int] | None = None  # of a second group with one axis
     positioner_ratio: float = 121.0
     positioner_mastered: bool = True
@@ -122,7 +123,12 @@ class FanucCabinet:
 
     def shown_deg(self) -> list[float]:
         """Return the joints as the pendant shows them, also while a drifting robot moves."""
-        return list(self.joints_deg[: self.axes])
+        shown = list(self.joints_deg[: self.axes])
+        if self.servo_on:
+            shown[1:3] = [
+                angle + offset for angle, offset in zip(shown[1:3], self.held_beside_deg, strict=False)
+            ]
+        return shown
 
     def let_time_pass(self, **amount: float) -> None:
         """Turn the controller's clock on."""

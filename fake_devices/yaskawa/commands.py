@@ -17,11 +17,12 @@ from collections.abc import Callable
 import numpy as np
 
 from cellcal.fake_devices.kinematics import wpr_from_matrix
-from cellcal.fake_devices.yaskawa.controller import AXES, PLAY, REMOTE, TEACH, YaskawaController
+from cellcal.fake_devices.yaskawa.controller import AXES, LOST_TEXT, PLAY, REMOTE, TEACH, YaskawaController
 from cellcal.fake_devices.yaskawa.packets import CommandRefusal, HostRequest
 
 _GET_ALL, _SET_ALL, _GET_ONE, _SET_ONE = 0x01, 0x02, 0x0E, 0x10
 _UNDEFINED, _NO_INSTANCE, _NO_ELEMENT = 0x08, 0x28, 0x09
+_DECIMAL, _AXES_OF_USER = 1, 3  # types of an alarm's data
 _VARIABLE_OCTETS = {0x7A: 1, 0x7C: 4}
 _SAVE, _LIST, _DELETE = 0x16, 0x32, 0x09
 _NO_FILE = 0xE2B3
@@ -84,7 +85,8 @@ class CommandTable:
         if request.instance > len(entries):
             return bytes(60)
         code, data, stamp, text = entries[request.instance - 1]
-        return struct.pack("<III16s32s", code, data, 1, stamp.encode(), text.encode())
+        data_type = _AXES_OF_USER if text == LOST_TEXT else _DECIMAL
+        return struct.pack("<III16s32s", code, data, data_type, stamp.encode(), text.encode())
 
     def _status(self, request: HostRequest) -> bytes:
         c = self._c

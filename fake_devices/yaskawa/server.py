@@ -7,7 +7,8 @@ Source
 Modelled
     Link faults: ``silent``, ``refuse`` (nothing listens), ``cut`` (short answers), ``late`` (an answer after the
     next question), ``doubled``, ``foreign`` (another number), ``other_service``, ``lossy`` (each second answer
-    is lost, though the order was obeyed).
+    is lost, though the order was obeyed), ``unnumbered`` (a file that fits one answer comes without block number, as
+    moto-hses expects and sends it).
 Not modelled
     Packets in pieces: the network puts them together.
 """
@@ -28,7 +29,17 @@ from cellcal.fake_devices.yaskawa.packets import (
     parse_request,
 )
 
-LINK_FAULTS = ("silent", "refuse", "cut", "late", "doubled", "foreign", "other_service", "lossy")
+LINK_FAULTS = (
+    "silent",
+    "refuse",
+    "cut",
+    "late",
+    "doubled",
+    "foreign",
+    "other_service",
+    "lossy",
+    "unnumbered",
+)
 _BLOCK = 400
 _LOAD = 0x15
 Sender = Callable[[bytes], None]
@@ -133,7 +144,8 @@ class FilePort(RobotPort):
 
     def _send_block(self, request: HostRequest, index: int, send: Sender) -> None:
         last = LAST_BLOCK if index + 1 == len(self._content) else 0
-        send(build_answer(request, self._content[index], block=index + 1 | last))
+        alone = len(self._content) == 1 and self._faults.active_parameters("unnumbered") is not None
+        send(build_answer(request, self._content[index], block=(0 if alone else index + 1) | last))
 
 
 class HsesServer:

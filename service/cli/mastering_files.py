@@ -247,5 +247,5 @@ def _watched_document(each: "WatchedController") -> dict[str, object]:
         "serial": each.serial,
         "state": str(each.state),
     }
-    document |= {"compared_with": each.compared_with, "not_compared": list(each.not_compared)}
+    document |= {"compared_with": each.compared_with, "not_compared": [*each.not_compared, *each.left_out]}
     return document | {"changes": changes, "error": each.error}

@@ -65,6 +65,13 @@ def test_a_table_of_pulses_that_is_not_whole_is_refused(rows: tuple[str, ...]) -
         read_axis_report(axis_bytes(*rows))
 
 
+@pytest.mark.parametrize("rest", [" J1 : 0 11 0\n J2 : 0 1234", " J1 : 0 11 0\n J2 : 0 1234567 0"])
+def test_a_table_of_pulses_whose_last_line_has_no_end_is_refused(rest: str) -> None:
+    assert read_axis_report((TABLE + rest + "\n").encode()).pulses[0][0] == 11
+    with pytest.raises(ProgramFileError, match="ends within the table"):
+        read_axis_report((TABLE + rest).encode())
+
+
 CURPOS = """CURRENT ROBOT POSITION::
 Group #:  1
 

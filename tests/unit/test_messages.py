@@ -18,6 +18,7 @@ from cellcal.calibration.message_table import (
     with_messages,
     write_message,
 )
+from cellcal.drivers.errors import RefusedError, UnreachableError
 
 
 def message_for(text: str) -> Message:
@@ -178,3 +179,10 @@ def test_messages_inside_of_messages_without_end_are_ignored() -> None:
     for _ in range(200):
         entry = {"template": "{a}", "arguments": {"a": entry}}
     assert read_message("x", entry) is None
+
+
+def test_an_error_of_an_error_of_the_same_device_names_it_once() -> None:
+    first = UnreachableError("robot", make_message("no answer from {address}.", address="10.0.0.1"))
+    again = RefusedError("robot", first.message)
+    assert again.message == "robot: no answer from 10.0.0.1."
+    assert RefusedError("arm", first.message).message == "arm: robot: no answer from 10.0.0.1."

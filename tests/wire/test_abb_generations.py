@@ -5,6 +5,7 @@ import ssl
 import urllib.error
 import urllib.request
 from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,8 @@ import pytest
 from rwswrap.RWS import RWS
 
 from cellcal.drivers.abb.robot_web_services.event_log import event_kinds, position_alarms
+from cellcal.drivers.abb.robot_web_services.generation import ServiceAddress
+from cellcal.drivers.abb.robot_web_services.web_link import WebLink
 from cellcal.drivers.errors import DeviceError, RefusedError, UnreachableError
 from cellcal.drivers.interfaces import AlarmKind, Readiness
 from cellcal.service.configuration.cell_file import CellConfig
@@ -87,6 +90,45 @@ async def test_the_certificate_of_the_cell_file_is_compared(
     with pytest.raises(RefusedError, match="certificate of the cell file"):
         async with config.model_copy(update={"certificate": other}).open():
             pytest.fail("another controller was taken for this one")
+
+
+@asynccontextmanager
+async def web_server(status: str, challenge: str) -> AsyncIterator[int]:
+    """Answer every request alike; return the port."""
+
+    async def serve(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        while await reader.readuntil(b"\r\n\r\n"):
+            head = f"HTTP/1.1 {status}\r\nContent-Length: 0\r\nConnection: close\r\n{challenge}\r\n"
+            writer.write(head.encode())
+            await writer.drain()
+            break
+        writer.close()
+        await writer.wait_closed()
+
+    async with await asyncio.start_server(serve, "127.0.0.1", 0) as server:
+        yield server.sockets[0].getsockname()[1]
+
+
+async def test_a_controller_without_a_free_session_says_so() -> None:
+    async with web_server("503 Service Unavailable", "") as port:
+        link = WebLink(
+            ServiceAddress("abb", "127.0.0.1", port), ("Default User", "robotics"), deadline_s=20.0
+        )
+        with pytest.raises(RefusedError, match="no session left"):
+            await link.connect()
+
+
+@pytest.mark.parametrize("kind", ['qop="auth-int"', "qop=auth, algorithm=SHA-512-256"])
+async def test_a_digest_of_another_kind_is_refused_in_a_sentence(kind: str) -> None:
+    challenge = f'WWW-Authenticate: Digest realm="validusers@robapi.abb", nonce="1", {kind}\r\n'
+    async with web_server("401 Unauthorized", challenge) as port:
+        link = WebLink(
+            ServiceAddress("abb", "127.0.0.1", port), ("Default User", "robotics"), deadline_s=20.0
+        )
+        await link.connect()
+        with pytest.raises(RefusedError, match="digest login of a kind"):
+            await link.get_state("/rw/panel/opmode")
+        await link.close()
 
 
 @pytest.mark.parametrize("text", [None, "no certificate"])

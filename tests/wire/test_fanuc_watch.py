@@ -45,6 +45,40 @@ def test_nothing_happened(served: FanucFtpServer, tmp_path: Path, capsys) -> Non
     assert watched(served, tmp_path, capsys) == (ExitCode.PASS, {})
 
 
+@pytest.mark.parametrize(
+    ("held_deg", "is_no_change"),
+    [
+        ((-0.086, 0.112), True),
+        ((-0.086, 0.5), False),
+    ],  # the first as a public backup of an R-2000iC/210L shows
+)
+def test_a_robot_that_is_held_beside_its_angles_under_power(
+    served: FanucFtpServer, tmp_path: Path, capsys, held_deg: tuple[float, float], is_no_change: bool
+) -> None:
+    take_record(address_of(served), tmp_path)
+    served.cabinet.let_time_pass(days=1)
+    served.cabinet.servo_on, served.cabinet.held_beside_deg = True, held_deg
+    code, changes = watched(served, tmp_path, capsys)
+    assert (code == ExitCode.PASS) is is_no_change
+    assert ("contradiction" not in changes) is is_no_change
+    watch_robots(tmp_path, address_of(served))
+    assert ("the shown angles of J2 and J3" in " ".join(capsys.readouterr().err.split())) is is_no_change
+
+
+def test_a_mastering_that_was_typed_is_a_contradiction_under_power_too(
+    served: FanucFtpServer, tmp_path: Path, capsys
+) -> None:
+    cabinet = served.cabinet
+    take_record(address_of(served), tmp_path)
+    cabinet.let_time_pass(days=1)
+    cabinet.servo_on, cabinet.held_beside_deg = True, (-0.086, 0.112)
+    cabinet.effective_zero = list(cabinet.counts_at_zero)
+    cabinet.counts_at_zero[1] += 8000
+    code, changes = watched(served, tmp_path, capsys)
+    assert code == ExitCode.OUT_OF_TOLERANCE
+    assert changes.keys() == {"mastering", "contradiction"}
+
+
 def test_programs_that_cannot_be_listed_are_not_said_to_be_gone(
     served: FanucFtpServer, tmp_path: Path, capsys
 ) -> None:

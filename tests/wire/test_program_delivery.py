@@ -10,6 +10,9 @@ from yrcom import HsesFileClient
 
 from cellcal.calibration.errors import CellError
 from cellcal.drivers.errors import DeviceError, RefusedError
+from cellcal.drivers.fanuc.controller_files.controller_address import ControllerAddress
+from cellcal.drivers.fanuc.controller_files.ftp_source import FtpLogin, FtpSource
+from cellcal.drivers.fanuc.controller_files.program_digests import read_program_digests
 from cellcal.service.configuration.cell_file import CellConfig
 from cellcal.service.demo.fake_cell_client import FakeCellClient
 from cellcal.service.engineering.delivery.comparison import (
@@ -157,6 +160,18 @@ async def test_a_controller_that_does_not_come_back_is_said_and_restored_later(
     assert await abb.files() == OLD
 
 
+async def test_names_with_signs_of_an_address_are_copied(abb: AbbFiles, tmp_path: Path) -> None:
+    names = ("PICK #2.mod", "50%41.mod", "what?.mod", "a&b+c.mod")
+    async with store_at(abb.address, LOGIN)() as store:
+        for name in names:
+            await store.write_file(name, name.encode())
+        fetched = await fetch_programs(store, tmp_path / "out")
+        assert {name: fetched[name] for name in names} == {name: name.encode() for name in names}
+        for name in names:
+            await store.delete_file(name)
+        assert not set(names) & set(await store.list_names())
+
+
 async def test_all_programs_are_fetched_and_compared(abb: AbbFiles, tmp_path: Path) -> None:
     async with store_at(abb.address, LOGIN)() as store:
         for number in range(12):  # more than a page of the list
@@ -223,6 +238,46 @@ async def test_a_listing_is_delivered_although_the_controller_translates_it(tmp_
         await restore_programs(open_store, stored, STANDS)
     assert b"R[1]=1" in (folder / "weld.ls").read_bytes()
     assert not (folder / "added.ls").exists()
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        " {name} ",
+        "MD:\\{name}",
+        "-rwxrwxrwx   1 noone    nogroup      1234 Jan 01 10:59 {name}",
+        "-rw-rw-rw- 1 user group 1234 Aug 11  2021 {name}",
+        "08-11-21  10:59AM                 1234 {name}",
+    ],
+)
+async def test_names_are_read_of_each_form_of_a_listing(tmp_path: Path, line: str) -> None:
+    folder = fanuc_folder(tmp_path)
+    with writable_ftp(folder) as server:
+        server.line = line
+        login = FtpLogin(USER, PASSWORD)
+        with FtpSource(ControllerAddress("127.0.0.1", server.port), login) as source:
+            assert source.list_names() == ("errall.ls", "weld.ls")
+            assert list(read_program_digests(source)) == ["WELD"]
+        async with fanuc_store(server.port)() as store:
+            assert await fetch_programs(store, tmp_path / "out") == {"weld.ls": LISTING % 1}
+
+
+async def test_a_program_that_is_listed_and_not_given_is_named(tmp_path: Path) -> None:
+    folder = fanuc_folder(tmp_path)
+    (folder / "pick.ls").write_bytes(LISTING % 5)
+    with writable_ftp(folder) as server:
+        server.locked = ("weld.ls",)
+        async with fanuc_store(server.port)() as store:
+            with pytest.raises(CellError, match=r"1 of 2 programs cannot be read.*: weld\.ls\."):
+                await fetch_programs(store, tmp_path / "out")
+        assert (tmp_path / "out" / "pick.ls").read_bytes() == LISTING % 5
+        with pytest.raises(RefusedError, match=r"weld\.ls is listed and cannot be read"):
+            await deliver_programs(
+                fanuc_store(server.port), {"weld.ls": LISTING % 2}, tmp_path / "copies", STANDS, "fanuc"
+            )
+        with FtpSource(ControllerAddress("127.0.0.1", server.port), FtpLogin(USER, PASSWORD)) as source:
+            assert read_program_digests(source)["WELD"] == "not read"
+    assert (folder / "weld.ls").read_bytes() == LISTING % 1
 
 
 async def test_a_controller_that_takes_no_listing_keeps_what_it_has(tmp_path: Path) -> None:

@@ -16,8 +16,9 @@ from cellcal.drivers.interfaces import AlarmKind, Readiness
 from cellcal.drivers.wire.stepwise_motion import step_targets
 from cellcal.drivers.yaskawa.condition import condition_of
 from cellcal.drivers.yaskawa.hses_frames import HsesRequest, read_answer
+from cellcal.drivers.yaskawa.job_store import YaskawaJobStore
 from cellcal.drivers.yaskawa.motion import PulseScale, speed_share
-from cellcal.drivers.yaskawa.state import AlarmEntry, ControllerStatus
+from cellcal.drivers.yaskawa.state import AlarmEntry, ControllerStatus, text_of
 from cellcal.drivers.yaskawa.tool_file import read_tools
 from cellcal.service.configuration.cell_file import CellConfig
 from cellcal.service.demo.fake_cell_client import FakeCellClient
@@ -68,12 +69,27 @@ def test_octets_that_are_no_answer_are_refused(octets: bytes, complaint: str) ->
 
 def test_a_lost_position_comes_before_everything_else() -> None:
     teaching = ControllerStatus(0x20, 0x10)
-    alarms = (AlarmEntry(4320, 0, "OVERLOAD(CONTINUE)"), AlarmEntry(4107, 4, "OUT OF RANGE(ABSO DATA)"))
+    alarms = (AlarmEntry(4320, 0, "OVERLOAD(CONTINUE)", 1), AlarmEntry(4107, 4, "OUT OF RANGE(ABSO DATA)", 3))
     condition = condition_of(teaching, alarms)
     assert condition.readiness is Readiness.POSITION_LOST
     assert condition.alarms[1].kind is AlarmKind.TURNS
     assert condition.alarms[1].axis == 2
     assert "second home position" in condition.remedy
+
+
+def test_the_data_of_an_alarm_are_axes_only_where_their_type_says_so() -> None:
+    for data_type, axis in ((1, None), (2, None), (3, 1), (24, None)):
+        condition = condition_of(READY, (AlarmEntry(4107, 2, "OUT OF RANGE(ABSO DATA)", data_type),))
+        assert condition.readiness is Readiness.POSITION_LOST
+        assert [alarm.axis for alarm in condition.alarms] == [axis]
+
+
+def test_a_lost_position_is_known_by_its_number_where_the_pendant_speaks_another_language() -> None:
+    japanese = text_of("範囲オーバ(位置データ)".encode("shift_jis"))
+    condition = condition_of(READY, (AlarmEntry(4107, 4, japanese, 3),))
+    assert condition.readiness is Readiness.POSITION_LOST
+    assert condition.alarms[0].axis == 2
+    assert condition_of(READY, (AlarmEntry(4320, 4, japanese, 3),)).readiness is Readiness.STOPPED
 
 
 @pytest.mark.parametrize(
@@ -93,7 +109,7 @@ def test_the_switches_say_who_must_act(status: ControllerStatus, readiness: Read
 
 
 def test_a_low_battery_does_not_stop_the_robot() -> None:
-    condition = condition_of(READY, (AlarmEntry(4311, 0, "ENCODER BATTERY WEAK"),))
+    condition = condition_of(READY, (AlarmEntry(4311, 0, "ENCODER BATTERY WEAK", 1),))
     assert condition.readiness is Readiness.READY
     assert condition.alarms[0].kind is AlarmKind.BATTERY_LOW
 
@@ -190,6 +206,20 @@ async def test_answers_that_are_late_doubled_or_lost_do_no_harm(
     await fake_client.inject_fault("lossy", device="motoman")
     for _ in range(5):
         assert await motoman.encoder_counts() == expected
+
+
+@pytest.mark.parametrize("faults", [(), ("unnumbered",)])
+async def test_a_file_in_one_answer_is_read_with_and_without_a_block_number(
+    motoman: Any, cell: CellConfig, fake_client: FakeCellClient, faults: tuple[str, ...]
+) -> None:
+    for fault in faults:
+        await fake_client.inject_fault(fault, device="motoman")
+    config = cell.robot_named("motoman")
+    async with YaskawaJobStore("motoman", config.address, timeout_s=config.deadline_s) as store:
+        assert "CELLCAL.JBI" not in await store.list_names()
+        await store.write_file("CELLCAL.JBI", b"/JOB\r\n//NAME CELLCAL\r\n")
+        assert await store.read_file("CELLCAL.JBI") == b"/JOB\r\n//NAME CELLCAL\r\n"
+        await store.delete_file("CELLCAL.JBI")
 
 
 async def test_an_order_whose_answer_was_lost_is_not_given_twice(

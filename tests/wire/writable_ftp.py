@@ -1,5 +1,6 @@
 """pyftpdlib as a controller that takes listings: it translates them, and may lose the link in a transfer."""
 
+import errno
 import re
 import threading
 import warnings
@@ -7,6 +8,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 with warnings.catch_warnings():
     warnings.simplefilter("ignore", DeprecationWarning)  # of asyncore, which it stands on
@@ -22,11 +24,16 @@ USER, PASSWORD = "engineer", "of the hall"
 
 @dataclass
 class WritableFtp:
-    """The server; ``cuts`` uploads lose their link in the middle, ``spoils`` change a statement."""
+    """The server; ``cuts`` uploads lose their link in the middle, ``spoils`` change a statement.
+
+    ``locked`` files are listed and not given; ``line`` writes a line of a listing from a name.
+    """
 
     port: int = 0
     cuts: int = 0
     spoils: bool = False
+    locked: tuple[str, ...] = ()
+    line: str = "{name}"
 
 
 @contextmanager
@@ -37,6 +44,11 @@ def writable_ftp(folder: Path, *, rights: str = WRITE) -> Iterator[WritableFtp]:
     class DeviceNames(AbstractedFS):  # type: ignore[misc]  # pyftpdlib has no types
         def ftp2fs(self, ftppath: str) -> str:
             return str(super().ftp2fs(ftppath.lower().replace("md:", "").replace("\\", "/") or "/"))
+
+        def open(self, filename: str, mode: str) -> Any:
+            if Path(filename).name in state.locked:
+                raise PermissionError(errno.EACCES, "in the editor")
+            return super().open(filename, mode)
 
     class Data(DTPHandler):  # type: ignore[misc]  # as above
         def handle_read(self) -> None:
@@ -56,6 +68,11 @@ def writable_ftp(folder: Path, *, rights: str = WRITE) -> Iterator[WritableFtp]:
         authorizer = DummyAuthorizer()
         abstracted_fs = DeviceNames
         dtp_handler = Data
+
+        def ftp_NLST(self, path: str) -> str:  # noqa: N802  the library's name
+            lines = [state.line.format(name=entry.name) for entry in sorted(folder.iterdir())]
+            self.push_dtp_data("".join(f"{line}\r\n" for line in lines).encode(), cmd="NLST")
+            return path
 
         def on_file_received(self, file: str) -> None:
             path = Path(file)

@@ -20,6 +20,10 @@ from cellcal.drivers.wire.link_errors import bracket_host, find_reason
 _LOG = logging.getLogger(__name__)
 _HTTP, _HTTPS = 80, 443
 _ATTEMPTS = 2
+NO_SESSION = (
+    "the controller has no session left.",
+    "End other clients of Robot Web Services, or wait ten minutes.",
+)
 CABLE = "Check that the controller is on, the cable is in its WAN or service port, and the address is right."
 
 
@@ -53,6 +57,7 @@ class _Answer:
 
     challenge: str = ""
     reason: str = ""
+    has_no_session: bool = False
 
 
 async def find_service(address: ServiceAddress, limit_s: float) -> FoundService:
@@ -69,7 +74,11 @@ async def find_service(address: ServiceAddress, limit_s: float) -> FoundService:
     first = await _ask_challenge(address.url("http"), ssl.create_default_context(), limit_s)
     if first.challenge == "digest":
         return FoundService(FirstDialect(), address.url("http"), tls=True)
+    if first.has_no_session:
+        raise _no_session_error(address.device)
     second = await _ask_challenge(address.url("https"), tls, limit_s, address.device)
+    if second.has_no_session:
+        raise _no_session_error(address.device)
     if second.challenge == "basic":
         if address.certificate is None:
             _LOG.warning("%s: its certificate is not compared; name it in the cell file", address.device)
@@ -110,7 +119,12 @@ async def _ask_challenge(url: str, tls: ssl.SSLContext, limit_s: float, device: 
     challenge = str(response.headers.get("www-authenticate", "")).partition(" ")[0].lower()
     refused = response.status_code == httpx.codes.UNAUTHORIZED
     reason = make_message("a web server answers that is none (status {status})", status=response.status_code)
-    return _Answer(challenge if refused else "", reason)
+    full = response.status_code == httpx.codes.SERVICE_UNAVAILABLE
+    return _Answer(challenge if refused else "", reason, has_no_session=full)
+
+
+def _no_session_error(device: str) -> RefusedError:
+    return RefusedError(device, NO_SESSION[0], remedy=NO_SESSION[1], vendor_code=503)
 
 
 def _make_tls_context(address: ServiceAddress) -> ssl.SSLContext:

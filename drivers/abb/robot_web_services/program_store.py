@@ -5,7 +5,7 @@ Sources: ABB 3HAC050973-001 rev L (fileservice: get, put, copy, delete) for Robo
 """
 
 from collections.abc import Mapping
-from urllib.parse import parse_qsl, urlsplit
+from urllib.parse import parse_qsl, quote, urlsplit
 
 from cellcal.calibration.message import make_message
 from cellcal.drivers.abb.robot_web_services.web_link import WebLink
@@ -100,7 +100,7 @@ class AbbProgramStore:
             await self._link.post_action(path, "copy", **fields)
 
     def _path_of(self, name: str) -> str:
-        return f"/fileservice/{self._folder}/{name}"
+        return f"/fileservice/{self._folder}/{quote(name)}"
 
 
 def _is_program(name: str) -> bool:

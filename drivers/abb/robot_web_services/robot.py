@@ -20,6 +20,7 @@ from cellcal.drivers.abb.robot_web_services.state import (
     read_position_data,
     read_state,
     read_unit_names,
+    text_of,
 )
 from cellcal.drivers.abb.robot_web_services.web_link import WebLink
 from cellcal.drivers.errors import RefusedError
@@ -136,7 +137,7 @@ class AbbRobot(StreamedStepwiseMotion):
 
     async def controller_mode(self) -> str:
         async with self._answer_deadline("reading the mode"):
-            return str((await self._link.get_state("/rw/panel/opmode"))["opmode"])
+            return text_of(self._link, await self._link.get_state("/rw/panel/opmode"), "opmode")
 
     async def speed_override(self) -> float:
         async with self._answer_deadline("reading the speed override"):

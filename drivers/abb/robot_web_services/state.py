@@ -39,11 +39,11 @@ class ControllerState:
 
 async def read_state(link: WebLink) -> ControllerState:
     """Read mode, motors and the state of each axis."""
-    mode = _text(link, await link.get_state("/rw/panel/opmode"), "opmode")
-    motors = _text(link, await link.get_state(link.dialect.motors_path), "ctrlstate")
+    mode = text_of(link, await link.get_state("/rw/panel/opmode"), "opmode")
+    motors = text_of(link, await link.get_state(link.dialect.motors_path), "ctrlstate")
     lost = {}
     for axis in range(AXES):
-        status = _text(link, await link.get_state(f"{_UNIT}/axes/{axis + 1}"), "axis-status")
+        status = text_of(link, await link.get_state(f"{_UNIT}/axes/{axis + 1}"), "axis-status")
         if status != _SYNCHRONISED:
             lost[axis] = status
     status = (await link.get_state(_UNIT)).get("status") or _SYNCHRONISED  # a controller may leave it out
@@ -69,7 +69,7 @@ async def read_position_data(link: WebLink) -> tuple[ShownValue, ...]:
     states = [
         ShownValue(
             "axis-status",
-            _text(link, await link.get_state(f"{_UNIT}/axes/{axis + 1}"), "axis-status"),
+            text_of(link, await link.get_state(f"{_UNIT}/axes/{axis + 1}"), "axis-status"),
             axis,
         )
         for axis in range(AXES)
@@ -87,7 +87,7 @@ async def read_flange_pose(link: WebLink) -> Pose:
 async def read_unit_names(link: WebLink) -> tuple[str, str]:
     """Return the names of the active tool and work object."""
     state = await link.get_state(_UNIT)
-    return _text(link, state, "tool-name"), _text(link, state, "wobj-name")
+    return text_of(link, state, "tool-name"), text_of(link, state, "wobj-name")
 
 
 def condition_of(state: ControllerState) -> Condition:
@@ -160,7 +160,8 @@ def unreadable(link: WebLink, what: str) -> WireProtocolError:
     )
 
 
-def _text(link: WebLink, state: Mapping[str, Any], key: str) -> str:
+def text_of(link: WebLink, state: Mapping[str, Any], key: str) -> str:
+    """Return a word of a state; raise WireProtocolError where it is missing."""
     value = state.get(key)
     if not isinstance(value, str) or not value:
         raise unreadable(link, f"{key} is missing")

@@ -16,6 +16,7 @@ from cellcal.calibration.message import make_message
 from cellcal.drivers.abb.robot_web_services.dialects import Dialect
 from cellcal.drivers.abb.robot_web_services.generation import (
     CABLE,
+    NO_SESSION,
     FoundService,
     ServiceAddress,
     find_service,
@@ -43,10 +44,7 @@ _WHY = {
         "the controller gives write access to control stations only (RobotWare 8); this driver only reads it.",
         "Move the robot at the pendant.",
     ),
-    503: (
-        "the controller has no session left.",
-        "End other clients of Robot Web Services, or wait ten minutes.",
-    ),
+    503: NO_SESSION,
 }
 State = Mapping[str, Any]
 
@@ -93,8 +91,8 @@ class WebLink:
         try:
             async with answer_deadline(self.device, self._deadline_s, "stopping"):
                 await self._client.get("/logout")
-        except (httpx.HTTPError, DeviceTimeoutError):
-            pass  # the controller ends it by itself
+        except (httpx.HTTPError, DeviceTimeoutError, NotImplementedError, KeyError):
+            pass  # the controller ends it by itself; no login of the library's has opened it
         finally:
             await self._client.aclose()
 
@@ -184,6 +182,18 @@ class WebLink:
                 self.device,
                 make_message("the connection was lost: {reason}.", reason=find_reason(error)),
                 remedy=CABLE,
+            ) from error
+        except (
+            NotImplementedError,
+            KeyError,
+        ) as error:  # of the library's digest: protection or hash of another kind
+            raise RefusedError(
+                self.device,
+                make_message(
+                    "the controller asks for a digest login of a kind that is not known here: {reason}.",
+                    reason=str(error).strip("'\""),
+                ),
+                remedy="Check the address; a proxy in between may ask so.",
             ) from error
         self.trace.add_frame("<", f"{response.status_code} {response.text[:500]}")
         if response.status_code >= 400:

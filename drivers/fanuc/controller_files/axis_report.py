@@ -78,6 +78,8 @@ def read_axis_report(data: bytes, file: str = "axis.dg") -> AxisReport:
             _take_line(rows, line, file, number)
     if not rows:
         raise damaged_report_error(file, "it holds no table of pulses (AXIS PULSE STATUS).")
+    if inside and lines[-1]:  # a line of the table without an end: digits may be missing
+        raise damaged_report_error(file, "it ends within the table of pulses.", len(lines))
     pulses = tuple(_whole_row(row, file) for row in rows if row)
     return AxisReport(read_heading(lines), pulses, _read_servo(lines))
 

@@ -26,6 +26,13 @@ _AGAIN = "Read it once more; if it happens again, look at the network."
 _NOT_THERE = "550"
 _WRONG_LOGIN = "530"
 _NAME_END = re.compile(r"[^/\\:]+\Z")
+# A server may list more than names: type and rights, size and date before each, as Unix or DOS writes them.
+_UNIX_LINE = re.compile(
+    r"(?P<kind>[-bcdlps])[-rwxsStT]{9}\S*\s+(?:\S+\s+){2,4}?[A-Za-z]{3}\s+\d{1,2}\s+(?:\d{1,2}:\d{2}|\d{4})\s+(?P<name>\S.*)"
+)
+_DOS_LINE = re.compile(
+    r"\d{1,4}[-/.]\d{1,2}[-/.]\d{1,4}\s+\d{1,2}:\d{2}(?:\s?[AaPp][Mm])?\s+(?:(?P<kind><DIR>)|[\d.,]+)\s+(?P<name>\S.*)"
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -160,7 +167,7 @@ class FtpSource:
                     self._ftp.retrlines("NLST", take_name)
                 except ftplib.error_perm:
                     names.clear()  # an empty folder, or a server that lists nothing: names are tried one by one
-            ends = [end[0] for name in names if (end := _NAME_END.search(name.strip()))]
+            ends = [end[0] for name in map(_listed_name, names) if (end := _NAME_END.search(name))]
             self._names = {end.lower(): end for end in ends}
         return self._names
 
@@ -246,6 +253,14 @@ class FtpSource:
                 ),
                 remedy=_AGAIN,
             ) from error
+
+
+def _listed_name(line: str) -> str:
+    """Return the name that a line of a listing holds; "" for a folder or a blank line."""
+    found = _UNIX_LINE.fullmatch(line.strip()) or _DOS_LINE.fullmatch(line.strip())
+    if found is None:
+        return line.strip()
+    return "" if found["kind"] in ("d", "<DIR>") else str(found["name"])
 
 
 def _reason(error: BaseException) -> str:

@@ -35,13 +35,27 @@ class _WritingSource(FtpSource):
     def _make_client(self) -> ReadOnlyFtp:
         return WritingFtp(encoding="latin-1")
 
-    def forget_names(self) -> None:
-        """List anew before the next reading."""
-        self._names = None
-
     def hang_up(self) -> None:
         """Close the connection without a word."""
         self._ftp.close()
+
+    def read_listed(self, name: str) -> bytes | None:
+        """Return a file; None of one that is not listed.
+
+        Raises
+        ------
+        RefusedError
+            It is listed, and the controller does not give it.
+        """
+        self._names = None
+        content = self.read_file(name)
+        if content is None and name.lower() in self._index_names():
+            raise RefusedError(
+                self.device,
+                make_message("{name} is listed and cannot be read.", name=name),
+                remedy="Look at the pendant whether it is protected, or open in the editor.",
+            )
+        return content
 
     def store(self, name: str, content: bytes) -> None:
         """Write a file, under the name that is there where only the case of letters differs."""
@@ -91,8 +105,7 @@ class FtpProgramStore:
         return tuple(name for name in names if is_program_name(name))
 
     async def read_file(self, name: str) -> bytes | None:
-        self._source.forget_names()
-        return await run_in_thread_to_end(self._source.read_file, name)
+        return await run_in_thread_to_end(self._source.read_listed, name)
 
     async def write_file(self, name: str, content: bytes) -> None:
         if statements_of(content) is None:

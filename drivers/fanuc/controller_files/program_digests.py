@@ -42,14 +42,20 @@ def is_program_name(name: str) -> bool:
 
 
 def read_program_digests(source: FileSource) -> dict[str, str]:
-    """Return the hash of each program by its name; "damaged" for a listing that ends before its end."""
+    """Return the hash of each program by its name.
+
+    "damaged" stands for a listing that ends before its end, "not read" for one that is named and not given.
+    """
     found: dict[str, str] = {}
     for name in source.list_names():
         if not is_program_name(name):
             continue
         content = source.read_file(name)
-        head = None if content is None else _PROGRAM.match(content)
-        if content is None or head is None:
+        if content is None:
+            found[name.removesuffix(PROGRAM_SUFFIX).upper()] = "not read"
+            continue
+        head = _PROGRAM.match(content)
+        if head is None:
             continue
         statements = statements_of(content)
         digest = "damaged" if statements is None else hashlib.sha256(statements).hexdigest()

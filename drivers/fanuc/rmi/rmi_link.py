@@ -1,7 +1,9 @@
 """Packets of the Remote Motion Interface: JSON objects that end in CR LF, over one TCP connection.
 
 Source: FANUC B-84184EN/03. A command is answered at once, an instruction after it was executed; the controller also
-sends packets of its own accord. A reply is matched by its name, that of an instruction by its SequenceID.
+sends packets of its own accord. A reply is matched by its name, that of an instruction by its SequenceID. The name
+does not tell the answer to this question from a late one to the question before: a reply that is still due is passed
+over.
 """
 
 import asyncio
@@ -30,6 +32,7 @@ from cellcal.drivers.wire.trace import FrameTrace
 _MOST_OCTETS = 65_536
 _ERROR_BASE = 2_556_928
 _CANCEL_AGAIN_S = 0.5
+_SHARE_FOR_LATE_REPLY = 0.25  # of the deadline of a question
 _CABLE = "Check that the controller is switched on, the network cable plugged in and option R912 installed."
 _OCCUPIED = (
     "End the other client of the Remote Motion Interface; one that hangs keeps it until it is switched off."
@@ -60,6 +63,7 @@ class RmiLink:
         self._commands = asyncio.Lock()
         self._opening = asyncio.Lock()
         self._answer: tuple[str, asyncio.Future[Packet]] | None = None
+        self._due: dict[str, asyncio.Event] = {}  # commands whose reply nothing waits for any more
         self._instructions: dict[int, asyncio.Future[Packet]] = {}
         self._failure: DeviceError | None = None
         self.version = RmiVersion(0, 0)
@@ -82,6 +86,7 @@ class RmiLink:
                 port = await self._ask_for_port()
                 reader, self._writer = await self._connect(port, _OCCUPIED)
             self._failure = None
+            self._due.clear()
             self.connections += 1
             self._reading = start_link_task(
                 f"answers of {self.device}", partial(self._read_packets, reader), self._end_broken
@@ -106,11 +111,16 @@ class RmiLink:
         """
         await self.open()
         async with self._commands, answer_deadline(self.device, self._deadline_s, "waiting for an answer"):
+            await self._await_due_reply(name)
             answer: asyncio.Future[Packet] = asyncio.get_running_loop().create_future()
             self._answer = (name, answer)
             try:
                 await self._send({"Command": name, **fields})
                 return self.accept_reply(await answer)
+            except asyncio.CancelledError:  # by a caller, or by a deadline
+                if self._answer is not None:  # its reply has not come yet
+                    self._due[name] = asyncio.Event()
+                raise
             finally:
                 self._answer = None
 
@@ -143,6 +153,18 @@ class RmiLink:
             remedy=entry.remedy if entry else "Read the message on the pendant.",
             vendor_code=code,
         )
+
+    async def _await_due_reply(self, name: str) -> None:
+        """Let the late reply to an earlier question of this name come first; connect anew where it does not."""
+        due = self._due.get(name)
+        if due is None:
+            return
+        with contextlib.suppress(TimeoutError):
+            async with asyncio.timeout(self._deadline_s * _SHARE_FOR_LATE_REPLY):
+                await due.wait()
+        if name in self._due:
+            self._fail(UnreachableError(self.device, "a reply did not come.", remedy=_CABLE))
+            await self.open()
 
     # the connection
 
@@ -223,8 +245,11 @@ class RmiLink:
             executed = self._instructions.get(sequence_id)
             if executed is not None and not executed.done():
                 executed.set_result(packet)
+        elif packet.get("Command") in self._due:
+            self._due.pop(packet["Command"]).set()
         elif self._answer is not None and packet.get("Command") in (self._answer[0], "Unknown"):
-            self._answer[1].set_result(packet)
+            if not self._answer[1].done():
+                self._answer[1].set_result(packet)
             self._answer = None
 
     def _end_broken(self, error: Exception) -> None:
@@ -233,6 +258,8 @@ class RmiLink:
 
     def _fail(self, error: DeviceError) -> None:
         self._failure = error
+        for due in self._due.values():
+            due.set()
         if self._answer is not None and not self._answer[1].done():
             self._answer[1].set_exception(error)
         self._end_instructions(error)

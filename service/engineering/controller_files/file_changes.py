@@ -14,6 +14,7 @@ from cellcal.service.engineering.controller_files.file_change import ChangeKind,
 from cellcal.service.engineering.controller_files.other_axes import compare_other_axes
 from cellcal.service.engineering.controller_files.record_checks import (
     ControllerRecordError,
+    HeldBesideAnglesError,
     check_angles,
     describe_alarm,
     position_alarms,
@@ -56,7 +57,7 @@ def compare_files(
             now.other_axes,
             set(recorded_groups) - {last.controller.group},
         ),
-        *_find_contradiction(files, mastering),
+        *_find_contradiction(files, mastering, last),
         *_compare_frames(ChangeKind.FRAME, last.controller.frames, now.frames),
         *_compare_frames(ChangeKind.TOOL, last.controller.tools, now.tools),
         *_compare_programs(last.controller.programs, now.programs),
@@ -103,17 +104,48 @@ def _compare_counts(
     return [FileChange(ChangeKind.MASTERING, f"the mastering differs from the record of {last.day}: {shift}")]
 
 
-def _find_contradiction(files: ControllerFiles, mastering: GroupMastering) -> list[FileChange]:
-    """Say where files of a mastered robot disagree; a robot that moves in production is no contradiction."""
+def describe_uncompared_angles(files: ControllerFiles, last: StoredRecord) -> str:
+    """Say why shown angles cannot be compared with counts although the mastering is unchanged; "" if they can.
+
+    Under power some controllers hold J2 and J3 beside the angles that they show.
+    """
+    mastering = files.variables.mastering.get(last.controller.group)
+    if mastering is None or not _is_held_beside(_angle_error(files, mastering), mastering, last):
+        return ""
+    return "the shown angles of J2 and J3, which are held beside their counts under power"
+
+
+def _find_contradiction(
+    files: ControllerFiles, mastering: GroupMastering, last: StoredRecord
+) -> list[FileChange]:
+    """Say where files of a mastered robot disagree.
+
+    A robot that moves in production is no contradiction, nor is one that is held beside the shown angles under power
+    while its mastering is that of the record.
+    """
     texts = list(files.list_contradictions())
-    if mastering.is_valid and files.axes is not None and not texts:
-        try:
-            drives = require_drives(files, mastering)
-            check_angles(files, mastering, drives, read_pulses(files, mastering))
-        except ControllerRecordError as error:
-            if not error.code.endswith("moved"):
-                texts.append(error.message.removeprefix(f"{files.device}: ").rstrip("."))
+    error = None if texts else _angle_error(files, mastering)
+    is_beside = _is_held_beside(error, mastering, last)
+    if error is not None and not is_beside and not error.code.endswith("moved"):
+        texts.append(error.message.removeprefix(f"{files.device}: ").rstrip("."))
     return [FileChange(ChangeKind.CONTRADICTION, text) for text in texts]
+
+
+def _is_held_beside(
+    error: ControllerRecordError | None, mastering: GroupMastering, last: StoredRecord
+) -> bool:
+    return isinstance(error, HeldBesideAnglesError) and mastering.counts_at_zero == last.record.counts_at_zero
+
+
+def _angle_error(files: ControllerFiles, mastering: GroupMastering) -> ControllerRecordError | None:
+    if not mastering.is_valid or files.axes is None:
+        return None
+    try:
+        drives = require_drives(files, mastering)
+        check_angles(files, mastering, drives, read_pulses(files, mastering))
+    except ControllerRecordError as error:
+        return error
+    return None
 
 
 def _compare_frames(

@@ -16,7 +16,10 @@ from cellcal.drivers.fanuc.controller_files.ftp_source import FtpLogin, FtpSourc
 from cellcal.drivers.programs.errors import ProgramFileError
 from cellcal.service.engineering.controller_files.backup_folder import open_backup_folder, refuse_file
 from cellcal.service.engineering.controller_files.file_change import ChangeKind, FileChange
-from cellcal.service.engineering.controller_files.file_changes import compare_files
+from cellcal.service.engineering.controller_files.file_changes import (
+    compare_files,
+    describe_uncompared_angles,
+)
 from cellcal.service.engineering.controller_files.other_axes import find_other_axes, name_axis
 from cellcal.service.engineering.controller_files.stored_records import StoredRecord, list_records
 from cellcal.service.exit_codes import ExitCode
@@ -44,6 +47,7 @@ class WatchedController:
     compared_with: str = ""
     changes: tuple[FileChange, ...] = ()
     not_compared: tuple[str, ...] = ()  # axes that the record does not contain
+    left_out: tuple[str, ...] = ()  # what could not be compared this time
     error: str = ""
     error_code: str = ""
 
@@ -67,6 +71,8 @@ class WatchedController:
             found += (
                 f"; not compared, since the record was taken before they were stored: {axes}. Record again."
             )
+        if self.left_out:
+            found += f"; not compared: {', '.join(self.left_out)}"
         return found
 
 
@@ -148,21 +154,23 @@ def compare_with_records(
     if not ours:
         return WatchedController(address, WatchState.NO_RECORD, files.serial)
     changes: list[FileChange] = []
-    compared_with, not_compared = "", set[str]()
+    compared_with, not_compared, left_out = "", set[str](), list[str]()
     groups = {each.controller.group for each in ours}
     for group in sorted(groups):
         *earlier, last = [each for each in ours if each.controller.group == group]
         changes += compare_files(files, last, earlier, groups)
         compared_with = max(compared_with, last.day)
+        left_out.append(describe_uncompared_angles(files, last))
         if last.controller.other_axes is None:
-            left_out = find_other_axes(files, group)
-            not_compared |= {name for name in left_out if int(name.partition(".")[0]) not in groups - {group}}
+            others = find_other_axes(files, group)
+            not_compared |= {name for name in others if int(name.partition(".")[0]) not in groups - {group}}
     unique = tuple(dict.fromkeys(changes))
     state = WatchState.CHANGED if unique else WatchState.UNCHANGED
     if any(change.kind is ChangeKind.LOSS for change in unique):
         state = WatchState.LOST
     axes = tuple(map(name_axis, sorted(not_compared)))
-    return WatchedController(address, state, files.serial, compared_with, unique, axes)
+    angles = tuple(dict.fromkeys(filter(None, left_out)))
+    return WatchedController(address, state, files.serial, compared_with, unique, axes, angles)
 
 
 def _records_of(files: ControllerFiles, stored: Sequence[StoredRecord]) -> list[StoredRecord]:

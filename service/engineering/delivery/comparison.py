@@ -1,5 +1,6 @@
 """Programs of a controller against those of a folder, and copies of all of them."""
 
+import logging
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -9,10 +10,13 @@ from pathlib import Path
 from cellcal.calibration.documents.plain_files import read_plain_bytes
 from cellcal.calibration.errors import CellError
 from cellcal.calibration.message import make_message
+from cellcal.drivers.errors import RefusedError
 from cellcal.drivers.interfaces.program_store import ProgramStore, StoreOfFolders
 from cellcal.service.engineering.delivery.deliveries import check_names, is_same_program
 from cellcal.service.files import make_private_folder, replace_file
 
+_LOG = logging.getLogger(__name__)
+_MOST_NAMED = 12
 _LEADS_AWAY = re.compile(r"[/\\:\x00-\x1f\x7f]")
 
 
@@ -60,9 +64,11 @@ async def fetch_programs(store: ProgramStore, folder: Path) -> dict[str, bytes]:
     Raises
     ------
     CellError
-        There is no program, a name leads out of the folder, or a copy cannot be written or reads back as another.
+        There is no program, a name leads out of the folder, a copy cannot be written or reads back as another, or
+        programs are named that the controller does not give: the others are copied then.
     """
     found: dict[str, bytes] = {}
+    not_given: list[str] = []
     names = await store.list_names()
     if not names:
         raise await _no_program(store)
@@ -72,9 +78,10 @@ async def fetch_programs(store: ProgramStore, folder: Path) -> dict[str, bytes]:
     except OSError as error:
         raise _unwritable(folder, error) from error
     for name in names:
-        content = await store.read_file(name)
+        content = await _read_given(store, name)
         if content is None:
-            continue  # it was deleted since
+            not_given.append(name)
+            continue
         try:
             replace_file(folder / name, content)
         except OSError as error:
@@ -82,6 +89,10 @@ async def fetch_programs(store: ProgramStore, folder: Path) -> dict[str, bytes]:
         if _read_whole(folder / name) != content:
             raise CellError(make_message("{path} is not what was written.", path=folder / name), code="store")
         found[name] = content
+    if not_given and (
+        unread := set(not_given) & set(await store.list_names())
+    ):  # the others were deleted since
+        raise _not_copied(sorted(unread), len(names), folder)
     return found
 
 
@@ -105,6 +116,29 @@ async def compare_programs(store: ProgramStore, here: Mapping[str, bytes]) -> tu
 async def folders_below(store: ProgramStore) -> tuple[str, ...]:
     """Return some folders of a store that ``fetch_programs`` does not copy."""
     return await store.list_folders() if isinstance(store, StoreOfFolders) else ()
+
+
+async def _read_given(store: ProgramStore, name: str) -> bytes | None:
+    try:
+        return await store.read_file(name)
+    except RefusedError as error:
+        _LOG.warning("%s", error)
+        return None
+
+
+def _not_copied(names: Sequence[str], count: int, folder: Path) -> CellError:
+    listed = ", ".join(names[:_MOST_NAMED]) + (", …" if len(names) > _MOST_NAMED else "")
+    return CellError(
+        make_message(
+            "{left} of {count} programs cannot be read and were not copied: {names}. The others are in {folder}.",
+            left=len(names),
+            count=count,
+            names=listed,
+            folder=folder,
+        ),
+        remedy="Look at the pendant whether they are protected or open in the editor, then fetch again.",
+        code="store",
+    )
 
 
 async def _no_program(store: ProgramStore) -> CellError:

@@ -1,0 +1,110 @@
+"""A reply of the Remote Motion Interface that comes late never answers the next question."""
+
+import asyncio
+import json
+import math
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+
+import pytest
+
+from cellcal.drivers.fanuc.rmi.rmi_link import RmiLink
+from cellcal.drivers.fanuc.rmi.rmi_state import read_active_numbers, read_joint_angles
+from tests.machine_speed import stretched_s
+
+DEADLINE_S = stretched_s(4.0)
+
+
+class SlowController:
+    """Numbers the questions of all connections; J1 of a reply is the number of its question."""
+
+    def __init__(self) -> None:
+        self.arrivals = asyncio.Semaphore(0)
+        self.may_answer = asyncio.Event()
+        self.may_answer.set()
+        self.never_answers = False
+        self.questions = 0
+        self.clients: list[asyncio.StreamWriter] = []
+
+    async def name_port(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        await reader.readline()
+        self._send(writer, Communication="FRC_Connect", PortNumber=self.port, MajorVersion=4, MinorVersion=1)
+        writer.close()
+
+    async def answer(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        self.clients.append(writer)
+        while line := await reader.readline():
+            self.questions += 1
+            number, name = self.questions, json.loads(line).get("Command")
+            self.arrivals.release()
+            await self.may_answer.wait()
+            if name is None or self.never_answers:
+                continue
+            angles = {f"J{axis}": float(number) for axis in range(1, 7)}
+            self._send(writer, Command=name, JointAngle=angles, UFrameNumber=1, UToolNumber=number)
+
+    @asynccontextmanager
+    async def running(self) -> AsyncIterator[RmiLink]:
+        second = await asyncio.start_server(self.answer, "127.0.0.1", 0)
+        first = await asyncio.start_server(self.name_port, "127.0.0.1", 0)
+        self.port = second.sockets[0].getsockname()[1]
+        async with first, second:
+            link = RmiLink("rmi", "127.0.0.1", first.sockets[0].getsockname()[1], deadline_s=DEADLINE_S)
+            try:
+                yield link
+            finally:
+                self.may_answer.set()
+                await link.close()
+                for client in self.clients:
+                    client.close()
+                    await client.wait_closed()
+
+    def _send(self, writer: asyncio.StreamWriter, **fields: object) -> None:
+        writer.write(json.dumps({**fields, "ErrorID": 0}).encode() + b"\r\n")
+
+
+async def number_told(link: RmiLink) -> int:
+    joints, _ = await read_joint_angles(link)
+    return round(math.degrees(joints[0]))
+
+
+async def give_up_reading(controller: SlowController, link: RmiLink) -> None:
+    reading = asyncio.create_task(number_told(link))
+    await controller.arrivals.acquire()
+    reading.cancel()
+    with pytest.raises(asyncio.CancelledError):
+        await reading
+
+
+async def test_a_late_reply_does_not_answer_the_next_question() -> None:
+    controller = SlowController()
+    async with controller.running() as link:
+        assert await number_told(link) == 1
+        await controller.arrivals.acquire()
+        controller.may_answer.clear()
+        await give_up_reading(controller, link)
+        asyncio.get_running_loop().call_soon(controller.may_answer.set)
+        assert [await number_told(link) for _ in range(3)] == [3, 4, 5]
+        assert len(controller.clients) == 1
+
+
+async def test_another_question_does_not_wait_for_a_late_reply() -> None:
+    controller = SlowController()
+    async with controller.running() as link:
+        await link.open()
+        controller.may_answer.clear()
+        await give_up_reading(controller, link)
+        controller.may_answer.set()
+        assert (await read_active_numbers(link))[1] == 2
+        assert await number_told(link) == 3
+
+
+async def test_a_reply_that_never_comes_ends_the_connection() -> None:
+    controller = SlowController()
+    async with controller.running() as link:
+        await link.open()
+        controller.never_answers = True
+        await give_up_reading(controller, link)
+        controller.never_answers = False
+        assert await number_told(link) == 2
+        assert len(controller.clients) == 2
