@@ -24,6 +24,7 @@ from cellcal.service.web.app import create_app
 from cellcal.service.web.context import ServiceSettings
 from tests.machine_speed import stretched_s
 from tests.service.cell_process_session import a_cell
+from tests.service.http_limits import NO_IDLE_CONNECTIONS
 
 PATIENCE_S = stretched_s(240.0)  # a whole record is taken
 
@@ -35,7 +36,9 @@ async def a_demo(*arguments: str) -> AsyncIterator[tuple[asyncio.subprocess.Proc
         stderr=asyncio.subprocess.PIPE, env=os.environ | {"COLUMNS": "200"}, start_new_session=True,
     )  # fmt: skip
     try:
-        async with httpx.AsyncClient(base_url=await _address_of(process), timeout=PATIENCE_S) as client:
+        async with httpx.AsyncClient(
+            base_url=await _address_of(process), timeout=PATIENCE_S, limits=NO_IDLE_CONNECTIONS
+        ) as client:
             yield process, client
     finally:
         with suppress(ProcessLookupError):

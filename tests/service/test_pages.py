@@ -39,6 +39,7 @@ from tests.service.browser_pages import (
     wait_for_value,
 )
 from tests.service.cell_process_session import a_cell
+from tests.service.http_limits import NO_IDLE_CONNECTIONS
 from tests.service.openapi_check import DescribedApi
 
 VIEWPORTS = ((1280, 800), (1024, 768), (800, 1280))
@@ -70,7 +71,7 @@ class PageViewer:
 
     def __init__(self, browser: Browser, url: str) -> None:
         self.browser, self.url = browser, url
-        self.client = httpx.AsyncClient(base_url=url, timeout=PATIENCE_S)
+        self.client = httpx.AsyncClient(base_url=url, timeout=PATIENCE_S, limits=NO_IDLE_CONNECTIONS)
         self.complaints: list[str] = []
         self.requested_hosts: set[str] = set()
 

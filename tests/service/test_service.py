@@ -19,6 +19,7 @@ from cellcal.service.demo.fake_cell import write_cell_file
 from cellcal.service.web.app import create_app
 from cellcal.service.web.context import ServiceSettings
 from tests.service.cell_process_session import PATIENCE_S, RECORD, a_cell
+from tests.service.http_limits import NO_IDLE_CONNECTIONS
 from tests.service.service_client import another_browser
 from tests.soak.service_process import address_of
 
@@ -38,7 +39,9 @@ async def serve_cell(
         stderr=asyncio.subprocess.PIPE, env=os.environ | {"COLUMNS": "200"},
     )  # fmt: skip
     try:
-        async with httpx.AsyncClient(base_url=f"http://127.0.0.1:{port}", timeout=PATIENCE_S) as client:
+        async with httpx.AsyncClient(
+            base_url=f"http://127.0.0.1:{port}", timeout=PATIENCE_S, limits=NO_IDLE_CONNECTIONS
+        ) as client:
             assert (await client.get(await address_of(process))).status_code == 303
             await _wait_connected(client)
             yield process, client

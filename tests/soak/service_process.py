@@ -16,6 +16,7 @@ from urllib.parse import urlsplit
 import httpx
 from websockets.asyncio.client import connect
 
+from tests.service.http_limits import NO_IDLE_CONNECTIONS
 from tests.stories.technician_actions import TechnicianActions
 
 RECORD: dict[str, Any] = {"procedure": "mastering_record", "settings": {}}
@@ -65,7 +66,9 @@ async def serve_cell(cell_file: Path, port: int) -> AsyncIterator[tuple[ServiceP
     )  # fmt: skip
     try:
         address = await address_of(process)
-        async with httpx.AsyncClient(base_url=f"http://127.0.0.1:{port}", timeout=60.0) as client:
+        async with httpx.AsyncClient(
+            base_url=f"http://127.0.0.1:{port}", timeout=60.0, limits=NO_IDLE_CONNECTIONS
+        ) as client:
             assert (await client.get(address)).status_code == 303
             reading = asyncio.create_task(_discard_output(process))
             yield ServiceProcess(process), client
