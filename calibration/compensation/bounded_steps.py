@@ -48,7 +48,7 @@ class BoundedSearch:
     def start_inside(cls, arm: TipArm, target: TargetPoses, joints: Array, box: tuple[Array, Array]) -> Self:
         """Return a search that starts inside its box."""
         count = joints.shape[1]
-        gap = gap_between(arm, joints, target)
+        gap = gap_between(arm, joints, target).copy_frames()  # the search writes better postures into them
         return cls(arm, target, joints, *box, gap, np.zeros(count, dtype=bool), np.zeros(count))
 
     def approach_poses(self, reach: ReachTolerance) -> None:

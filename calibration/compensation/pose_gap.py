@@ -95,6 +95,12 @@ class PoseGap:
         rotations, origins = self.rotations[..., chosen], self.origins[..., chosen]
         return type(self)(self.error[:, chosen], self.cosine[chosen], rotations, origins)
 
+    def copy_frames(self) -> Self:
+        """Return it with frames of its own, which may be written to: those of an arm are read-only."""
+        return type(self)(
+            self.error, self.cosine, self.rotations.copy(order="K"), self.origins.copy(order="K")
+        )
+
     @cached_property
     def position_m(self) -> Array:
         """Distances (N,)."""
