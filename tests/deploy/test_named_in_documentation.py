@@ -94,10 +94,15 @@ def test_docstrings_and_comments_contain_no_metaphors(package: str) -> None:
     assert not found
 
 
+def own_documents(folder: Path) -> list[Path]:
+    """Return the documents below a folder that are ours: not those of installed packages."""
+    return [file for file in folder.rglob("*.md") if "node_modules" not in file.parts]
+
+
 def test_files_that_a_document_names_are_in_the_tree() -> None:
     documents = [
         *ROOT.glob("*.md"),
-        *(file for package in PACKAGES for file in (ROOT / package).rglob("*.md")),
+        *(file for package in PACKAGES for file in own_documents(ROOT / package)),
     ]
     missing = [
         f"{document.relative_to(ROOT)}: {path}"
@@ -116,7 +121,7 @@ def test_files_that_a_document_names_are_in_the_tree() -> None:
 def documents() -> list[Path]:
     """Return the documents for readers of the code; the history keeps the words of its time."""
     history = {"CHANGELOG.md", "DECISIONS.md"}
-    found = [file for package in PACKAGES for file in sorted((ROOT / package).rglob("*.md"))]
+    found = [file for package in PACKAGES for file in sorted(own_documents(ROOT / package))]
     return [*found, *(file for file in sorted(ROOT.glob("*.md")) if file.name not in history)]
 
 
