@@ -9,7 +9,7 @@ export PYTHONDONTWRITEBYTECODE :=
 
 PAGES := service/web/dist/index.html
 NODE_CLIENTS := tests/node_clients/node_modules/.package-lock.json
-WORKERS ?= 3
+WORKERS ?= 2
 
 .PHONY: demo test run-tests check lint type-check soak bench lock pages types clean
 
@@ -42,8 +42,7 @@ demo: $(VENV)/.runtime
 	@if [ -t 2 ] && [ -z "$${CI:-}" ]; then $(MAKE) --no-print-directory pages || true; fi
 	@$(BIN)/cellcal demo $(ARGS)
 
-# Tests wait for devices and browsers for a good part of their time: three at once keep two cores busy, and so
-# does the type check beside them, which alone takes minutes.
+# The type check, which alone takes minutes, runs beside the tests: they wait for devices for a part of their time.
 test: lint
 	@$(MAKE) --no-print-directory -j 2 type-check run-tests
 
