@@ -5,11 +5,14 @@ import signal
 import sys
 from types import FrameType
 
+from cellcal.service.gc_freeze import collect_rarely
+
 
 def main() -> None:
     """Run the command line; the only place that ends the process."""
     # Our matrices are small: a second BLAS thread costs more than it brings, on a loaded machine tenfold.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    collect_rarely()
     from cellcal.service.cli.app import run_command_line  # noqa: PLC0415 - `cellcal --help` must not wait for numpy
 
     # `kill` and a service manager end a command as Ctrl+C does: the robot is stopped, the end is journalled.
