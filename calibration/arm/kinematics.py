@@ -10,10 +10,11 @@ from cellcal.calibration.arm.chain_columns import (
 )
 from cellcal.calibration.arm.dh_table import DhTable
 from cellcal.calibration.arm.model_references import load_model
-from cellcal.calibration.arm.robot_model import RobotModel, chain_frames, joint_columns
+from cellcal.calibration.arm.robot_model import MODEL_TOLERANCE_M, RobotModel, chain_frames, joint_columns
 from cellcal.calibration.arm.robot_models import model_names
 
 __all__ = [
+    "MODEL_TOLERANCE_M",
     "DhTable",
     "RobotModel",
     "by_independent_columns",

@@ -33,6 +33,7 @@ from cellcal.calibration.arm.joint_kinds import (
 from cellcal.calibration.errors import CalibrationError
 from cellcal.calibration.geometry import Array, exp_twist, is_rigid
 
+MODEL_TOLERANCE_M = 0.05  # no robot leaves its maker with so much; the arm of another model is further off
 _MOST_REMEMBERED = 8192  # postures; of more, comparing and storing would cost memory that a fit needs
 
 

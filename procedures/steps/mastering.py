@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from cellcal.calibration.arm.kinematics import RobotModel
+from cellcal.calibration.arm.kinematics import MODEL_TOLERANCE_M, RobotModel
 from cellcal.calibration.geometry import Pose
 from cellcal.calibration.mastering.counts import MasteringRecord
 from cellcal.calibration.message import make_message
@@ -22,7 +22,6 @@ from cellcal.procedures.cell import Cell
 from cellcal.procedures.motors import Motors, MotorState, PositionLostAgainError, motor_store
 from cellcal.procedures.run import NeedsUnmetError, RefusalError
 
-MODEL_TOLERANCE_M = 0.05  # no robot leaves its maker with so much; the arm of another model is further off
 BOOT_DEADLINE_S = 300.0
 BOOT_PAUSE_S = 0.5
 INSTRUCTION_S = 15.0  # what a turn costs besides its way where a person makes it: plans prefer few turns

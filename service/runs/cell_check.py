@@ -6,13 +6,13 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from cellcal.calibration.arm.kinematics import load_model
+from cellcal.calibration.arm.kinematics import MODEL_TOLERANCE_M, load_model
 from cellcal.calibration.message import join_messages, make_message
 from cellcal.drivers.errors import DeviceError
 from cellcal.drivers.interfaces import ComparesJoints, Device, DoubtsIdentity, Readiness, Robot
 from cellcal.drivers.registry import RobotConfig
 from cellcal.drivers.wire.evidence import AbilityEvidence, driver_evidence
-from cellcal.procedures.steps.mastering import MODEL_TOLERANCE_M, model_error_m
+from cellcal.procedures.steps.mastering import model_error_m
 from cellcal.service.configuration.cell_file import CellConfig
 from cellcal.service.record.journal import Journal, JournalDamage
 from cellcal.service.record.journal_end import missing_end

@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from cellcal.calibration.arm.kinematics import load_model
+from cellcal.calibration.arm.kinematics import MODEL_TOLERANCE_M, load_model
 from cellcal.calibration.arm.model_references import fixed_reference
 from cellcal.calibration.arm.ur_factory import factory_model
 from cellcal.calibration.errors import CalibrationError
 from cellcal.drivers.errors import WrongDeviceError
 from cellcal.drivers.universal_robots.config import UniversalRobotConfig
 from cellcal.drivers.universal_robots.factory_calibration import read_controller_arm
-from cellcal.procedures.steps.mastering import MODEL_TOLERANCE_M, model_error_m
+from cellcal.procedures.steps.mastering import model_error_m
 from cellcal.service.cli.app import run_command_line
 from cellcal.service.engineering.parameters.ur_model_file import ur_model_text
 from cellcal.service.exit_codes import ExitCode

@@ -13,14 +13,10 @@ from cellcal.calibration.arm.kinematics import load_model
 from cellcal.calibration.mastering.counts import MasteringRecord
 from cellcal.calibration.mastering.shown_joints import JointConvention
 from cellcal.calibration.message import make_message
-from cellcal.drivers.fanuc.backup_file import read_backup_file
+from cellcal.drivers.fanuc.backup_file import read_report_in
+from cellcal.drivers.fanuc.controller_files.controller_files import VERSION
 from cellcal.drivers.fanuc.controller_files.version_report import read_version_report
-from cellcal.drivers.fanuc.program_files.va_backup import (
-    DRIVES,
-    MASTERING,
-    FanucBackup,
-    read_backup,
-)
+from cellcal.drivers.fanuc.program_files.va_backup import DRIVES, MASTERING, FanucBackup, read_backup
 from cellcal.drivers.fanuc.program_files.va_edits import count_edits, edit_instructions
 from cellcal.drivers.fanuc.program_files.va_mastering import GroupDrives, GroupMastering
 from cellcal.procedures.recovery.record_seal import seal_record
@@ -35,9 +31,7 @@ _NOT_IN_BACKUP = (
 )
 _NO_NUMBER = "whose robot it is: a .VA file holds no serial number of the arm"
 _NO_REFERENCE = "a reference pose: the backup has no quick-master reference of this mastering"
-_VERSION = "VERSION.DG"
 _F_NUMBER = re.compile(r"F\d{4,}")
-_MOST_REPORT_BYTES = 2**20
 
 
 class ArmChoice(Protocol):
@@ -134,10 +128,10 @@ def _require_valid(backup: FanucBackup, group: int) -> tuple[GroupMastering, Gro
 def _is_named(serial: str, folder: Path) -> bool:
     """Tell whether the backup's version report names this robot by its F number; refuse one that names another."""
     wanted = _plain_number(serial)
-    reports = [path for path in folder.iterdir() if path.name.upper() == _VERSION]
-    if not reports or not _F_NUMBER.fullmatch(wanted):
+    report = read_report_in(folder, VERSION) if _F_NUMBER.fullmatch(wanted) else None
+    if report is None:
         return False
-    there = read_version_report(read_backup_file(reports[0], _MOST_REPORT_BYTES), reports[0].name).serial
+    there = read_version_report(report, VERSION).serial
     if _F_NUMBER.fullmatch(_plain_number(there)) and _plain_number(there) != wanted:
         raise RecordFileError(
             make_message(

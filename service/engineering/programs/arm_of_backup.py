@@ -5,15 +5,13 @@ from pathlib import Path
 
 import numpy as np
 
-from cellcal.calibration.arm.kinematics import RobotModel
+from cellcal.calibration.arm.kinematics import MODEL_TOLERANCE_M, RobotModel
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.message import make_message
 from cellcal.service.engineering.programs.project_poses import ProjectError
 
 _REPORT = "CURPOS.DG"
-_MOST_REPORT_BYTES = 2**20
 _GROUP = 1
-_ANOTHER_M = 0.05  # no robot leaves its maker with so much; the arm of another model is further off
 _ALIKE_M = (
     0.003  # shown joints are rounded to 0.01 deg: six of them move the tip of a large arm by 2 mm at most
 )
@@ -36,7 +34,7 @@ def arm_doubts(arm: RobotModel, tools: Mapping[str, Array], folder: Path, where:
         return ()
     ours = arm.base_flange(joints_rad[None])[0] @ flange_tip
     gap_m = float(np.linalg.norm(ours[:3, 3] - base_tip_m))
-    if gap_m > _ANOTHER_M:
+    if gap_m > MODEL_TOLERANCE_M:
         raise ProjectError(
             make_message(
                 "{where}: its controller is of another arm than {model}: at the joints that {report} shows, the tip "
@@ -65,18 +63,15 @@ def arm_doubts(arm: RobotModel, tools: Mapping[str, Array], folder: Path, where:
 def _shown_position(folder: Path) -> tuple[Array, str, Array] | None:
     """Return the joints (n,) [rad], the tool's number and the tip in the base (3,) [m] that the backup shows."""
     # a project without a backup does not wait for the patterns of these files
-    from cellcal.drivers.fanuc.backup_file import read_backup_file  # noqa: PLC0415
+    from cellcal.drivers.fanuc.backup_file import read_report_in  # noqa: PLC0415
     from cellcal.drivers.fanuc.controller_files.position_report import read_position_report  # noqa: PLC0415
     from cellcal.drivers.programs.errors import ProgramFileError  # noqa: PLC0415
 
-    paths = [path for path in folder.iterdir() if path.name.upper() == _REPORT]
-    if not paths:
-        return None
     try:
-        report = read_position_report(read_backup_file(paths[0], _MOST_REPORT_BYTES), paths[0].name)
+        data = read_report_in(folder, _REPORT)
+        group = None if data is None else read_position_report(data, _REPORT).find_group(_GROUP)
     except ProgramFileError:
         return None  # a damaged report tells nothing of the arm; frames and tools stand in other files
-    group = report.find_group(_GROUP)
     if group is None or group.world_tip_mm is None or group.tool is None or group.is_extended:
         return None
     joints = [each for each in group.joints_deg if each is not None]
