@@ -108,9 +108,15 @@ def estimate_arm(
         problem = replace(problem, root=np.sqrt(weights))
     count = len(problem.observations)
     if from_afar and count > 2 * _COARSE:
-        few = problem.select_rows(np.arange(0, count, min(count // _COARSE, _THINNEST)))
-        state = _iterate_steps(_NormalEquations(layout, few), state, enough_m=_NEAR_M).state
+        state = approach_minimum(layout, state, problem).state
     return _iterate_steps(_NormalEquations(layout, problem), state, least_progress=least_progress)
+
+
+def approach_minimum(layout: ParameterLayout, state: ArmState, problem: FitProblem) -> ArmFit:
+    """Come near the minimum with a few hundred of the rows; the cost returned is of these rows."""
+    count = len(problem.observations)
+    few = problem.select_rows(np.arange(0, count, max(min(count // _COARSE, _THINNEST), 1)))
+    return _iterate_steps(_NormalEquations(layout, few), state, enough_m=_NEAR_M)
 
 
 def _iterate_steps(
@@ -238,6 +244,7 @@ def _bounded_inverse(information: Array) -> Array:
 __all__ = [
     "ArmFit",
     "FitProblem",
+    "approach_minimum",
     "errors_m",
     "estimate_arm",
     "inverse_information",

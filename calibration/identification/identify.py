@@ -1,6 +1,8 @@
 """Identification of an arm: which model the measurements support, how good it is, what stays unknown."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 
@@ -51,7 +53,6 @@ from cellcal.calibration.identification.selection import (
     LEVELS,
     IdentificationOptions,
     LevelSelection,
-    fit_level,
     select_level,
 )
 from cellcal.calibration.identification.series_breaks import SeriesBreak
@@ -147,21 +148,44 @@ def identify_arm(
     CalibrationError
         A level that does not exist.
     """
+    return start_identification(model, observations, grouping=grouping, options=options, runner=runner)()
+
+
+def start_identification(
+    model: RobotModel,
+    observations: Observations,
+    *,
+    grouping: Grouping | None = None,
+    options: IdentificationOptions | None = None,
+    runner: PartRunner = SERIAL,
+) -> Callable[[], Identification]:
+    """Begin the long parts of `identify_arm`; return what does the rest and waits for them.
+
+    Raises
+    ------
+    DegenerateDataError
+        Too few rows.
+    CalibrationError
+        A level that does not exist.
+    """
     options = _check_options(model, observations, options or IdentificationOptions())
     grouping = grouping or group_rows(observations.joints_rad)
-    # The long parts first, so that they are not waited for in the end.
     judging = start_judgement(model, observations, grouping, options, runner) if options.judge else None
+    return partial(_finish_identification, model, observations, grouping, options, runner, judging)
+
+
+def _finish_identification(
+    model: RobotModel,
+    observations: Observations,
+    grouping: Grouping,
+    options: IdentificationOptions,
+    runner: PartRunner,
+    judging: Callable[[], Judgement] | None,
+) -> Identification:
     choice = select_level(model, observations, grouping, options, runner)
     runner.show_stage("fitting all rows")
-    robust, frames = (
-        fit_level(model, choice.mounted_observations, choice.places, level, options.priors, options.start)
-        for level in (choice.level, FRAMES)
-    )
-    weighed = robust
-    if choice.level == FRAMES:
-        weighed = fit_level(
-            model, choice.mounted_observations, choice.places, OFFSETS, options.priors, options.start
-        )
+    robust, frames = (choice.fit_level(model, level, options) for level in (choice.level, FRAMES))
+    weighed = choice.fit_level(model, OFFSETS, options) if choice.level == FRAMES else robust
     runner.show_stage("predicting rows by fits and choices that have not seen them")
     judgement = Judgement.without_rows() if judging is None else judging()
     moved: tuple[OffsetContradiction, ...] = ()

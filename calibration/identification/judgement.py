@@ -22,7 +22,6 @@ from cellcal.calibration.identification.selection import (
     LevelSelection,
     errors_in_both_mountings,
     evenly_spaced,
-    fit_level,
     select_level,
 )
 from cellcal.calibration.identification.series_breaks import change_between, mounting_of
@@ -128,10 +127,7 @@ def _judge_fold(
     rows, unsure = _held_out_mountings(choice, observations, training, held_rows)
     held_observations = with_mounting(observations.select_rows(held_rows), rows)
     mounted = choice.mounted_observations
-    frames, fit = (
-        fit_level(model, mounted, choice.places, level, options.priors, options.start)
-        for level in (FRAMES, choice.level)
-    )
+    frames, fit = (choice.fit_level(model, level, options) for level in (FRAMES, choice.level))
     state = fit.fit.state
     before, after = (
         errors_m(each.fit.state, FitProblem.from_observations(each.fit.state, held_observations))

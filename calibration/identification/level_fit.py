@@ -1,5 +1,7 @@
 """One level of an arm's parameters, fitted robustly: which joint terms it has, and its fit."""
 
+from dataclasses import dataclass, replace
+
 import numpy as np
 
 from cellcal.calibration.arm.joint_terms import (
@@ -20,9 +22,16 @@ from cellcal.calibration.identification.free_parameters import (
     prepare_fit,
 )
 from cellcal.calibration.identification.layouts import make_layout, with_further
-from cellcal.calibration.identification.observations import Observations
-from cellcal.calibration.identification.parameters import GEAR, GRAVITY, RIPPLE, ArmState, Priors
-from cellcal.calibration.identification.robust import RobustFit, fit_robustly
+from cellcal.calibration.identification.observations import Observations, Rows
+from cellcal.calibration.identification.parameters import (
+    GEAR,
+    GRAVITY,
+    RIPPLE,
+    ArmState,
+    ParameterLayout,
+    Priors,
+)
+from cellcal.calibration.identification.robust import RobustFit, fit_robustly, refit_robustly
 
 _DISTINCT_ANGLES = 20  # of a joint, before its ripple or gear ratio may be asked for
 _ANGLES_PER_PERIOD = 5  # distinct ones, or a wave is read into gaps
@@ -54,6 +63,42 @@ def terms_of_level(model: RobotModel, joints_rad: Array, level: int) -> tuple[Jo
     return (*terms, *(term for term in gear_terms(model) if distinct[term.source] >= _DISTINCT_ANGLES))
 
 
+@dataclass(frozen=True, slots=True)
+class LevelTask:
+    """What the fit of a level starts from."""
+
+    model: RobotModel
+    places: ArmState  # of devices and tool, as any state of the same arm has them
+    level: int
+    priors: Priors
+    start: StartingPoint
+
+    def prepare(self, observations: Observations) -> tuple[ParameterLayout, ArmState]:
+        """Return the unknowns that these rows carry, and the state at which their fit starts."""
+        places, priors, start = self.places, self.priors, self.start
+        terms = terms_of_level(self.model, observations.joints_rad, self.level)
+        layout = make_layout(
+            self.model, observations.kind, len(places.devices), level=self.level, terms=terms, priors=priors
+        )
+        layout = with_further(layout, len(places.further), priors)
+        layout, state = prepare_fit(layout, terms, self.model, places, start, priors)
+        if start.covariance is not None and not start.free and isinstance(layout, PartLayout):
+            layout = decorrelate_layout(layout, EarlierPosterior(start.names, start.covariance))
+        return layout, state
+
+    def refit(self, whole: RobustFit, rows: Rows) -> RobustFit:
+        """Fit some of the rows (K,) of a fit of this level robustly, from where that one ended."""
+        layout, state = self.prepare(whole.problem.observations.select_rows(rows))
+        return refit_robustly(layout, _continue_from(whole.fit.state, state), whole, rows)
+
+
+def _continue_from(ended: ArmState, start: ArmState) -> ArmState:
+    """Return where a fit ended, with the joint terms of a start."""
+    found = dict(zip(ended.terms, ended.coefficients, strict=True))
+    values = [found.get(term, value) for term, value in zip(start.terms, start.coefficients, strict=True)]
+    return replace(ended, terms=start.terms, coefficients=np.array(values, dtype=float))
+
+
 def fit_level(
     model: RobotModel,
     observations: Observations,
@@ -63,13 +108,6 @@ def fit_level(
     start: StartingPoint | None = None,
 ) -> RobustFit:
     """Fit one level robustly, from the places of devices and tool that any state of the same arm has."""
-    terms = terms_of_level(model, observations.joints_rad, level)
-    layout = make_layout(
-        model, observations.kind, len(places.devices), level=level, terms=terms, priors=priors
-    )
-    layout = with_further(layout, len(places.further), priors)
-    start = start or StartingPoint()
-    layout, state = prepare_fit(layout, terms, model, places, start, priors)
-    if start.covariance is not None and not start.free and isinstance(layout, PartLayout):
-        layout = decorrelate_layout(layout, EarlierPosterior(start.names, start.covariance))
+    task = LevelTask(model, places, level, priors, start or StartingPoint())
+    layout, state = task.prepare(observations)
     return fit_robustly(layout, state, FitProblem.from_observations(state, observations))

@@ -13,7 +13,7 @@ class MisfitError(CalibrationError):
 
     code = "calibration.misfit"
 
-    def __init__(self, message: str, *, remedy: str, causes: tuple["MisfitCause", ...] = ()) -> None:
+    def __init__(self, message: str, *, remedy: str = "", causes: tuple["MisfitCause", ...] = ()) -> None:
         super().__init__(message, remedy=remedy)
         self.causes = causes
 

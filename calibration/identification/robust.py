@@ -75,15 +75,37 @@ def fit_robustly(layout: ParameterLayout, start: ArmState, problem: FitProblem) 
     if not len(layout):
         return _without_fit(layout, start, problem)
     fit = estimate_arm(layout, start, problem, from_afar=True)
-    weights = np.ones(len(problem.observations))
+    return _settle_weights(fit, problem, np.ones(len(problem.observations)))
+
+
+def refit_robustly(layout: ParameterLayout, start: ArmState, whole: RobustFit, rows: Rows) -> RobustFit:
+    """Fit some of the rows (K,) of a fit as `fit_robustly` does, from the weights and scales of that one.
+
+    What the rows left out did to the start is gone when the iteration has settled.
+    """
+    observations = whole.problem.observations.select_rows(rows)
+    problem = FitProblem.from_observations(start, observations)
+    if not len(layout):
+        return _without_fit(layout, start, problem)
+    weights = _cauchy_weights(whole.deviations[rows])
+    return _settle_weights(estimate_arm(layout, start, problem, weights), problem, weights)
+
+
+def _cauchy_weights(deviations: Array) -> Array:
+    weights: Array = 1.0 / (1.0 + deviations**2 / _CAUCHY**2)
+    return weights
+
+
+def _settle_weights(fit: ArmFit, problem: FitProblem, weights: Array) -> RobustFit:
+    """Repeat fit and weights until they agree; then reject rows."""
     problem, standardised = _rescale_problem(fit, problem, weights)
     for _ in range(_MAX_ROUNDS):
-        fresh = 1.0 / (1.0 + (standardised**2).sum(axis=0) / _CAUCHY**2)
+        fresh = _cauchy_weights(np.linalg.norm(standardised, axis=0))
         settled = float(np.abs(fresh - weights).max()) < _WEIGHTS_SETTLED
         weights = fresh
         if settled:
             break
-        fit = estimate_arm(layout, fit.state, problem, weights)
+        fit = estimate_arm(fit.layout, fit.state, problem, weights)
         problem, standardised = _rescale_problem(fit, problem, weights)
     return _reject_and_refit(fit, problem, standardised)
 

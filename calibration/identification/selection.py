@@ -19,7 +19,7 @@ from cellcal.calibration.identification.cross_validation import (
 from cellcal.calibration.identification.estimator import FitProblem, errors_m, estimate_arm
 from cellcal.calibration.identification.free_parameters import StartingPoint, all_joint_terms, level_of
 from cellcal.calibration.identification.layouts import make_layout
-from cellcal.calibration.identification.level_fit import fit_level, terms_of_level
+from cellcal.calibration.identification.level_fit import LevelTask, fit_level, terms_of_level
 from cellcal.calibration.identification.observations import Observations, Rows, with_mounting
 from cellcal.calibration.identification.parameters import (
     FRAMES,
@@ -33,6 +33,7 @@ from cellcal.calibration.identification.parameters import (
     Priors,
     nominal_state,
 )
+from cellcal.calibration.identification.robust import RobustFit
 from cellcal.calibration.identification.series_breaks import (
     FrameFits,
     SeriesBreak,
@@ -80,6 +81,12 @@ class LevelSelection:
     mounted_observations: Observations  # the rows with their mountings
     level: int
     level_reasons: tuple[str, ...]
+    fits: Mapping[int, RobustFit]  # of all the rows, by level, as far as the choice needed them
+
+    def fit_level(self, model: RobotModel, level: int, options: IdentificationOptions) -> RobustFit:
+        """Return the robust fit of a level to all the rows."""
+        rows, places = self.mounted_observations, self.places
+        return self.fits.get(level) or fit_level(model, rows, places, level, options.priors, options.start)
 
 
 def select_level(
@@ -120,7 +127,8 @@ def select_level(
     folds = assign_folds(groups, options.folds, options.seed)
     trial = _LevelTrial(model, mounted.select_rows(rows), groups, folds, places, options)
     level, reasons = _choose_level(trial, options.level, runner)
-    return LevelSelection(breaks, break_reasons, places, mounted, level, reasons)
+    of_all_rows = trial.fits if len(rows) == len(observations) else {}
+    return LevelSelection(breaks, break_reasons, places, mounted, level, reasons, of_all_rows)
 
 
 def evenly_spaced(count: int, most: int) -> Rows:
@@ -138,6 +146,7 @@ class _LevelTrial:
     folds: Rows
     places: ArmState
     options: IdentificationOptions
+    fits: dict[int, RobustFit] = field(default_factory=dict)  # of all rows, by level
 
     def unknown_count(self, level: int) -> int:
         """Return how many unknowns a level has."""
@@ -153,10 +162,16 @@ class _LevelTrial:
         level = level_of(start, every)
         return level, (f"level {level}, {LEVEL_NAMES[level]}, has what is free: {', '.join(start.free)}",)
 
-    def start_level(self, level: int, runner: PartRunner) -> Callable[[], Array]:
-        """Begin the fits of a level without each fold; return what waits for `held_out`."""
+    def start_level(self, level: int, runner: PartRunner) -> Callable[[], Callable[[], Array]]:
+        """Begin the fit of a level to all rows; return what waits for it and begins the fits without each fold."""
+        whole = runner.submit(_fit_whole, self, level)
+        return lambda: self._start_folds(level, whole(), runner)
+
+    def _start_folds(self, level: int, whole: RobustFit, runner: PartRunner) -> Callable[[], Array]:
+        """Begin the fits without each fold; return what waits for the errors (N,)."""
+        self.fits[level] = whole
         folds = range(int(self.folds.max()) + 1)
-        fitted = [runner.submit(_errors_of_fold, self, level, fold) for fold in folds]
+        fitted = [runner.submit(_errors_of_fold, self, level, whole, fold) for fold in folds]
         return partial(self._join_folds, fitted)
 
     def _join_folds(self, fitted: Sequence[Callable[[], Array]]) -> Array:
@@ -167,11 +182,16 @@ class _LevelTrial:
         return errors
 
 
-def _errors_of_fold(trial: _LevelTrial, level: int, fold: int) -> Array:
+def _fit_whole(trial: _LevelTrial, level: int) -> RobustFit:
+    options = trial.options
+    return fit_level(trial.model, trial.observations, trial.places, level, options.priors, options.start)
+
+
+def _errors_of_fold(trial: _LevelTrial, level: int, whole: RobustFit, fold: int) -> Array:
     """Return the errors of a fold's rows, predicted by a fit of the others."""
     training, held_rows = np.flatnonzero(trial.folds != fold), np.flatnonzero(trial.folds == fold)
-    rows, options = trial.observations.select_rows(training), trial.options
-    state = fit_level(trial.model, rows, trial.places, level, options.priors, options.start).fit.state
+    task = LevelTask(trial.model, trial.places, level, trial.options.priors, trial.options.start)
+    state = task.refit(whole, training).fit.state
     return errors_m(state, FitProblem.from_observations(state, trial.observations.select_rows(held_rows)))
 
 
@@ -194,8 +214,9 @@ def _choose_level(
     voting = np.ones(len(trial.observations), dtype=bool)
     runner.show_stage("comparing levels on rows left out")
     # Gear ratios wait for what ripple does.
-    begun = {level: trial.start_level(level, runner) for level in possible if level != GEAR}
-    held_out = cache(lambda level: (begun.get(level) or trial.start_level(level, runner))())
+    whole = {level: trial.start_level(level, runner) for level in possible if level != GEAR}
+    begun = {level: start_folds() for level, start_folds in whole.items()}
+    held_out = cache(lambda level: (begun.get(level) or trial.start_level(level, runner)())())
     level, reasons = best_level(possible, held_out, trial.grouping.groups, voting)
     if few and level < GEOMETRY in possible:
         raised, why = _level_of_few(level, {each: held_out(each) for each in (level, GEOMETRY)})

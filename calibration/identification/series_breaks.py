@@ -9,7 +9,13 @@ import numpy as np
 from cellcal.calibration.arm.kinematics import RobotModel
 from cellcal.calibration.errors import DegenerateDataError
 from cellcal.calibration.geometry import Array
-from cellcal.calibration.identification.estimator import ArmFit, FitProblem, estimate_arm, place_columns
+from cellcal.calibration.identification.estimator import (
+    ArmFit,
+    FitProblem,
+    approach_minimum,
+    estimate_arm,
+    place_columns,
+)
 from cellcal.calibration.identification.first_guess import first_guess
 from cellcal.calibration.identification.layouts import make_layout
 from cellcal.calibration.identification.observations import Observations, Rows, with_mounting
@@ -19,6 +25,7 @@ _SHORTEST = 12  # rows of one mounting
 _MOST_BREAKS = 8
 _CAPPED_COST = 100.0
 _CHANGE_COST = 50.0
+_FAR_WORSE = 4.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,12 +42,17 @@ def mounting_of(count: int, breaks: Sequence[int]) -> Rows:
 
 
 def fit_frames(model: RobotModel, observations: Observations, breaks: Sequence[int]) -> ArmFit:
-    """Fit places of devices and tool to the nominal arm, from the best of all starts."""
+    """Fit places of devices and tool to the nominal arm, from the best of all starts.
+
+    A start that leads some of the rows to a far worse place is not followed with all of them.
+    """
     mounted = with_mounting(observations, mounting_of(len(observations), breaks))
-    fits = []
-    for start in first_guess(model, mounted):
-        layout = make_layout(model, mounted.kind, len(start.devices), level=FRAMES)
-        fits.append(estimate_arm(layout, start, FitProblem.from_observations(start, mounted), from_afar=True))
+    starts = first_guess(model, mounted)
+    layout = make_layout(model, mounted.kind, len(starts[0].devices), level=FRAMES)
+    problem = FitProblem.from_observations(starts[0], mounted)
+    near = [approach_minimum(layout, start, problem) for start in starts]
+    least = min(fit.cost for fit in near)
+    fits = [estimate_arm(layout, fit.state, problem) for fit in near if fit.cost <= _FAR_WORSE * least]
     return min(fits, key=lambda fit: fit.cost)
 
 

@@ -18,8 +18,10 @@ from cellcal.calibration.identification.estimator import (
     whitened_residuals,
 )
 from cellcal.calibration.identification.first_guess import first_guess
+from cellcal.calibration.identification.free_parameters import StartingPoint
 from cellcal.calibration.identification.identify import identify_arm
 from cellcal.calibration.identification.layouts import make_layout
+from cellcal.calibration.identification.level_fit import LevelTask
 from cellcal.calibration.identification.observations import (
     LengthObservations,
     PointObservations,
@@ -49,12 +51,15 @@ def fit_at_level(simulated, level=GEOMETRY):
     return fit_level(simulated.model, simulated.observations, start, level, Priors())
 
 
-def tip_error_m(simulated, state, joints):
-    found = state.seen_from(0).base_flange(
+def tip_places_m(state, joints):
+    return state.seen_from(0).base_flange(
         state.moved_joints(joints, term_values(state.nominal, joints, state.terms))
-    )
+    )[:, :3, 3]
+
+
+def tip_error_m(simulated, state, joints):
     return np.linalg.norm(
-        found[:, :3, 3] - simulated.truth.seen_from(0).base_flange(joints)[:, :3, 3], axis=1
+        tip_places_m(state, joints) - simulated.truth.seen_from(0).base_flange(joints)[:, :3, 3], axis=1
     )
 
 
@@ -126,6 +131,25 @@ def test_a_model_without_a_dh_table_is_identified_by_twists():
     robust = fit_at_level(replace(simulated, model=bare))
     joints = random_joints(bare, np.random.default_rng(5), 100)
     assert np.sqrt(np.mean(tip_error_m(simulated, robust.fit.state, joints) ** 2)) < 1.5e-4
+
+
+@pytest.mark.parametrize("level", [FRAMES, GEOMETRY, RIPPLE])
+def test_a_fit_of_some_rows_is_the_same_from_the_fit_of_all_and_from_the_start(level):
+    simulated = tracker_points("ur10", 120, seed=4)
+    bad = np.arange(5, 120, 24)
+    positions_m = simulated.observations.positions_m.copy()
+    positions_m[bad] += 0.02
+    rows = replace(simulated.observations, positions_m=positions_m)
+    task = LevelTask(simulated.model, best_start(simulated.model, rows), level, Priors(), StartingPoint())
+    whole = fit_level(task.model, rows, task.places, level, task.priors)
+    some = np.flatnonzero(np.arange(120) % 5 != 2)
+    afresh = fit_level(task.model, rows.select_rows(some), task.places, level, task.priors)
+    continued = task.refit(whole, some)
+    assert np.array_equal(continued.rejected, afresh.rejected)
+    assert np.isin(some[afresh.rejected], bad).all()
+    joints_rad = random_joints(simulated.model, np.random.default_rng(1), 50)
+    apart_m = tip_places_m(continued.fit.state, joints_rad) - tip_places_m(afresh.fit.state, joints_rad)
+    assert np.abs(apart_m).max() < 1e-6
 
 
 def test_sag_is_distinguished_from_offsets():

@@ -13,6 +13,7 @@ import pytest
 
 from cellcal.calibration.errors import DegenerateDataError
 from cellcal.calibration.identification.identify import identify_arm
+from cellcal.calibration.identification.misfit_error import MisfitCause, MisfitError
 from cellcal.calibration.identification.work_parts import PartRunner
 from cellcal.service.engineering.identification import forked_parts
 from cellcal.service.engineering.identification.forked_parts import (
@@ -97,6 +98,17 @@ def test_what_a_part_raises_arrives_whole() -> None:
     with two_processes() as runner, pytest.raises(DegenerateDataError, match="too few rows") as raised:
         runner.submit(refuse)()
     assert (raised.value.remedy, raised.value.condition) == ("Measure more.", 7.0)
+
+
+def refuse_misfit_with_cause() -> None:
+    cause = MisfitCause(("sign",), "joint 2 turns the other way", "Give `--sign`.", 1e-4)
+    raise MisfitError("the measurements do not fit.", remedy="Nothing was stored.", causes=(cause,))
+
+
+def test_a_misfit_found_by_a_part_arrives_with_its_causes() -> None:
+    with two_processes() as runner, pytest.raises(MisfitError, match="do not fit") as raised:
+        runner.submit(refuse_misfit_with_cause)()
+    assert (raised.value.remedy, raised.value.causes[0].kinds) == ("Nothing was stored.", ("sign",))
 
 
 def test_an_interruption_ends_the_processes_at_once() -> None:

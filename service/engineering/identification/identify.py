@@ -1,8 +1,9 @@
 """The use case behind ``cellcal identify``: read, sharpen, fit, cross-validate, check. Prints nothing."""
 
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +13,7 @@ from cellcal.calibration.geometry import Array
 from cellcal.calibration.identification.cross_validation import ErrorSummary, Grouping, group_rows
 from cellcal.calibration.identification.effect_lint import without_play
 from cellcal.calibration.identification.free_parameters import PartLayout, parameter_values
-from cellcal.calibration.identification.identify import Identification, identify_arm
+from cellcal.calibration.identification.identify import Identification, start_identification
 from cellcal.calibration.identification.last_joint import DIRECTION, last_joint_note
 from cellcal.calibration.identification.lints import Lint
 from cellcal.calibration.identification.misfit import refuse_gross_misfit, refuse_misfit
@@ -189,30 +190,9 @@ def identify_file(
     prepared = prepare_measurements(path, model, options.read)
     runner.show_stage("looking whether the rows fit the robot")
     start = read_start(options.start, model, prepared.observations.kind)
-    chain = start.point.rigid_arm(model)
     with naming_fixed_joints(path, robot, options.read):
-        refuse_misfit(chain, prepared.observations, file_names(prepared.measurements))
-    _refuse_changes(chain, prepared)
-    train, held_out = _split_rows(len(prepared.observations), options)
-    grouping = group_rows(
-        prepared.measurements.observations.joints_rad[train], prepared.grouping.groups[train]
-    )
-    grouping = Grouping(grouping.groups, prepared.grouping.kind)
-    prepared = _at_one_temperature(model, prepared, train, grouping)
-    scale = _believed_scale(chain, prepared.observations.select_rows(train))
-    found = identify_arm(
-        model,
-        prepared.observations.select_rows(train),
-        grouping=grouping,
-        options=IdentificationOptions(
-            level=options.level,
-            seed=options.seed,
-            judge=not len(held_out) or options.residual_model,
-            start=start.point,
-            residual_model=options.residual_model,
-        ),
-        runner=runner,
-    )
+        fitted = _fit_rows(model, prepared, start, options, runner)
+    prepared, (train, held_out), found = fitted.prepared, fitted.split, fitted.found
     breaks = [int(train[item.row]) for item in found.breaks]
     judged = _judge_held_out(prepared, found, (train, held_out), breaks)
     refuse_gross_misfit(model, prepared.observations, judged.held_out_m, prepared.measurements.targets[0])
@@ -220,15 +200,10 @@ def identify_file(
     if options.check is not None:
         checked = check_file(options.check, options.read, found, prepared)
     measurements = prepared.measurements
-    noticed = [
-        *prepared.noticed,
-        *(lint_repeated_postures(measurements, train, held_out) if len(held_out) else ()),
-    ]
-    noticed += _lints_of_rows(chain, prepared.observations.select_rows(train), scale)
-    of_fit = lints_of_fit(found, judged.before_m, prepared, train)
-    noticed += without_play(of_fit) if any(lint.code == DIRECTION for lint in noticed) else of_fit
-    noticed += lints_of_start(found, start)
-    noticed += _lints_of_free(start, judged)
+    noticed = [*prepared.noticed]
+    if len(held_out):
+        noticed += lint_repeated_postures(measurements, train, held_out)
+    noticed += _lints_of_rows(fitted, lints_of_fit(found, judged.before_m, prepared, train))
     return IdentifyReport(
         robot=model.name,
         rows=measurements.read,
@@ -242,7 +217,7 @@ def identify_file(
         identification=found,
         measurements=measurements,
         parameters=_identified_parameters(found, start.sigmas),
-        lints=(*noticed, *(() if checked is None else checked.lints)),
+        lints=(*noticed, *_lints_of_start(found, start, judged), *(() if checked is None else checked.lints)),
         breaks=tuple(int(measurements.rows[row]) for row in breaks),
         held_out_rows=measurements.rows[judged.rows],
         held_out_m=judged.held_out_m,
@@ -256,8 +231,73 @@ def identify_file(
     )
 
 
-def _lints_of_rows(chain: RobotModel, observations: Observations, scale: PositionScale | None) -> list[Lint]:
-    return [*scale_note(scale), *last_joint_note(chain, observations)]
+@dataclass(frozen=True, eq=False)
+class _FittedRows:
+    """The identification of some of a file's rows, and what was found about them beside it."""
+
+    prepared: PreparedMeasurements  # at one temperature
+    split: tuple[Rows, Rows]  # rows that were fitted, and rows held out
+    chain: RobotModel
+    found: Identification
+    scale: PositionScale | None
+
+    @property
+    def rows(self) -> Observations:
+        """The rows that were fitted."""
+        return self.prepared.observations.select_rows(self.split[0])
+
+
+def _fit_rows(
+    model: RobotModel,
+    prepared: PreparedMeasurements,
+    start: IdentificationStart,
+    options: IdentifyOptions,
+    runner: PartRunner,
+) -> _FittedRows:
+    """Identify the arm; whether the rows fit it at all is found out beside the long parts, and refused first."""
+    chain = start.point.rigid_arm(model)
+    wait_for_check = cache(runner.submit(_refuse_other_causes, chain, prepared))
+    train, held_out = _split_rows(len(prepared.observations), options)
+    grouping = group_rows(
+        prepared.measurements.observations.joints_rad[train], prepared.grouping.groups[train]
+    )
+    grouping = Grouping(grouping.groups, prepared.grouping.kind)
+    if prepared.measurements.temperature is not None:  # its effect is that of rows that fit
+        wait_for_check()
+        prepared = _at_one_temperature(model, prepared, train, grouping)
+    rows = prepared.observations.select_rows(train)
+    wait_for_scale = runner.submit(_believed_scale, chain, rows)
+    identify = start_identification(
+        model, rows, grouping=grouping, options=_options_of_fit(options, start, held_out), runner=runner
+    )
+    wait_for_check()
+    scale = wait_for_scale()
+    return _FittedRows(prepared, (train, held_out), chain, identify(), scale)
+
+
+def _options_of_fit(
+    options: IdentifyOptions, start: IdentificationStart, held_out: Rows
+) -> IdentificationOptions:
+    return IdentificationOptions(
+        level=options.level,
+        seed=options.seed,
+        judge=not len(held_out) or options.residual_model,
+        start=start.point,
+        residual_model=options.residual_model,
+    )
+
+
+def _lints_of_rows(fitted: _FittedRows, of_fit: Sequence[Lint]) -> list[Lint]:
+    """Return what is noticed about rows, and what about their fit as far as they leave it open."""
+    of_joint = last_joint_note(fitted.chain, fitted.rows)
+    hides_play = any(lint.code == DIRECTION for lint in of_joint)
+    return [*scale_note(fitted.scale), *of_joint, *(without_play(of_fit) if hides_play else of_fit)]
+
+
+def _lints_of_start(
+    found: Identification, start: IdentificationStart, judged: "_HeldOutErrors"
+) -> list[Lint]:
+    return [*lints_of_start(found, start), *_lints_of_free(start, judged)]
 
 
 def _at_one_temperature(
