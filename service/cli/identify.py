@@ -12,7 +12,8 @@ from cellcal.service.cli.model_argument import ModelArgument
 
 if TYPE_CHECKING:
     from cellcal.service.engineering.identification.at_points import AtOptions
-    from cellcal.service.engineering.identification.identify import IdentifyOptions, IdentifyReport
+    from cellcal.service.engineering.identification.identify import IdentifyReport
+    from cellcal.service.engineering.identification.row_fit import IdentifyOptions
     from cellcal.service.engineering.measured.measurements import ReadOptions
 
 _MM = {"mm": 1e-3, "um": 1e-6, "m": 1.0}
@@ -143,9 +144,9 @@ def identify(  # noqa: PLR0913  # a command's options are its arguments
     from cellcal.calibration.cells.levels import CellOptions
     from cellcal.service.cli.identify_cell import CellCommand, identify_cell, refuse_for_a_cell
     from cellcal.service.engineering.identification.at_points import AtOptions
-    from cellcal.service.engineering.identification.identify import IdentifyOptions
     from cellcal.service.engineering.identification.identify_start import StartOptions
     from cellcal.service.engineering.identification.identify_verdicts import IdentificationLimits
+    from cellcal.service.engineering.identification.row_fit import IdentifyOptions
     from cellcal.service.engineering.measured.cells import describes_a_cell
     from cellcal.service.engineering.measured.layouts import overlay_options, read_layout
     from cellcal.service.engineering.measured.measurements import ReadOptions

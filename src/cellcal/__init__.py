@@ -20,7 +20,8 @@ if TYPE_CHECKING:
     from cellcal.calibration.identification.reading_prediction import ReadingPrediction, predict_readings
     from cellcal.drivers.programs.positions import ProgramFile
     from cellcal.library import identify, load_robot, read_measurements, read_program, robot_names
-    from cellcal.service.engineering.identification.identify import IdentifyOptions, IdentifyReport
+    from cellcal.service.engineering.identification.identify import IdentifyReport
+    from cellcal.service.engineering.identification.row_fit import IdentifyOptions
     from cellcal.service.engineering.measured.measurements import Measurements, ReadOptions
 
 __all__ = [
@@ -46,7 +47,7 @@ __all__ = [
 _MODULES = {
     "CellError": "cellcal.calibration.errors",
     "Compensation": "cellcal.calibration.compensation.compensate",
-    "IdentifyOptions": "cellcal.service.engineering.identification.identify",
+    "IdentifyOptions": "cellcal.service.engineering.identification.row_fit",
     "IdentifyReport": "cellcal.service.engineering.identification.identify",
     "Measurements": "cellcal.service.engineering.measured.measurements",
     "ProgramFile": "cellcal.drivers.programs.positions",

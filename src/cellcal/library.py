@@ -7,11 +7,8 @@ from cellcal.calibration.arm.kinematics import RobotModel, load_model
 from cellcal.calibration.arm.robot_models import known_names
 from cellcal.drivers.program_registry import read_program as read_program_data
 from cellcal.drivers.programs.positions import ProgramFile
-from cellcal.service.engineering.identification.identify import (
-    IdentifyOptions,
-    IdentifyReport,
-    identify_file,
-)
+from cellcal.service.engineering.identification.identify import IdentifyReport, identify_file
+from cellcal.service.engineering.identification.row_fit import IdentifyOptions
 from cellcal.service.engineering.measured.measurements import Measurements, ReadOptions
 from cellcal.service.engineering.measured.measurements import read_measurements as read_measurement_file
 from cellcal.service.engineering.programs.files import read_bytes

@@ -6,7 +6,8 @@ from scipy.optimize import brentq
 
 from cellcal.calibration.arm.kinematics import load_model
 from cellcal.calibration.arm.model_references import is_linkage
-from cellcal.service.engineering.identification.identify import IdentifyOptions, identify_file
+from cellcal.service.engineering.identification.identify import identify_file
+from cellcal.service.engineering.identification.row_fit import IdentifyOptions
 from tests.unit.helpers.hidden_arm import NOISE_M
 
 ROBOT = "abb_irb2400"

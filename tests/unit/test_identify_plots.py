@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cellcal.service.engineering.identification.identify import IdentifyOptions, identify_file
+from cellcal.service.engineering.identification.identify import identify_file
+from cellcal.service.engineering.identification.row_fit import IdentifyOptions
 from cellcal.service.engineering.plots.correlations import strong_pairs
 from cellcal.service.engineering.plots.evidence import IdentificationEvidence, places_of, thin_rows
 from cellcal.service.engineering.plots.identify_plots import draw_identification

@@ -7,7 +7,8 @@ import pytest
 
 from cellcal.calibration.errors import CellError
 from cellcal.service.cli.app import run_command_line
-from cellcal.service.engineering.identification.identify import IdentifyOptions, identify_file
+from cellcal.service.engineering.identification.identify import identify_file
+from cellcal.service.engineering.identification.row_fit import IdentifyOptions
 from cellcal.service.engineering.measured.table import MeasurementError
 from tests.unit.helpers.simulated_arm import tracker_points, wire_lengths
 

@@ -9,7 +9,8 @@ from cellcal.calibration.arm.kinematics import load_model
 from cellcal.calibration.identification import lints
 from cellcal.calibration.identification.drift_lint import drift_with, order_drift, temperature_drift
 from cellcal.calibration.identification.sweep_lint import sweep_lint
-from cellcal.service.engineering.identification.identify import IdentifyOptions, identify_file
+from cellcal.service.engineering.identification.identify import identify_file
+from cellcal.service.engineering.identification.row_fit import IdentifyOptions
 from tests.unit.helpers.simulated_arm import random_joints, tracker_points
 from tests.unit.test_identify_report import file_of
 

@@ -22,7 +22,8 @@ from cellcal.calibration.motion.motion_check import MotionLimits, check_moves
 from cellcal.calibration.orientation import values_from
 from cellcal.service.cli.app import run_command_line
 from cellcal.service.engineering.identification.cell_identify import identify_cell_file
-from cellcal.service.engineering.identification.identify import IdentifyOptions, identify_file
+from cellcal.service.engineering.identification.identify import identify_file
+from cellcal.service.engineering.identification.row_fit import IdentifyOptions
 from cellcal.service.engineering.measured.measurements import ReadOptions
 from cellcal.service.engineering.measured.table import MeasurementError
 from tests.unit.helpers.hidden_arm import NOISE_M, HiddenArm, calibrate

@@ -8,7 +8,8 @@ import pytest
 from cellcal.calibration.arm.kinematics import load_model
 from cellcal.calibration.identification.cross_validation import group_rows
 from cellcal.calibration.identification.temperature import temperature_effect, temperature_note
-from cellcal.service.engineering.identification.identify import IdentifyOptions, identify_file
+from cellcal.service.engineering.identification.identify import identify_file
+from cellcal.service.engineering.identification.row_fit import IdentifyOptions
 from tests.unit.helpers.simulated_arm import tracker_points, wire_lengths
 from tests.unit.test_identify_report import file_of
 

@@ -2,39 +2,27 @@
 
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field
-from functools import cache
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
 
-from cellcal.calibration.arm.kinematics import RobotModel, load_model
+from cellcal.calibration.arm.kinematics import load_model
 from cellcal.calibration.geometry import Array
-from cellcal.calibration.identification.cross_validation import ErrorSummary, Grouping, group_rows
+from cellcal.calibration.identification.cross_validation import ErrorSummary
 from cellcal.calibration.identification.effect_lint import without_play
 from cellcal.calibration.identification.free_parameters import PartLayout, parameter_values
-from cellcal.calibration.identification.identify import Identification, start_identification
+from cellcal.calibration.identification.identify import Identification
 from cellcal.calibration.identification.last_joint import DIRECTION, last_joint_note
 from cellcal.calibration.identification.lints import Lint
-from cellcal.calibration.identification.misfit import refuse_gross_misfit, refuse_misfit
+from cellcal.calibration.identification.misfit import refuse_gross_misfit
 from cellcal.calibration.identification.observations import Observations, Rows, with_mounting
 from cellcal.calibration.identification.parameters import LEVEL_NAMES
 from cellcal.calibration.identification.position_scale import (
-    PositionScale,
-    position_scale,
-    refuse_wrong_scale,
     scale_note,
 )
 from cellcal.calibration.identification.residual_model import errors_with
-from cellcal.calibration.identification.selection import IdentificationOptions
 from cellcal.calibration.identification.series_breaks import mounting_of
-from cellcal.calibration.identification.series_changes import find_series_changes, refuse_series_changes
-from cellcal.calibration.identification.target_change import (
-    find_target_change,
-    refuse_target_change,
-    series_columns,
-)
-from cellcal.calibration.identification.temperature import temperature_effect
 from cellcal.calibration.identification.tip_uncertainty import HayatiTable, hayati_table
 from cellcal.calibration.identification.work_parts import SERIAL, PartRunner
 from cellcal.calibration.message import make_message
@@ -43,10 +31,8 @@ from cellcal.service.engineering.identification.fixed_joints import naming_fixed
 from cellcal.service.engineering.identification.identify_check import (
     CheckedFile,
     PreparedMeasurements,
-    at_temperature,
     check_file,
     errors_of,
-    file_names,
     lint_repeated_postures,
     lints_of_fit,
     lints_of_start,
@@ -54,7 +40,6 @@ from cellcal.service.engineering.identification.identify_check import (
 )
 from cellcal.service.engineering.identification.identify_start import (
     IdentificationStart,
-    StartOptions,
     places_document,
     read_start,
 )
@@ -63,23 +48,9 @@ from cellcal.service.engineering.identification.identify_verdicts import (
     IdentificationVerdicts,
     judge_limits,
 )
-from cellcal.service.engineering.measured.measurements import OUTLIER, Measurements, ReadOptions, RejectedRow
-from cellcal.service.engineering.measured.table import MeasurementError
+from cellcal.service.engineering.identification.row_fit import FittedRows, IdentifyOptions, fit_rows
+from cellcal.service.engineering.measured.measurements import OUTLIER, Measurements, RejectedRow
 from cellcal.service.engineering.parameters.identified_parameter import IdentifiedParameter
-
-
-@dataclass(frozen=True, slots=True)
-class IdentifyOptions:
-    """What a person may ask of an identification."""
-
-    level: int | None = None
-    check: Path | None = None
-    train_rows: int | None = None
-    seed: int = 0
-    read: ReadOptions = field(default_factory=ReadOptions)
-    start: StartOptions = field(default_factory=StartOptions)
-    residual_model: bool = False
-    limits: IdentificationLimits = field(default_factory=IdentificationLimits)
 
 
 @dataclass(frozen=True, eq=False)
@@ -191,7 +162,7 @@ def identify_file(
     runner.show_stage("looking whether the rows fit the robot")
     start = read_start(options.start, model, prepared.observations.kind)
     with naming_fixed_joints(path, robot, options.read):
-        fitted = _fit_rows(model, prepared, start, options, runner)
+        fitted = fit_rows(model, prepared, start, options, runner)
     prepared, (train, held_out), found = fitted.prepared, fitted.split, fitted.found
     breaks = [int(train[item.row]) for item in found.breaks]
     judged = _judge_held_out(prepared, found, (train, held_out), breaks)
@@ -231,63 +202,7 @@ def identify_file(
     )
 
 
-@dataclass(frozen=True, eq=False)
-class _FittedRows:
-    """The identification of some of a file's rows, and what was found about them beside it."""
-
-    prepared: PreparedMeasurements  # at one temperature
-    split: tuple[Rows, Rows]  # rows that were fitted, and rows held out
-    chain: RobotModel
-    found: Identification
-    scale: PositionScale | None
-
-    @property
-    def rows(self) -> Observations:
-        """The rows that were fitted."""
-        return self.prepared.observations.select_rows(self.split[0])
-
-
-def _fit_rows(
-    model: RobotModel,
-    prepared: PreparedMeasurements,
-    start: IdentificationStart,
-    options: IdentifyOptions,
-    runner: PartRunner,
-) -> _FittedRows:
-    """Identify the arm; whether the rows fit it at all is found out beside the long parts, and refused first."""
-    chain = start.point.rigid_arm(model)
-    wait_for_check = cache(runner.submit(_refuse_other_causes, chain, prepared))
-    train, held_out = _split_rows(len(prepared.observations), options)
-    grouping = group_rows(
-        prepared.measurements.observations.joints_rad[train], prepared.grouping.groups[train]
-    )
-    grouping = Grouping(grouping.groups, prepared.grouping.kind)
-    if prepared.measurements.temperature is not None:  # its effect is that of rows that fit
-        wait_for_check()
-        prepared = _at_one_temperature(model, prepared, train, grouping)
-    rows = prepared.observations.select_rows(train)
-    wait_for_scale = runner.submit(_believed_scale, chain, rows)
-    identify = start_identification(
-        model, rows, grouping=grouping, options=_options_of_fit(options, start, held_out), runner=runner
-    )
-    wait_for_check()
-    scale = wait_for_scale()
-    return _FittedRows(prepared, (train, held_out), chain, identify(), scale)
-
-
-def _options_of_fit(
-    options: IdentifyOptions, start: IdentificationStart, held_out: Rows
-) -> IdentificationOptions:
-    return IdentificationOptions(
-        level=options.level,
-        seed=options.seed,
-        judge=not len(held_out) or options.residual_model,
-        start=start.point,
-        residual_model=options.residual_model,
-    )
-
-
-def _lints_of_rows(fitted: _FittedRows, of_fit: Sequence[Lint]) -> list[Lint]:
+def _lints_of_rows(fitted: FittedRows, of_fit: Sequence[Lint]) -> list[Lint]:
     """Return what is noticed about rows, and what about their fit as far as they leave it open."""
     of_joint = last_joint_note(fitted.chain, fitted.rows)
     hides_play = any(lint.code == DIRECTION for lint in of_joint)
@@ -298,17 +213,6 @@ def _lints_of_start(
     found: Identification, start: IdentificationStart, judged: "_HeldOutErrors"
 ) -> list[Lint]:
     return [*lints_of_start(found, start), *_lints_of_free(start, judged)]
-
-
-def _at_one_temperature(
-    model: RobotModel, prepared: PreparedMeasurements, train: Rows, grouping: Grouping
-) -> PreparedMeasurements:
-    """Return measurements brought to one temperature, where the rows that are fitted show that it matters."""
-    temperature = prepared.measurements.temperature
-    if temperature is None:
-        return prepared
-    effect = temperature_effect(model, prepared.observations.select_rows(train), temperature[train], grouping)
-    return prepared if effect is None else at_temperature(prepared, effect)
 
 
 @dataclass(frozen=True, eq=False)
@@ -377,40 +281,6 @@ def _lints_of_free(start: IdentificationStart, judged: _HeldOutErrors) -> list[L
             f"{before.rmse_m * 1e3:.3f} mm before, {after.rmse_m * 1e3:.3f} mm after.",
         ),
     ]
-
-
-def _split_rows(count: int, options: IdentifyOptions) -> tuple[Rows, Rows]:
-    """Return training rows, in order, and all other rows."""
-    if options.train_rows is None:
-        return np.arange(count), np.arange(0)
-    if not 0 < options.train_rows < count:
-        raise MeasurementError(
-            f"{options.train_rows} training rows of {count} leave nothing to hold out.",
-            remedy=f"Give `--train-rows` between 1 and {count - 1}.",
-        )
-    order = np.random.default_rng(options.seed).permutation(count)
-    return np.sort(order[: options.train_rows]), np.sort(order[options.train_rows :])
-
-
-def _refuse_other_causes(chain: RobotModel, prepared: PreparedMeasurements) -> None:
-    """Refuse rows that fit with another reading of the file, or with a second target."""
-    refuse_misfit(chain, prepared.observations, file_names(prepared.measurements))
-    _refuse_changes(chain, prepared)
-
-
-def _refuse_changes(chain: RobotModel, prepared: PreparedMeasurements) -> None:
-    """Refuse rows within which a target, or the zero of a joint, changed."""
-    observations, rows = prepared.observations, prepared.measurements.rows
-    series = series_columns(chain, observations)
-    refuse_series_changes(chain, find_series_changes(series, observations), rows)
-    refuse_target_change(chain, find_target_change(series), rows)
-
-
-def _believed_scale(chain: RobotModel, rows: Observations) -> PositionScale | None:
-    """Return the common factor of positions, unless it is one that is refused."""
-    scale = position_scale(chain, rows)
-    refuse_wrong_scale(chain, scale)
-    return scale
 
 
 def _rejected_rows(measurements: Measurements, found: Identification, train: Rows) -> tuple[RejectedRow, ...]:

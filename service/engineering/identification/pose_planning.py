@@ -42,7 +42,8 @@ from cellcal.calibration.poses.measurement_prediction import (
 from cellcal.service.configuration.cell_shapes import read_cell_shape
 from cellcal.service.csv_writing import write_rows
 from cellcal.service.engineering.identification.at_points import joint_columns_in, read_joint_rows
-from cellcal.service.engineering.identification.identify import IdentifyOptions, identify_file
+from cellcal.service.engineering.identification.identify import identify_file
+from cellcal.service.engineering.identification.row_fit import IdentifyOptions
 from cellcal.service.engineering.measured.table import MeasurementError
 
 Place = tuple[float, float, float]

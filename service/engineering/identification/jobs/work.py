@@ -18,11 +18,7 @@ from cellcal.calibration.errors import CellError
 from cellcal.calibration.identification.work_parts import PartRunner
 from cellcal.calibration.message_table import with_messages
 from cellcal.service.engineering.identification.forked_parts import share_parts
-from cellcal.service.engineering.identification.identify import (
-    IdentifyOptions,
-    IdentifyReport,
-    identify_file,
-)
+from cellcal.service.engineering.identification.identify import IdentifyReport, identify_file
 from cellcal.service.engineering.identification.identify_findings import (
     identified_rows,
     unknown_of,
@@ -42,6 +38,7 @@ from cellcal.service.engineering.identification.jobs.shapes import (
     SOURCES,
     JobRequest,
 )
+from cellcal.service.engineering.identification.row_fit import IdentifyOptions
 from cellcal.service.engineering.job_processes import finish_job, leave_with_the_service, write_message
 from cellcal.service.engineering.measured.cells import describes_a_cell
 from cellcal.service.engineering.measured.layouts import layout_document, overlay_options, read_layout

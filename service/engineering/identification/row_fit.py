@@ -1,0 +1,151 @@
+"""The fit behind ``cellcal identify``: rows of a file that fit their robot, identified beside the look at them."""
+
+from dataclasses import dataclass, field
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+
+from cellcal.calibration.arm.kinematics import RobotModel
+from cellcal.calibration.identification.cross_validation import Grouping, group_rows
+from cellcal.calibration.identification.identify import Identification, start_identification
+from cellcal.calibration.identification.misfit import refuse_misfit
+from cellcal.calibration.identification.observations import Observations, Rows
+from cellcal.calibration.identification.position_scale import (
+    PositionScale,
+    position_scale,
+    refuse_wrong_scale,
+)
+from cellcal.calibration.identification.selection import IdentificationOptions
+from cellcal.calibration.identification.series_changes import find_series_changes, refuse_series_changes
+from cellcal.calibration.identification.target_change import (
+    find_target_change,
+    refuse_target_change,
+    series_columns,
+)
+from cellcal.calibration.identification.temperature import temperature_effect
+from cellcal.calibration.identification.work_parts import PartRunner
+from cellcal.service.engineering.identification.identify_check import (
+    PreparedMeasurements,
+    at_temperature,
+    file_names,
+)
+from cellcal.service.engineering.identification.identify_start import IdentificationStart, StartOptions
+from cellcal.service.engineering.identification.identify_verdicts import IdentificationLimits
+from cellcal.service.engineering.measured.measurements import ReadOptions
+from cellcal.service.engineering.measured.table import MeasurementError
+
+
+@dataclass(frozen=True, slots=True)
+class IdentifyOptions:
+    """What a person may ask of an identification."""
+
+    level: int | None = None
+    check: Path | None = None
+    train_rows: int | None = None
+    seed: int = 0
+    read: ReadOptions = field(default_factory=ReadOptions)
+    start: StartOptions = field(default_factory=StartOptions)
+    residual_model: bool = False
+    limits: IdentificationLimits = field(default_factory=IdentificationLimits)
+
+
+@dataclass(frozen=True, eq=False)
+class FittedRows:
+    """The identification of some of a file's rows, and what was found about them beside it."""
+
+    prepared: PreparedMeasurements  # at one temperature
+    split: tuple[Rows, Rows]  # rows that were fitted, and rows held out
+    chain: RobotModel
+    found: Identification
+    scale: PositionScale | None
+
+    @property
+    def rows(self) -> Observations:
+        """The rows that were fitted."""
+        return self.prepared.observations.select_rows(self.split[0])
+
+
+def fit_rows(
+    model: RobotModel,
+    prepared: PreparedMeasurements,
+    start: IdentificationStart,
+    options: IdentifyOptions,
+    runner: PartRunner,
+) -> FittedRows:
+    """Identify the arm; whether the rows fit it at all is found out beside the long parts, and refused first."""
+    chain = start.point.rigid_arm(model)
+    wait_for_check = cache(runner.submit(_refuse_other_causes, chain, prepared))
+    train, held_out = _split_rows(len(prepared.observations), options)
+    grouping = group_rows(
+        prepared.measurements.observations.joints_rad[train], prepared.grouping.groups[train]
+    )
+    grouping = Grouping(grouping.groups, prepared.grouping.kind)
+    if prepared.measurements.temperature is not None:  # its effect is that of rows that fit
+        wait_for_check()
+        prepared = _at_one_temperature(model, prepared, train, grouping)
+    rows = prepared.observations.select_rows(train)
+    wait_for_scale = runner.submit(_believed_scale, chain, rows)
+    identify = start_identification(
+        model, rows, grouping=grouping, options=_options_of_fit(options, start, held_out), runner=runner
+    )
+    wait_for_check()
+    scale = wait_for_scale()
+    return FittedRows(prepared, (train, held_out), chain, identify(), scale)
+
+
+def _options_of_fit(
+    options: IdentifyOptions, start: IdentificationStart, held_out: Rows
+) -> IdentificationOptions:
+    return IdentificationOptions(
+        level=options.level,
+        seed=options.seed,
+        judge=not len(held_out) or options.residual_model,
+        start=start.point,
+        residual_model=options.residual_model,
+    )
+
+
+def _at_one_temperature(
+    model: RobotModel, prepared: PreparedMeasurements, train: Rows, grouping: Grouping
+) -> PreparedMeasurements:
+    """Return measurements brought to one temperature, where the rows that are fitted show that it matters."""
+    temperature = prepared.measurements.temperature
+    if temperature is None:
+        return prepared
+    effect = temperature_effect(model, prepared.observations.select_rows(train), temperature[train], grouping)
+    return prepared if effect is None else at_temperature(prepared, effect)
+
+
+def _split_rows(count: int, options: IdentifyOptions) -> tuple[Rows, Rows]:
+    """Return training rows, in order, and all other rows."""
+    if options.train_rows is None:
+        return np.arange(count), np.arange(0)
+    if not 0 < options.train_rows < count:
+        raise MeasurementError(
+            f"{options.train_rows} training rows of {count} leave nothing to hold out.",
+            remedy=f"Give `--train-rows` between 1 and {count - 1}.",
+        )
+    order = np.random.default_rng(options.seed).permutation(count)
+    return np.sort(order[: options.train_rows]), np.sort(order[options.train_rows :])
+
+
+def _refuse_other_causes(chain: RobotModel, prepared: PreparedMeasurements) -> None:
+    """Refuse rows that fit with another reading of the file, or with a second target."""
+    refuse_misfit(chain, prepared.observations, file_names(prepared.measurements))
+    _refuse_changes(chain, prepared)
+
+
+def _refuse_changes(chain: RobotModel, prepared: PreparedMeasurements) -> None:
+    """Refuse rows within which a target, or the zero of a joint, changed."""
+    observations, rows = prepared.observations, prepared.measurements.rows
+    series = series_columns(chain, observations)
+    refuse_series_changes(chain, find_series_changes(series, observations), rows)
+    refuse_target_change(chain, find_target_change(series), rows)
+
+
+def _believed_scale(chain: RobotModel, rows: Observations) -> PositionScale | None:
+    """Return the common factor of positions, unless it is one that is refused."""
+    scale = position_scale(chain, rows)
+    refuse_wrong_scale(chain, scale)
+    return scale
