@@ -115,7 +115,8 @@ def identify(  # noqa: PLR0913  # a command's options are its arguments
         Units, where guessing fails: joints=deg slides=mm position=mm length=m controller=mm rotation=rad; slides
         are joints that slide.
     convention
-        Orientation convention of the measured attitude, or none.
+        Orientation convention of the measured attitude, or none; with _inverse_pose behind it where each row is the
+        pose of the device seen from the target, as by a camera on the flange.
     sheet
         Sheet of an Excel file.
     joint_coupling

@@ -19,9 +19,13 @@ MM = POSES.observations.positions_m * 1e3
 TURNS = POSES.observations.rotations
 
 
-def read_attitudes(folder: Path, names: str, values: np.ndarray, convention: str = "") -> Measurements:
+def read_attitudes(
+    folder: Path, names: str, values: np.ndarray, convention: str = "", position_mm: np.ndarray = MM
+) -> Measurements:
     heading = ",".join([*(f"J{i}" for i in range(1, 7)), "X", "Y", "Z", *names.split()])
-    rows = [",".join(f"{number:.6f}" for number in row) for row in np.column_stack([DEG, MM, values])]
+    rows = [
+        ",".join(f"{number:.6f}" for number in row) for row in np.column_stack([DEG, position_mm, values])
+    ]
     path = folder / "rows.csv"
     path.write_text("\n".join([heading, *rows, ""]), encoding="utf-8")
     return read_measurements(path, MODEL, ReadOptions(convention=convention))
@@ -50,6 +54,43 @@ def test_attitudes_of_the_device_in_the_target_are_inverted(tmp_path: Path) -> N
     assert_turns(read_attitudes(tmp_path, "rx ry rz", turned), "ur_rotation_vector_inverse")
     named = read_attitudes(tmp_path, "rx ry rz", turned, "ur_rotation_vector_inverse")
     assert_turns(named, "ur_rotation_vector_inverse")
+
+
+INVERSE_MM = -np.einsum("nji,nj->ni", TURNS, MM)
+
+
+@pytest.mark.parametrize(
+    ("written", "names"),
+    [
+        ("abb_quaternion", "qw qx qy qz"),
+        ("ros_quaternion", "qx qy qz qw"),
+        ("ur_rotation_vector", "rx ry rz"),
+        ("instrument_xyz", "rx ry rz"),
+    ],
+)
+def test_poses_of_the_device_in_the_target_are_inverted_as_a_whole(
+    tmp_path: Path, written: str, names: str
+) -> None:
+    back = np.swapaxes(TURNS, 1, 2)
+    if names.startswith("q"):
+        values = quaternion_from_rotation(back)[:, [0, 1, 2, 3] if names == "qw qx qy qz" else [1, 2, 3, 0]]
+    else:
+        values = values_from(written, back) * (1.0 if written == "ur_rotation_vector" else 180.0 / np.pi)
+    found = read_attitudes(tmp_path, names, values, position_mm=INVERSE_MM)
+    assert found.convention.endswith("_inverse_pose")
+    assert isinstance(found.observations, PoseObservations)
+    assert np.allclose(found.observations.rotations, TURNS, atol=1e-4)
+    assert np.allclose(found.observations.positions_m, POSES.observations.positions_m, atol=2e-4)
+    again = read_attitudes(tmp_path, names, values, found.convention, position_mm=INVERSE_MM)
+    assert np.array_equal(again.observations.positions_m, found.observations.positions_m)
+
+
+def test_poses_that_are_not_inverse_are_not_inverted_on_demand(tmp_path: Path) -> None:
+    values = quaternion_from_rotation(TURNS)
+    found = read_attitudes(tmp_path, "qw qx qy qz", values, "abb_quaternion_inverse_pose")
+    assert not isinstance(found.observations, PoseObservations)
+    assert np.allclose(found.observations.positions_m, POSES.observations.positions_m, atol=1e-6)
+    assert any("attitudes left out" in guess for guess in found.guesses)
 
 
 @pytest.mark.parametrize(

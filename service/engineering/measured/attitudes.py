@@ -62,7 +62,9 @@ def _refuse_unknown(name: str) -> None:
         raise MeasurementError(
             make_message("no orientation is called {name!r}.", name=name),
             remedy=make_message(
-                "--convention takes none, {known}; with _inverse behind it, the inverse.", known=known
+                "--convention takes none, {known}; with _inverse behind it, the inverse of the attitude; with "
+                "_inverse_pose, that of the whole pose.",
+                known=known,
             ),
         )
 

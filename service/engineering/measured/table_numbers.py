@@ -7,28 +7,27 @@ import numpy as np
 
 from cellcal.calibration.arm.kinematics import RobotModel
 from cellcal.calibration.errors import CalibrationError
-from cellcal.calibration.geometry import Array, log_rotation, mean_rotation
-from cellcal.calibration.identification.first_guess import first_guess
+from cellcal.calibration.geometry import Array
 from cellcal.calibration.identification.misfit_units import unit_of_lengths, unit_of_points
 from cellcal.calibration.identification.observations import (
     LengthObservations,
     Observations,
     PointObservations,
+    PoseObservations,
     pose_from_points,
 )
 from cellcal.calibration.identification.unrounding import find_resolution
 from cellcal.calibration.message import make_message
+from cellcal.service.engineering.measured.attitude_fit import FittingWay, expected_attitudes, fitting_way
 from cellcal.service.engineering.measured.attitudes import attitude_ways, formula_of
 from cellcal.service.engineering.measured.columns import TableLayout
+from cellcal.service.engineering.measured.inverted_poses import invert_poses, is_inverse_pose
 from cellcal.service.engineering.measured.unit_choice import UnitChoice
 
 _LEAST_SIGMA_M = 3e-4  # what an arm adds to any instrument: direction of approach, temperature
 _SIGMA_RAD = 2e-3
-_CONSISTENT_RAD = float(np.deg2rad(2.0))
 _ENOUGH_ROWS = 20_000  # to tell a unit by
-_EQUAL = 1.001
 _ANGLES = 3  # numbers of an attitude
-_DISTINCT = 0.5  # the best orientation convention must be twice as consistent as the next
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,12 +104,14 @@ class TableNumbers:
         turns = self.stack_columns(self.layout.turn)
         if len(self.layout.turn) == _ANGLES:
             turns = turns * self.units.angle_factor("rotation", self.layout.turn, turns)
+        if is_inverse_pose(self.convention):
+            return self._with_inverted_poses(points, turns) or self._leave_out(points, written)
         try:
-            expected = _expected_attitudes(self.model, points)
-            best = _fitting_way(expected, attitude_ways(turns, self.layout.turn_fields, self.convention))
+            expected = expected_attitudes(self.model, points)
+            best = fitting_way(expected, attitude_ways(turns, self.layout.turn_fields, self.convention))
             other = best
             if self.convention and not best.fits:
-                other = _fitting_way(expected, attitude_ways(turns, self.layout.turn_fields, ""))
+                other = fitting_way(expected, attitude_ways(turns, self.layout.turn_fields, ""))
         except CalibrationError as error:
             self.units.guesses.append(f"attitudes ({written}) left out: {error.message}")
             return points
@@ -118,29 +119,40 @@ class TableNumbers:
             self.units.used["convention"] = best.name
             self.units.guesses.append(f"attitude ({written}) read as {best.name}: {formula_of(best.name)}")
             return pose_from_points(points, best.rotations, np.full(len(points), _SIGMA_RAD))
+        inverted = None if self.convention else self._with_inverted_poses(points, turns)
+        if inverted is not None:
+            return inverted
         self.units.guesses.append(_unfit_note(written, best, other))
         return points
 
+    def _with_inverted_poses(self, points: PointObservations, turns: Array) -> PoseObservations | None:
+        """Return the target seen from the device, if each row has the device seen from the target."""
+        found = invert_poses(self.model, points, turns, self.layout.turn_fields, self.convention)
+        if found is None:
+            return None
+        self.units.used["convention"] = found.convention
+        self.units.guesses.append(
+            make_message(
+                "pose ({written}) read as {convention}: the device seen from the target, as by a camera on the "
+                "flange, and inverted",
+                written=", ".join((*self.layout.position, *self.layout.turn)),
+                convention=found.convention,
+            )
+        )
+        return pose_from_points(found.points, found.rotations, np.full(len(points), _SIGMA_RAD))
 
-@dataclass(frozen=True, eq=False)
-class _Way:
-    """A way to read attitudes, and how much the tool then turns in the flange."""
-
-    name: str
-    rotations: Array  # (N, 3, 3)
-    wobble_rad: float
-    fits: bool  # and no other way does nearly as well
-
-
-def _fitting_way(expected: Array, ways: Mapping[str, Array]) -> _Way:
-    wobble = {name: _wobble_rad(expected, rotations) for name, rotations in ways.items()}
-    best = min(wobble, key=lambda name: wobble[name])
-    rivals = [value for value in wobble.values() if value > wobble[best] * _EQUAL]
-    fits = wobble[best] <= _CONSISTENT_RAD and not (rivals and wobble[best] > _DISTINCT * min(rivals))
-    return _Way(best, ways[best], wobble[best], fits)
+    def _leave_out(self, points: PointObservations, written: str) -> PointObservations:
+        self.units.guesses.append(
+            make_message(
+                "{written} do not fit as {convention}: attitudes left out",
+                written=written,
+                convention=self.convention,
+            )
+        )
+        return points
 
 
-def _unfit_note(written: str, best: _Way, other: _Way) -> str:
+def _unfit_note(written: str, best: FittingWay, other: FittingWay) -> str:
     angle = np.rad2deg(best.wobble_rad)
     if other.fits:
         return make_message(
@@ -158,19 +170,3 @@ def _unfit_note(written: str, best: _Way, other: _Way) -> str:
         best=best.name,
         angle=angle,
     )
-
-
-def _expected_attitudes(model: RobotModel, points: PointObservations) -> Array:
-    start = first_guess(model, points)[0]
-    expected: Array = start.devices[0].device_base[:3, :3] @ model.base_flange(points.joints_rad)[:, :3, :3]
-    return expected
-
-
-def _wobble_rad(expected: Array, measured: Array) -> float:
-    """Return how much the tool turns in the flange, median over the rows [rad]."""
-    relative = np.swapaxes(expected, 1, 2) @ measured
-    try:
-        mean = mean_rotation(relative)
-    except CalibrationError:
-        return float(np.pi)
-    return float(np.median(np.linalg.norm(log_rotation(mean.T @ relative), axis=1)))
