@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 
 from cellcal.procedures.progress import StepProgress
 
-TRUE_FACTOR = 4.0  # above it, sockets and computing are counted too often to be called robot time
+TRUE_FACTOR = 4.0  # above it, sockets and computing count too often for the sum to be robot time
 _PARTS = (
     ("pass the index", "motors past their index"),
     ("go to", "moving"),
@@ -28,13 +28,15 @@ class RobotTime:
         return self.time_factor <= TRUE_FACTOR
 
     def describe_time(self) -> str:
-        """Return the figure as it is told, with what it is made of."""
+        """Return the figure with what it is made of; of a world that ran too fast to tell, how to get it."""
+        if not self.is_real_time:
+            return (
+                f"the fake world runs {self.time_factor:g} times as fast as a robot: "
+                "--time-factor 1 shows how long a robot takes in all"
+            )
         minutes, seconds = divmod(round(self.total_s), 60)
         parts = ", ".join(f"{name} {part_s:.0f} s" for name, part_s in self.parts_s)
-        text = f"robot time {minutes} min {seconds} s by the world's clock ({parts})"
-        if self.is_real_time:
-            return text
-        return f"{text}; computing counts {self.time_factor:g} times: --time-factor 1 tells the true figure"
+        return f"robot time {minutes} min {seconds} s by the world's clock ({parts})"
 
 
 @dataclass
