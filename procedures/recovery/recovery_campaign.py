@@ -187,7 +187,7 @@ async def measure_until_decided(campaign: RecoveryCampaign, guess: tuple[int, ..
             raise campaign.refused_error(recovery, recovery.reason, remedy, "procedure.geometry_changed")
         if exhausted:
             reason = make_message(
-                "not decidable after {taken} captures: {recovery_reason}",
+                "not decidable after {taken} captures, the most that this run takes: {recovery_reason}.",
                 taken=campaign.taken,
                 recovery_reason=recovery.reason,
             )
