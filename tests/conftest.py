@@ -1,9 +1,11 @@
-"""For all tests: what they start is interrupted by Ctrl+C, and time limits fit the speed of this machine."""
+"""For all tests: Ctrl+C interrupts what they start, time limits fit this machine, and failures do not outlive them."""
 
 import signal
+from collections.abc import Iterator
 
 import pytest
 
+from cellcal.drivers.supervision import SUPERVISOR
 from tests.machine_speed import publish_slowness, stretch_test_timeouts
 
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # a run in the background; children would ignore it
@@ -14,3 +16,11 @@ def pytest_configure(config: pytest.Config) -> None:
     """Measure the machine before the workers of a parallel run start."""
     publish_slowness()
     stretch_test_timeouts(config)
+
+
+@pytest.fixture(autouse=True)
+def forget_failures() -> Iterator[None]:
+    """Forget what a test made fail in this process: pages of the next test would show it for a minute."""
+    yield
+    for trouble in SUPERVISOR.list_troubles():
+        SUPERVISOR.note_end(trouble.task)
