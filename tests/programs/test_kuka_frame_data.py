@@ -7,7 +7,8 @@ from tests.programs.test_across_files import dat_file, frames_of_position, read_
 POINT = "{X 1.0,Y 2.0,Z 3.0,A 0.0,B 0.0,C 0.0,S 2,T 2}"
 DATA = "{{TOOL_NO {},BASE_NO {},IPO_FRAME #{}}}"
 POINTS = (
-    *(f"DECL E6POS X{name}={POINT}" for name in ("P1", "P2", "P3", "P4")),
+    *(f"DECL E6POS X{name}={POINT}" for name in ("P0", "P1", "P2", "P3", "P4")),
+    f"DECL FDAT FP0={DATA.format(1, 0, 'BASE')}",
     f"DECL FDAT FP1={DATA.format(1, 2, 'BASE')}",
     f"DECL FDAT FP3={DATA.format(3, 4, 'BASE')}",
     f"DECL FDAT FS1={DATA.format(5, 6, 'BASE')}",
@@ -51,6 +52,16 @@ def block(data: str, *segments: str) -> tuple[str, ...]:
         (("SLIN XP4 WITH $TOOL=STOOL2(FP3), $BASE=SBASE(FP1.BASE_NO)",), "XP4", COMPUTED),
         (("SLIN XP4 WITH $TOOL=STOOL2(FP3), $BASE=BASE_DATA[2]",), "XP4", COMPUTED),
         ((*CIRCLE, *P1, "LIN XP2"), "XP2", "different tools or frames"),
+        (("BAS(#INITMOV,0)", "BAS(#TOOL,1)", "LIN XP1"), "XP1", "taught with another tool or frame"),
+        (("BAS(#INITMOV,0)", "BAS(#TOOL,1)", "LIN XP0"), "XP0", ("1", "0")),
+        (("BAS(#INITMOV,0)", "BAS(#TOOL,1)", "XP4=XP1", "LIN XP4"), "XP1", "taught in another frame"),
+        (
+            ("BAS(#INITMOV,0)", "XP4=XP1", "BAS(#TOOL,1)", "LIN XP4", *CIRCLE),
+            "XP1",
+            "taught in another frame",
+        ),
+        (("BAS(#INITMOV,0)", "BAS(#TOOL,1)", "XP4=XP0", "LIN XP4"), "XP0", ("1", "0")),
+        (("XP3=XP1", "FDAT_ACT=FP3", "BAS(#CP_PARAMS,2)", "LIN XP3"), "XP1", "taught in another frame"),
     ],
 )
 def test_a_move_takes_the_frames_in_force(lines, name, expected, tmp_path):

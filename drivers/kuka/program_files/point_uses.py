@@ -60,6 +60,7 @@ class PointUses:
     turned_bases: set[str] = field(default_factory=set)  # those that an external axis turns
     copies: dict[str, set[str]] = field(default_factory=dict)  # of named points: the names they are given to
     bases_of: dict[str, Set[MoveFrames]] = field(default_factory=dict)  # of moves to a copy
+    moved_as_taught: set[str] = field(default_factory=set)  # names of moves with the frame data of that name
     deciding: dict[str, tuple[MoveFrames, ...]] = field(default_factory=dict)  # by name
     known_held: dict[tuple[int, str, bool, bool, bool, Now], MoveFrames] = field(default_factory=dict)
 
@@ -213,7 +214,7 @@ class PointUses:
         for name, all_used in self.uses.items():
             bare = array_name_of(name)
             frames_of_moves = {
-                self.frames_of_move(used, joints=False)
+                self._with_reset(used, self.frames_of_move(used, joints=False))
                 for used in all_used.values()
                 if bare not in self.routines[used.routine].declared
             }
@@ -225,6 +226,13 @@ class PointUses:
                 )
         return uses_by_name
 
+    def _with_reset(self, used: PointMove, move_frames: MoveFrames) -> MoveFrames:
+        """Return the tool and base of a move, marked where the routine reset them before it and set no others."""
+        reset = self.routines[used.routine].reset_from
+        if move_frames.why or used.data or reset is None or used.place < reset:
+            return move_frames
+        return move_frames._replace(tool=move_frames.tool or RESET, frame=move_frames.frame or RESET)
+
     def _frames_of_copies(self, name: str) -> set[MoveFrames]:
         """Return the bases that are set where a copy of a point, or a copy of that, is moved to."""
         copies, waiting = set[str](), [name]
@@ -235,37 +243,39 @@ class PointUses:
         return {move_frames for copy in copies for move_frames in self._frames_of_name(copy)}
 
     def _frames_of_name(self, copy: str) -> Set[MoveFrames]:
-        """Return the bases of the moves to a name; any element of an array may be the one."""
+        """Return the tools and bases of the moves to a name; any element of an array may be the one."""
         if copy not in self.bases_of:
             names = {copy, array_name_of(copy), f"{array_name_of(copy)}[]"}
             moves = {used for one in names for used in self.uses.get(one, {}).values() if not used.why}
-            self.bases_of[copy] = {
-                MoveFrames(
-                    base if base.startswith(FRAME_DATA) else None,
-                    base,
-                    COPIED,
-                    self.routines[used.routine].name,
-                )
-                for used in moves
-                for base in self._possible_bases(used)
-            }
+            own = f"{FRAME_DATA}F{copy[1:]}"
+            taken = {MoveFrames(own, own, COPIED)} if copy in self.moved_as_taught else set()
+            self.bases_of[copy] = taken | {each for used in moves for each in self._possible_frames(used)}
         return self.bases_of[copy]
 
-    def _possible_bases(self, used: PointMove) -> Set[str]:
-        """Return the base of a move; where it is not certain, all that its routine sets or takes from frame data."""
-        move_frames = self.frames_of_move(used, joints=False)
-        if move_frames.frame is not None and not move_frames.why:
-            return {move_frames.frame}
+    def _possible_frames(self, used: PointMove) -> Set[MoveFrames]:
+        """Return tools and bases of a move to a copy, frame data for both, each where not certain all that may be."""
+        certain = self._with_reset(used, self.frames_of_move(used, joints=False))
         routine = self.routines[used.routine]
         callers = [one for one in self.routines if routine.name in one.calls]
-        return self._bases_in(routine) or {base for one in callers for base in self._bases_in(one)}
+        found: list[Set[str]] = []
+        for which, now in (("TOOL", certain.tool), ("BASE", certain.frame)):
+            some = {now} if now is not None and not certain.why else self._values_in(routine, which)
+            some = some or {each for one in callers for each in self._values_in(one, which)}
+            use = routine.tool if which == "TOOL" else routine.base
+            found.append(some | {RESET} if certain.why and routine.may_be_reset(use, used.place) else some)
+        return {
+            MoveFrames(tool or None, base, COPIED, routine.name)
+            for base in found[1]
+            for tool in found[0] or {""}
+            if tool == base or FRAME_DATA not in f"{tool}{base}"
+        }
 
-    def _bases_in(self, routine: KrlRoutine) -> Set[str]:
-        """Return the bases that a routine sets, or takes from frame data."""
-        named = self._name_of_set("BASE") or "$"
-        values = routine.base.values - {UNKNOWN, TURNED_BY_AXIS, RESET}
+    def _values_in(self, routine: KrlRoutine, which: str) -> Set[str]:
+        """Return the tools or bases that a routine sets, or takes from frame data."""
+        named, use = self._name_of_set(which) or "$", routine.tool if which == "TOOL" else routine.base
+        values = use.values - {UNKNOWN, TURNED_BY_AXIS, RESET}
         taken = {f"{FRAME_DATA}{data}" for data in routine.data_taken}
-        return taken | {named if base == "$" else base for base in values}
+        return taken | {named if value == "$" else value for value in values}
 
     def routine_effects(self) -> dict[str, RoutineEffects]:
         """Return what routines set, for the files that call them."""
