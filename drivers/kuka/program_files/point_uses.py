@@ -253,7 +253,7 @@ class PointUses:
         return self.bases_of[copy]
 
     def _possible_frames(self, used: PointMove) -> Set[MoveFrames]:
-        """Return tools and bases of a move to a copy, frame data for both, each where not certain all that may be."""
+        """Return the tools and the bases of a move to a copy, all that may be where it is not certain which."""
         certain = self._with_reset(used, self.frames_of_move(used, joints=False))
         routine = self.routines[used.routine]
         callers = [one for one in self.routines if routine.name in one.calls]
@@ -263,11 +263,10 @@ class PointUses:
             some = some or {each for one in callers for each in self._values_in(one, which)}
             use = routine.tool if which == "TOOL" else routine.base
             found.append(some | {RESET} if certain.why and routine.may_be_reset(use, used.place) else some)
-        return {
-            MoveFrames(tool or None, base, COPIED, routine.name)
-            for base in found[1]
-            for tool in found[0] or {""}
-            if tool == base or FRAME_DATA not in f"{tool}{base}"
+        tools, bases = found
+        alone = {MoveFrames(each, None, COPIED, routine.name) for each in tools if FRAME_DATA not in each}
+        return alone | {
+            MoveFrames(each if FRAME_DATA in each else None, each, COPIED, routine.name) for each in bases
         }
 
     def _values_in(self, routine: KrlRoutine, which: str) -> Set[str]:
