@@ -261,3 +261,22 @@ PICK = routine("rPick", "MoveJ p9,v100,fine,tool0;")
 )
 def test_configurations_count_unless_the_checks_are_surely_off_before_every_move(routines, ignored):
     assert ignores_configurations(f"MODULE M\n{routines}ENDMODULE\n") is ignored
+
+
+@pytest.mark.parametrize("value", ["9E9", "9.0E9", "9E+09", "9000000000", "8.99999E+09", "1E+10", "1e10"])
+def test_an_axis_that_is_not_there_is_read_however_it_is_written(value):
+    target = ONE.replace(E, f"[{','.join([value] * 6)}]")
+    positions = read_module(f"CONST robtarget p1:={target};").positions
+    assert positions.kinds == (CARTESIAN,)
+    assert not positions.external.size
+
+
+@pytest.mark.parametrize(
+    "line", ["p1.robconf.cf1:=1;", "p1.robconf:=p2.robconf;", "p1.extax.eax_a:=100;", "p1.extax := p2.extax;"]
+)
+def test_a_target_whose_posture_or_axes_the_program_sets_is_left(line):
+    moves = ("MoveL p1,v100,fine,tGrip\\WObj:=wTable;", "MoveL p2,v100,fine,tGrip\\WObj:=wTable;")
+    barred = read_module(
+        *declaration_lines("p1", "p2"), "PROC main()", line, *moves, "ENDPROC"
+    ).positions.barred
+    assert list(barred.items()) == [(0, "the program sets a component of it while it runs")]
