@@ -32,6 +32,10 @@ _FUNCTION = re.compile(r"^[ \t]*+def[ \t]++(\w++)", re.ASCII | re.MULTILINE)
 _NEAR_PAIR = re.compile(
     r"\bget_inverse_kin[ \t]*\(\s*([A-Za-z_]\w*)\s*,\s*qnear\s*=\s*([A-Za-z_]\w*)\s*\)", re.ASCII
 )
+_COPIED = re.compile(
+    r"^[ \t]*+(?:(?:local|global)[ \t]++)?+([A-Za-z_]\w*+)[ \t]*+=[ \t]*+([A-Za-z_]\w*+)[ \t]*+(?:#[^\n]*+)?+\r?+$",
+    re.ASCII | re.MULTILINE,
+)
 _CALLED = re.compile(r"(\w+)[ \t]*\Z", re.ASCII)
 _OPENED = re.compile(r"\(\s*p\[\Z", re.ASCII)
 _NAME_BEHIND = re.compile(r"\]\s*,\s*[A-Za-z_]", re.ASCII)
@@ -87,6 +91,7 @@ class PositionFinder:
             for name, uses in found.uses.items()
             if (offsets := [at for at, role, _ in uses if role in ("target", "in_frame")])
         }
+        self._count_moves_to_copies(text)
         roles = [(name, role) for name, uses in found.uses.items() for _, role, _ in uses]
         self.hint_of = self._find_hints(text)
         self.near = {name for name, role in roles if role == "near"}
@@ -100,6 +105,20 @@ class PositionFinder:
         self.text = text
         self.unused_poses: list[ScriptLiteral] = []  # poses that no move goes to
         self.steps: list[ScriptLiteral] = []  # poses that are a step from a place
+
+    def _count_moves_to_copies(self, text: str) -> None:
+        """Count moves to a copy, or to a copy of that, for what it was made of: its tool holds there, too."""
+        copies: dict[str, set[str]] = {}
+        for copied in _COPIED.finditer(text):
+            copies.setdefault(copied[2], set()).add(copied[1])
+        direct = dict(self.reached)
+        for name in direct.keys() & copies.keys():
+            found, waiting = {name}, [name]
+            while waiting:
+                more = copies.get(waiting.pop(), set()) - found
+                found |= more
+                waiting += more
+            self.reached[name] = sorted({at for each in found for at in direct.get(each, ())})
 
     def _find_hints(self, text: str) -> dict[str, ScriptLiteral]:
         """Return the joints that choose the posture of a named pose, where they do so for this pose only."""
