@@ -40,6 +40,7 @@ def reasons_of(moved: MovedProgram) -> dict[str, str]:
         (("thread t():", LONG, "end"), ("run t()", MOVE), ON_THE_WAY),
         ((), (PICK, "movel(pick)", "next = pick  # the next one", LONG, "movel(next)"), DIFFERENT),
         ((), (PICK, "movel(pick)", "local a = pick", "b = a", LONG, "movel(b)"), DIFFERENT),
+        (("def go(x):", "movel(x)", "end"), (PICK, "movel(pick)", LONG, "go(pick)"), DIFFERENT),
     ],
 )
 def test_a_move_that_comes_again_with_another_tool_is_left(
@@ -55,6 +56,15 @@ def test_a_move_that_comes_again_with_another_tool_is_left(
     [
         ("while True:", SHORT, MOVE, LONG, OTHER, "end"),  # each pass begins with its own
         (PICK, "movel(pick)", "next = pick", "movel(next)", LONG, OTHER),
+        (
+            PICK,
+            "movel(pick)",
+            "next = pick",
+            "movel(next)",
+            LONG,
+            "next = p[-0.4,-0.25,0.25,0,3.1415,0]",
+            OTHER,
+        ),
         ("while True:", MOVE, SHORT, "end"),  # the same tool again
         ("while True:", "if get_standard_digital_in(1):", SHORT, MOVE, "else:", LONG, OTHER, "end", "end"),
         ("while get_standard_digital_in(1):", "sync()", "end", MOVE, LONG, OTHER),

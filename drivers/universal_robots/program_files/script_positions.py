@@ -32,10 +32,6 @@ _FUNCTION = re.compile(r"^[ \t]*+def[ \t]++(\w++)", re.ASCII | re.MULTILINE)
 _NEAR_PAIR = re.compile(
     r"\bget_inverse_kin[ \t]*\(\s*([A-Za-z_]\w*)\s*,\s*qnear\s*=\s*([A-Za-z_]\w*)\s*\)", re.ASCII
 )
-_COPIED = re.compile(
-    r"^[ \t]*+(?:(?:local|global)[ \t]++)?+([A-Za-z_]\w*+)[ \t]*+=[ \t]*+([A-Za-z_]\w*+)[ \t]*+(?:#[^\n]*+)?+\r?+$",
-    re.ASCII | re.MULTILINE,
-)
 _CALLED = re.compile(r"(\w+)[ \t]*\Z", re.ASCII)
 _OPENED = re.compile(r"\(\s*p\[\Z", re.ASCII)
 _NAME_BEHIND = re.compile(r"\]\s*,\s*[A-Za-z_]", re.ASCII)
@@ -91,7 +87,6 @@ class PositionFinder:
             for name, uses in found.uses.items()
             if (offsets := [at for at, role, _ in uses if role in ("target", "in_frame")])
         }
-        self._count_moves_to_copies(text)
         roles = [(name, role) for name, uses in found.uses.items() for _, role, _ in uses]
         self.hint_of = self._find_hints(text)
         self.near = {name for name, role in roles if role == "near"}
@@ -105,20 +100,6 @@ class PositionFinder:
         self.text = text
         self.unused_poses: list[ScriptLiteral] = []  # poses that no move goes to
         self.steps: list[ScriptLiteral] = []  # poses that are a step from a place
-
-    def _count_moves_to_copies(self, text: str) -> None:
-        """Count moves to a copy, or to a copy of that, for what it was made of: its tool holds there, too."""
-        copies: dict[str, set[str]] = {}
-        for copied in _COPIED.finditer(text):
-            copies.setdefault(copied[2], set()).add(copied[1])
-        direct = dict(self.reached)
-        for name in direct.keys() & copies.keys():
-            found, waiting = {name}, [name]
-            while waiting:
-                more = copies.get(waiting.pop(), set()) - found
-                found |= more
-                waiting += more
-            self.reached[name] = sorted({at for each in found for at in direct.get(each, ())})
 
     def _find_hints(self, text: str) -> dict[str, ScriptLiteral]:
         """Return the joints that choose the posture of a named pose, where they do so for this pose only."""
@@ -358,8 +339,15 @@ class PositionFinder:
         if not pose.name:
             name = f"line {self.line_of(pose.start)}"
             return ScriptPlace(name, pose, joints, BASE, (pose.start,), is_hint=True)
-        used = (*self.reached.get(pose.name, ()), *self.reached.get(joints.name, ()))
+        used = (*self._moves_to(pose), *self._moves_to(joints))
         return ScriptPlace(pose.name[:-2], pose, joints, BASE, used)
+
+    def _moves_to(self, literal: ScriptLiteral) -> list[int]:
+        """Return where moves go to a variable and to its copies; none where no move goes to the variable itself."""
+        own = self.reached.get(literal.name, [])
+        if not (own and self.found.calls.get("set_tcp")):  # only the tool asks for the others
+            return own
+        return sorted({*own, *self._passed.moves_to_copies(literal.name, literal.start)})
 
     def _near_offsets(self, name: str) -> list[int]:
         """Return where joints of this name choose a posture."""
@@ -391,7 +379,7 @@ class PositionFinder:
         if name in self.frame_names or name in self.tool_names:
             return None
         frames = {where for _, role, where in self.found.uses.get(name, ()) if role == "in_frame"}
-        used = tuple(self.reached.get(name) or self._near_offsets(name))
+        used = tuple(self._moves_to(literal) or self._near_offsets(name))
         if len(frames) == 1 and literal.is_pose and frames <= self.frame_names:
             return ScriptPlace(name, literal, None, next(iter(frames)), used)
         if not frames and (name in self.reached or name in self.near):
