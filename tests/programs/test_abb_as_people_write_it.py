@@ -280,3 +280,17 @@ def test_a_target_whose_posture_or_axes_the_program_sets_is_left(line):
         *declaration_lines("p1", "p2"), "PROC main()", line, *moves, "ENDPROC"
     ).positions.barred
     assert list(barred.items()) == [(0, "the program sets a component of it while it runs")]
+
+
+@pytest.mark.parametrize(("work_object", "left"), [("wTable", 0), ("wTwo", 1)])
+def test_what_a_function_makes_of_a_target_counts_where_moves_go_to_it(work_object, left):
+    file = read_module(
+        *declaration_lines("p1"),
+        "VAR robtarget pTmp;",
+        "PROC main()",
+        "MoveL p1,v100,fine,tGrip\\WObj:=wTable;",
+        "pTmp := Above(p1, 50);",
+        f"MoveL pTmp,v100,fine,tGrip\\WObj:={work_object};",
+        "ENDPROC",
+    )
+    assert len([row for row in file.positions.barred if row == 0]) == left

@@ -40,6 +40,9 @@ class TargetUses:
     scope: str = "/"  # module/routine
     shown: dict[str, bool] = field(default_factory=dict)  # targets of modules, and whether others see them
     copied: set[tuple[str, str, str]] = field(default_factory=set)  # scope, name, and to what
+    returned: set[tuple[str, str, str]] = field(
+        default_factory=set
+    )  # the same, for arguments of a function whose value it is
     parameters: set[tuple[str, str]] = field(default_factory=set)  # scope, name: each call gives its own
     several: set[str] = field(
         default_factory=set
@@ -208,12 +211,12 @@ class TargetUses:
 
     def _take_uses_of_copies(self) -> None:
         """Count a move to a copy for the target that it was made of, where moves go there as well."""
-        if not self.copied:
+        if not (self.copied or self.returned):
             return
         of_copies: dict[tuple[str, str], set[ToolAndFrame]] = defaultdict(set)
         for (scope, name), what_all in self.used.items():
             of_copies[self._declared_at(name, scope)] |= what_all
-        for scope, name, to in self.copied:
+        for scope, name, to in self.copied | self.returned:
             some = sorted(of_copies.get(self._declared_at(to, scope), ()), key=str)[:_MOST_USES]
             if some and name.lower() in self.external_uses and not self._is_own(name, scope):
                 self._note_external_use(name, set(some))
