@@ -287,10 +287,12 @@ def test_what_a_function_makes_of_a_target_counts_where_moves_go_to_it(work_obje
     file = read_module(
         *declaration_lines("p1"),
         "VAR robtarget pTmp;",
+        "VAR robtarget pNext;",
         "PROC main()",
         "MoveL p1,v100,fine,tGrip\\WObj:=wTable;",
         "pTmp := Above(p1, 50);",
-        f"MoveL pTmp,v100,fine,tGrip\\WObj:={work_object};",
+        "pNext := pTmp;",
+        f"MoveL pNext,v100,fine,tGrip\\WObj:={work_object};",
         "ENDPROC",
     )
     assert len([row for row in file.positions.barred if row == 0]) == left
