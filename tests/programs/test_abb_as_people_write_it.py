@@ -296,3 +296,39 @@ def test_what_a_function_makes_of_a_target_counts_where_moves_go_to_it(work_obje
         "ENDPROC",
     )
     assert len([row for row in file.positions.barred if row == 0]) == left
+
+
+def test_a_copy_that_a_routine_copies_again_counts_for_the_target():
+    file = read_module(
+        *declaration_lines("p1"),
+        "VAR robtarget pTmp;",
+        "PROC main()",
+        "MoveL p1,v100,fine,tGrip\\WObj:=wTable;",
+        "pTmp := p1;",
+        "Back pTmp;",
+        "ENDPROC",
+        "PROC Back(robtarget p)",
+        "VAR robtarget pBack;",
+        "pBack := p;",
+        "pBack.trans.x := pBack.trans.x-15;",
+        "MoveL pBack,v100,fine,tGrip\\WObj:=wTwo;",
+        "ENDPROC",
+    )
+    assert 0 in file.positions.barred
+
+
+def test_a_displacement_shifts_the_copy_that_a_move_goes_to():
+    file = read_module(
+        *declaration_lines("p1"),
+        "VAR robtarget pTmp;",
+        "PROC main()",
+        "MoveL p1,v100,fine,tGrip\\WObj:=wTable;",
+        "pTmp := p1;",
+        "PDispSet [[0,0,39],[1,0,0,0]];",
+        "MoveL pTmp,v100,fine,tGrip\\WObj:=wTable;",
+        "PDispOff;",
+        "ENDPROC",
+    )
+    assert [(one.what, one.point, one.user_frame) for one in file.positions.shifts] == [
+        ("PDispSet", "pTmp", "wTable")
+    ]

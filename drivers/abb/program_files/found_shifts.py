@@ -214,7 +214,7 @@ def _shifts_of_displacement(
     elsewhere = {
         (move.name, move.frame)
         for move in displacement.moves
-        if move.name and not uses.rows_of(move.name, move.scope)
+        if move.name and not _cartesian_rows(uses.rows_of(move.name, move.scope), collected)
     }
     for name, frame in sorted(elsewhere, key=str):
         yield make_shift((), name, frame)

@@ -43,6 +43,9 @@ class TargetUses:
     returned: set[tuple[str, str, str]] = field(
         default_factory=set
     )  # the same, for arguments of a function whose value it is
+    passed: dict[tuple[str, str], set[tuple[str, str]]] = field(
+        default_factory=lambda: defaultdict(set)
+    )  # by where it is declared, and its name: the parameters that get it
     parameters: set[tuple[str, str]] = field(default_factory=set)  # scope, name: each call gives its own
     several: set[str] = field(
         default_factory=set
@@ -218,6 +221,7 @@ class TargetUses:
             of_copies[self._declared_at(name, scope)] |= what_all
         made = self.copied | self.returned
         copies: dict[tuple[str, str], set[tuple[str, str]]] = defaultdict(set)
+        copies |= {key: set(some) for key, some in self.passed.items()}
         for scope, name, to in made:
             copies[self._declared_at(name, scope)].add(self._declared_at(to, scope))
         for scope, name in sorted({each[:2] for each in made}):
@@ -348,6 +352,10 @@ class TargetUses:
             return False
         self.used[scope, name] |= uses
         return True
+
+    def note_passed(self, scope: str, name: str, parameter: tuple[str, str]) -> None:
+        """Note that a routine's parameter, by scope and name, gets what stands in a name."""
+        self.passed[self._declared_at(name, scope)].add(parameter)
 
     def add_rows(self, scope: str, name: str, rows: Sequence[int]) -> bool:
         """Note more targets that a name stands for; tell whether there are new ones."""
