@@ -74,3 +74,12 @@ def test_a_spline_block_leaves_the_frames_outside_as_they_were(tmp_path):
     lines = (*P1, "SPLINE", "SPL XP2", "ENDSPLINE", "LIN XP4")
     files = {"a.dat": dat_file("A", *POINTS), "a.src": src_file("A", *lines)}
     assert frames_of_position(read_programs(tmp_path, files)["a.dat"], "XP4") == ("1", "2")
+
+
+@pytest.mark.parametrize(("base", "expected"), [(2, ("1", "2")), (4, "taught in another frame")])
+def test_a_copy_that_is_passed_to_a_routine_counts_where_the_routine_goes_to_it(base, expected, tmp_path):
+    routine = ("DEF MB(P :IN)", "DECL E6POS P, Y", "Y = P", f"BAS(#BASE,{base})", "LIN Y")
+    lines = (*P1, "XP4 = XP1", "MB(XP4)", "END", *routine)
+    files = {"a.dat": dat_file("A", *POINTS), "a.src": src_file("A", *lines)}
+    found = frames_of_position(read_programs(tmp_path, files)["a.dat"], "XP1")
+    assert found == expected if isinstance(expected, tuple) else expected in found

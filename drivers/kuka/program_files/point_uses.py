@@ -24,6 +24,7 @@ from cellcal.drivers.programs.routine_calls import ParameterUse, RoutineCall
 FRAME_DATA = "FDAT "  # before the name of a point's frame data, which stands in the data list
 EXTERNAL_TOOL = "the program works with an external tool ($IPO_MODE)"
 Now = tuple[str | None, str | None]  # the tool and the base that hold where a routine runs straight on
+_ANYWHERE = -1  # in place of a routine
 _MOST_COPIES = 100  # of one point, beyond which copies of copies are not looked for
 _MOST_USES = 1000  # of one name that are told apart; with more it is left
 
@@ -59,7 +60,12 @@ class PointUses:
     external_tool: bool = False
     turned_bases: set[str] = field(default_factory=set)  # those that an external axis turns
     copies: dict[str, set[str]] = field(default_factory=dict)  # of named points: the names they are given to
-    bases_of: dict[str, Set[MoveFrames]] = field(default_factory=dict)  # of moves to a copy
+    bases_of: dict[tuple[str, int], Set[MoveFrames]] = field(
+        default_factory=dict
+    )  # of moves to a copy, in a routine or anywhere
+    given: dict[str, set[tuple[int, str, int]]] = field(
+        default_factory=dict
+    )  # by name: the calling routine, and the parameter of the called one that gets it
     moved_as_taught: set[str] = field(default_factory=set)  # names of moves with the frame data of that name
     deciding: dict[str, tuple[MoveFrames, ...]] = field(default_factory=dict)  # by name
     known_held: dict[tuple[int, str, bool, bool, bool, Now], MoveFrames] = field(default_factory=dict)
@@ -234,23 +240,48 @@ class PointUses:
         return move_frames._replace(tool=move_frames.tool or RESET, frame=move_frames.frame or RESET)
 
     def _frames_of_copies(self, name: str) -> set[MoveFrames]:
-        """Return the bases that are set where a copy of a point, or a copy of that, is moved to."""
-        copies, waiting = set[str](), [name]
+        """Return the tools and bases that are set where a copy of a point, or a copy of that, is moved to."""
+        waiting: list[tuple[str, int]] = [(name, _ANYWHERE)]
+        copies = set[tuple[str, int]]()
         while waiting and len(copies) < _MOST_COPIES:
-            more = self.copies.get(waiting.pop(), set()) - copies
+            at = waiting.pop()
+            more = {(copy, _ANYWHERE) for copy in self.copies.get(at[0], ())}
+            more |= self._parameters_given(*at) if at != (name, _ANYWHERE) else set()
+            waiting += more - copies
             copies |= more
-            waiting += more
-        return {move_frames for copy in copies for move_frames in self._frames_of_name(copy)}
+        return {move_frames for copy in copies for move_frames in self._frames_of_name(*copy)}
 
-    def _frames_of_name(self, copy: str) -> Set[MoveFrames]:
+    def _parameters_given(self, name: str, routine: int) -> set[tuple[str, int]]:
+        """Return the parameters of routines of this file, and whose, that a routine gives what stands in a name."""
+        if not self.given:
+            by_name = {one.name: one for one in self.routines}
+            for call in self.calls:
+                if (called := by_name.get(call.routine)) is None:
+                    continue
+                for parameter in called.parameters:
+                    passed = call.argument_for(called.parameters, parameter.name)
+                    gets = by_name[call.scope].number, parameter.name, called.number
+                    self.given.setdefault(passed, set()).add(gets)
+        return {
+            (parameter, called)
+            for caller, parameter, called in self.given.get(name, ())
+            if routine in (_ANYWHERE, caller)
+        }
+
+    def _frames_of_name(self, copy: str, routine: int) -> Set[MoveFrames]:
         """Return the tools and bases of the moves to a name; any element of an array may be the one."""
-        if copy not in self.bases_of:
+        if (copy, routine) not in self.bases_of:
             names = {copy, array_name_of(copy), f"{array_name_of(copy)}[]"}
             moves = {used for one in names for used in self.uses.get(one, {}).values() if not used.why}
             own = f"{FRAME_DATA}F{copy[1:]}"
             taken = {MoveFrames(own, own, COPIED)} if copy in self.moved_as_taught else set()
-            self.bases_of[copy] = taken | {each for used in moves for each in self._possible_frames(used)}
-        return self.bases_of[copy]
+            self.bases_of[copy, routine] = taken | {
+                each
+                for used in moves
+                if routine in (_ANYWHERE, used.routine)
+                for each in self._possible_frames(used)
+            }
+        return self.bases_of[copy, routine]
 
     def _possible_frames(self, used: PointMove) -> Set[MoveFrames]:
         """Return the tools and the bases of a move to a copy, all that may be where it is not certain which."""
