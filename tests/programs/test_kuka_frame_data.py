@@ -83,3 +83,12 @@ def test_a_copy_that_is_passed_to_a_routine_counts_where_the_routine_goes_to_it(
     files = {"a.dat": dat_file("A", *POINTS), "a.src": src_file("A", *lines)}
     found = frames_of_position(read_programs(tmp_path, files)["a.dat"], "XP1")
     assert found == expected if isinstance(expected, tuple) else expected in found
+
+
+@pytest.mark.parametrize(("base", "expected"), [(2, ("1", "2")), (4, "taught in another frame")])
+def test_a_base_that_a_called_routine_leaves_counts_for_a_copy(base, expected, tmp_path):
+    routine = ("DEF MB(P :IN)", "DECL E6POS P", f"BAS(#BASE,{base})", "LIN P")
+    lines = ("BAS(#TOOL,1)", "BAS(#BASE,2)", "XP4 = XP1", "MB(XP2)", "LIN XP4", "END", *routine)
+    files = {"a.dat": dat_file("A", *POINTS), "a.src": src_file("A", *lines)}
+    found = frames_of_position(read_programs(tmp_path, files)["a.dat"], "XP1")
+    assert found == expected if isinstance(expected, tuple) else expected in found

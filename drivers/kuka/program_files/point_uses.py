@@ -290,8 +290,9 @@ class PointUses:
         callers = [one for one in self.routines if routine.name in one.calls]
         found: list[Set[str]] = []
         for which, now in (("TOOL", certain.tool), ("BASE", certain.frame)):
-            some = {now} if now is not None and not certain.why else self._values_in(routine, which)
+            some = {now} if now is not None and not certain.why else self._values_around(routine, which)
             some = some or {each for one in callers for each in self._values_in(one, which)}
+            some = some or ({RESET} if any(one.resets for one in callers) else set())
             use = routine.tool if which == "TOOL" else routine.base
             found.append(some | {RESET} if certain.why and routine.may_be_reset(use, used.place) else some)
         tools, bases = found
@@ -299,6 +300,13 @@ class PointUses:
         return alone | {
             MoveFrames(each if FRAME_DATA in each else None, each, COPIED, routine.name) for each in bases
         }
+
+    def _values_around(self, routine: KrlRoutine, which: str) -> Set[str]:
+        """Return the tools or bases that a routine sets or takes, and those that are set below and around it."""
+        use = routine.tool if which == "TOOL" else routine.base
+        marked = {value for value, _ in (*use.below, *use.above)} - {UNKNOWN, TURNED_BY_AXIS, RESET}
+        named = self._name_of_set(which) or "$"
+        return self._values_in(routine, which) | {named if value == "$" else value for value in marked}
 
     def _values_in(self, routine: KrlRoutine, which: str) -> Set[str]:
         """Return the tools or bases that a routine sets, or takes from frame data."""
