@@ -17,6 +17,7 @@ from cellcal.drivers.programs.file_declarations import (
     settle_uncertain_tools,
 )
 from cellcal.drivers.programs.positions import CARTESIAN, JOINTS, Positions, Remark
+from cellcal.drivers.programs.shifts import ProgramShift, ShiftAxes
 
 _DIFFERENT = "it is used with different tools or frames, in {}"
 _OTHERWISE = "it was taught with another tool or frame than {} moves there with"
@@ -115,13 +116,27 @@ def _taught_otherwise(
 
 
 def _copied_otherwise(agreed: MoveFrames, uses: Sequence[tuple[MoveFrames, str]]) -> str:
-    """Return why a position is left whose copy is moved to with another tool or frame; or ""."""
+    """Return why a position is left whose copy is moved to in another frame; or ""."""
     for one, file in uses:
-        if one.why == COPIED and one.tool and one.frame:
-            named = lower_name(one.tool), lower_name(one.frame)
-            if named != (lower_name(agreed.tool), lower_name(agreed.frame)):
-                return make_message(_DIFFERENT, PurePath(file).name)
+        if one.why == COPIED and one.frame and lower_name(one.frame) != (lower_name(agreed.frame) or "0"):
+            return make_message(_COPY_OTHERWISE, PurePath(file).name)
     return ""
+
+
+def copies_with_other_tools(
+    positions: Positions, external_uses: ExternalUses, keys: Sequence[str]
+) -> list[ProgramShift]:
+    """Return, as shifts of their rows, the moves to copies of positions with another tool than the position's own."""
+    found: dict[tuple[int, str], ProgramShift] = {}
+    for row, (kind, own) in enumerate(zip(positions.kinds, positions.tools, strict=True)):
+        if kind != CARTESIAN or row in positions.barred or own is None:
+            continue
+        for one, file in external_uses.uses_of_name(keys[row]):
+            if one.why == COPIED and one.tool and lower_name(one.tool) != lower_name(own):
+                line, what = int(positions.lines[row]), PurePath(file).name
+                shift = ProgramShift(line, what, ShiftAxes.USER_FRAME, (row,), other_tool=one.tool)
+                found.setdefault((row, lower_name(one.tool)), shift)
+    return list(found.values())
 
 
 def _agree_uses(

@@ -17,7 +17,7 @@ from cellcal.calibration.geometry import Array, homogeneous_matrix, rotation_fro
 Triple = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]  # w first
 UNREADABLE: Triple = (nan, nan, nan)
-UNKNOWN_FRAME = "*"  # of `ProgramShift.other_frame`: only the running program knows which
+UNKNOWN_FRAME = "*"  # of `ProgramShift.other_frame` and `other_tool`: only the running program knows which
 NO_TURN: Quaternion = (1.0, 0.0, 0.0, 0.0)
 
 
@@ -44,6 +44,9 @@ class ProgramShift:
     sets: bool = False  # no shift: a part of the point is set to another value
     other_frame: str = (
         ""  # no shift: the motion takes the point's numbers in this user frame, which is not its own
+    )
+    other_tool: str = (
+        ""  # no shift: the motion takes the point's numbers with this tool, which is not its own
     )
     absent: str = ""  # no shift: the motion goes to a place that no file holds; what to do with it
 

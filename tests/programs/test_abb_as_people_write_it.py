@@ -261,3 +261,74 @@ PICK = routine("rPick", "MoveJ p9,v100,fine,tool0;")
 )
 def test_configurations_count_unless_the_checks_are_surely_off_before_every_move(routines, ignored):
     assert ignores_configurations(f"MODULE M\n{routines}ENDMODULE\n") is ignored
+
+
+@pytest.mark.parametrize("value", ["9E9", "9.0E9", "9E+09", "9000000000", "8.99999E+09", "1E+10", "1e10"])
+def test_an_axis_that_is_not_there_is_read_however_it_is_written(value):
+    target = ONE.replace(E, f"[{','.join([value] * 6)}]")
+    positions = read_module(f"CONST robtarget p1:={target};").positions
+    assert positions.kinds == (CARTESIAN,)
+    assert not positions.external.size
+
+
+@pytest.mark.parametrize(
+    "line", ["p1.robconf.cf1:=1;", "p1.robconf:=p2.robconf;", "p1.extax.eax_a:=100;", "p1.extax := p2.extax;"]
+)
+def test_a_target_whose_posture_or_axes_the_program_sets_is_left(line):
+    moves = ("MoveL p1,v100,fine,tGrip\\WObj:=wTable;", "MoveL p2,v100,fine,tGrip\\WObj:=wTable;")
+    barred = read_module(
+        *declaration_lines("p1", "p2"), "PROC main()", line, *moves, "ENDPROC"
+    ).positions.barred
+    assert list(barred.items()) == [(0, "the program sets a component of it while it runs")]
+
+
+@pytest.mark.parametrize(("work_object", "left"), [("wTable", 0), ("wTwo", 1)])
+def test_what_a_function_makes_of_a_target_counts_where_moves_go_to_it(work_object, left):
+    file = read_module(
+        *declaration_lines("p1"),
+        "VAR robtarget pTmp;",
+        "VAR robtarget pNext;",
+        "PROC main()",
+        "MoveL p1,v100,fine,tGrip\\WObj:=wTable;",
+        "pTmp := Above(p1, 50);",
+        "pNext := pTmp;",
+        f"MoveL pNext,v100,fine,tGrip\\WObj:={work_object};",
+        "ENDPROC",
+    )
+    assert len([row for row in file.positions.barred if row == 0]) == left
+
+
+def test_a_copy_that_a_routine_copies_again_counts_for_the_target():
+    file = read_module(
+        *declaration_lines("p1"),
+        "VAR robtarget pTmp;",
+        "PROC main()",
+        "MoveL p1,v100,fine,tGrip\\WObj:=wTable;",
+        "pTmp := p1;",
+        "Back pTmp;",
+        "ENDPROC",
+        "PROC Back(robtarget p)",
+        "VAR robtarget pBack;",
+        "pBack := p;",
+        "pBack.trans.x := pBack.trans.x-15;",
+        "MoveL pBack,v100,fine,tGrip\\WObj:=wTwo;",
+        "ENDPROC",
+    )
+    assert 0 in file.positions.barred
+
+
+def test_a_displacement_shifts_the_copy_that_a_move_goes_to():
+    file = read_module(
+        *declaration_lines("p1"),
+        "VAR robtarget pTmp;",
+        "PROC main()",
+        "MoveL p1,v100,fine,tGrip\\WObj:=wTable;",
+        "pTmp := p1;",
+        "PDispSet [[0,0,39],[1,0,0,0]];",
+        "MoveL pTmp,v100,fine,tGrip\\WObj:=wTable;",
+        "PDispOff;",
+        "ENDPROC",
+    )
+    assert [(one.what, one.point, one.user_frame) for one in file.positions.shifts] == [
+        ("PDispSet", "pTmp", "wTable")
+    ]

@@ -35,10 +35,14 @@ ENDMODULE
 NOT_CORRECTED = "not corrected for the arm"
 
 
-def compensate(folder: Path, brand: str, name: str, text: str) -> tuple[int, dict[str, Any]]:
-    """Compensate one program for an arm with errors of its lengths and zeros."""
-    file, project = folder / name, folder / "project.toml"
-    file.write_text(text)
+def compensate(
+    folder: Path, brand: str, name: str, text: str, *, beside: tuple[str, str] | None = None
+) -> tuple[int, dict[str, Any]]:
+    """Compensate one program, and one beside it, for an arm with errors of its lengths and zeros."""
+    project, texts = folder / "project.toml", dict([(name, text), *([beside] if beside else [])])
+    files = [folder / each for each in texts]
+    for file in files:
+        file.write_text(texts[file.name])
     stated = (CASES / brand / "project.toml").read_text()
     project.write_text(stated)
     cell = read_project(project)
@@ -46,10 +50,11 @@ def compensate(folder: Path, brand: str, name: str, text: str) -> tuple[int, dic
     write_parameters(folder / "robot.toml", nominal, real_arm(nominal, 3), cell.serial)
     project.write_text(stated.replace("[robot]\n", '[robot]\nparameters = "robot.toml"\n'))
     words = [
-        "compensate", file, "--project", project, "--out", folder / "out", "--json", folder / "report.json",
+        "compensate", *files, "--project", project, "--out", folder / "out", "--json", folder / "report.json",
     ]  # fmt: skip
     code = run_command_line(["program", *map(str, words)])
-    (report,) = json.loads((folder / "report.json").read_text())["programs"]
+    programs = json.loads((folder / "report.json").read_text())["programs"]
+    (report,) = [one for one in programs if Path(one["source"]).name == name]
     return code, report
 
 
@@ -99,6 +104,27 @@ def test_a_computed_place_or_part_of_one_is_a_finding(tmp_path, brand, name, tex
 def test_a_step_from_a_corrected_place_is_no_finding(tmp_path, brand, name, text) -> None:
     _, report = compensate(tmp_path, brand, name, text)
     assert report["findings"] == []
+
+
+KUKA_DATA = """DEFDAT A PUBLIC
+DECL E6POS XP1={X -59.856,Y -325.164,Z 612.070,A 132.8375,B 43.2907,C -157.3346,S 2,T 34}
+DECL FDAT FP1={TOOL_NO 1,BASE_NO 1,IPO_FRAME #BASE}
+DECL E6POS XQ1
+ENDDAT
+"""
+KUKA_COPY = "DEF A()\nBAS(#TOOL,1)\nBAS(#BASE,1)\nXQ1 = XP1\nBAS(#TOOL,{})\nLIN XQ1\nLIN XP1\nEND\n"
+
+
+@pytest.mark.parametrize(("tool", "findings"), [(1, 0), (2, 1)])
+def test_a_copy_that_another_tool_goes_to_is_corrected_for_another_posture(tmp_path, tool, findings) -> None:
+    program = KUKA_COPY.format(tool).replace("LIN XP1", "BAS(#TOOL,1)\nLIN XP1")
+    code, report = compensate(tmp_path, "kuka", "A.dat", KUKA_DATA, beside=("A.src", program))
+    assert report["counts"]["changed"] == 1
+    assert [one["point"] for one in report["findings"]] == ["XP1"] * findings
+    assert all(
+        "A.src takes the numbers of XP1 with another tool" in one["text"] for one in report["findings"]
+    )
+    assert code == ExitCode.REFUSED  # XQ1 holds none
 
 
 def test_an_element_that_is_set_after_the_position_was_read_does_not_move_with_the_work(tmp_path) -> None:

@@ -51,11 +51,18 @@ def listing(*lines: str, frames: tuple[int, int] = (1, 1)) -> str:
     return f"/PROG  Z\n/ATTR\n/MN\n{''.join(numbered)}/POS\n{''.join(records)}/END\n"
 
 
-def move(tmp_path: Path, text: str, offset: str) -> dict:
+def move(tmp_path: Path, text: str, offset: str, *options: str) -> dict:
     (tmp_path / "project.toml").write_text(PROJECT, encoding="utf-8")
     (tmp_path / "Z.LS").write_text(text, encoding="ascii")
     words = ["program", "move", str(tmp_path / "Z.LS"), "--project", str(tmp_path / "project.toml")]
-    words += [f"--offset={offset}", "--out", str(tmp_path / "out"), "--json", str(tmp_path / "r.json")]
+    words += [
+        *options,
+        f"--offset={offset}",
+        "--out",
+        str(tmp_path / "out"),
+        "--json",
+        str(tmp_path / "r.json"),
+    ]
     code = run_command_line(words)
     return {**json.loads((tmp_path / "r.json").read_text())["programs"][0], "code": code}
 
@@ -205,3 +212,13 @@ def test_a_frame_that_a_called_program_leaves_counts_for_a_copy(
     programs = {one["program"]: one for one in json.loads((tmp_path / "r.json").read_text())["programs"]}
     named = any("in user frame 2" in str(one) for one in programs["Z"]["findings"])
     assert named == (code == ExitCode.REFUSED)
+
+
+@pytest.mark.parametrize(("frame", "points"), [("1", ["PR[5]"]), ("2", ["PR[5]", "PR[6]"]), ("3", [])])
+def test_a_register_is_named_in_each_frame_that_moves_and_in_no_other(
+    tmp_path: Path, frame: str, points: list[str]
+) -> None:
+    lines = [*START, "CALL GRIP", "L P[1] 100mm/sec FINE", "L PR[5] 100mm/sec FINE", "CALL GRIP"]
+    lines += ["UFRAME_NUM=2", "L PR[5] 9mm/sec FINE", "L PR[6] 100mm/sec FINE"]
+    moved = move(tmp_path, listing(*lines), ALONG, "--frame", frame)
+    assert [each["point"] for each in moved["findings"]] == points

@@ -139,21 +139,34 @@ def test_programs_that_are_not_read_are_named(tmp_path: Path, capsys: pytest.Cap
     assert "2 files passed over, places in them are not read and stay: K.KL, Y.TP" in printed
 
 
-@pytest.mark.parametrize("selection", ["UFRAME_NUM=0", "UFRAME_NUM=R[5]", "UFRAME_NUM=2"])
-def test_a_copy_in_another_frame_is_corrected_for_another_place(tmp_path: Path, selection: str) -> None:
+@pytest.mark.parametrize(
+    ("selection", "word"),
+    [
+        ("UFRAME_NUM=0", "of another place"),
+        ("UFRAME_NUM=R[5]", "of another place"),
+        ("UTOOL_NUM=2", "of another posture"),
+        ("UTOOL_NUM[GP1]=R[5]", "of another posture"),
+        ("$MNUTOOLNUM[1]=2", "of another posture"),
+        ("UFRAME_NUM=2", ""),
+        ("UTOOL_NUM=1", ""),
+    ],
+)
+def test_a_copy_in_another_frame_or_with_another_tool_is_corrected_for_another_place(
+    tmp_path: Path, selection: str, word: str
+) -> None:
     text = (CASES / "fanuc" / "inc_lift.LS").read_text()
     lines = ("UFRAME_NUM=2", "UTOOL_NUM=1", "PR[10]=P[1]", selection)
     numbered = "".join(f"{k:4d}:  {line} ;\n" for k, line in enumerate(lines, 1))
+    back = "   6:  UFRAME_NUM=2 ;\n   7:  UTOOL_NUM=1 ;\n   8:L P[2] 9mm/sec FINE ;\n"
     text = re.sub(
         r"/MN\n.*?/POS",
-        f"/MN\n{numbered}   5:L PR[10] 9mm/sec FINE ;\n   6:L P[2] 9mm/sec FINE ;\n/POS",
+        f"/MN\n{numbered}   5:L PR[10] 9mm/sec FINE ;\n{back}/POS",
         text,
         flags=re.DOTALL,
     )
     code, report = compensate(tmp_path, "fanuc", "A.LS", text)
-    own = selection == "UFRAME_NUM=2"
-    assert code == (ExitCode.PASS if own else ExitCode.REFUSED)
-    assert own == (not any("of another place" in one["text"] for one in report["findings"]))
+    assert code == (ExitCode.REFUSED if word else ExitCode.PASS)
+    assert bool(word) == any(word in one["text"] for one in report["findings"] if word)
 
 
 def _program(name: str, *lines: str) -> str:

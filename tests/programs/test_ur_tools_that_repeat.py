@@ -10,6 +10,7 @@ from tests.programs.test_field_cases import MovedProgram, move_program
 SHORT, LONG = "set_tcp(p[0, 0, 0.1, 0, 0, 0])", "set_tcp(p[0, 0, 0.15, 0, 0, 0])"
 HOME = "movej([0.3, -1.4, 1.9, -2.0, -1.57, 0.1])"
 MOVE, OTHER = "movel(p[-0.45,-0.20,0.25,0,3.1415,0])", "movel(p[-0.40,-0.25,0.25,0,3.1415,0])"
+PICK = "pick = p[-0.45,-0.20,0.25,0,3.1415,0]"
 DIFFERENT = "the program goes to it with different tools"
 ON_THE_WAY = "which tool the program has there depends on the way that it takes"
 
@@ -37,6 +38,9 @@ def reasons_of(moved: MovedProgram) -> dict[str, str]:
         (("def other():", LONG, "end"), ("while True:", MOVE, "other()", "end"), DIFFERENT),
         (("def inner():", LONG, "end", "def outer():", "inner()", "end"), ("outer()", MOVE), ON_THE_WAY),
         (("thread t():", LONG, "end"), ("run t()", MOVE), ON_THE_WAY),
+        ((), (PICK, "movel(pick)", "next = pick  # the next one", LONG, "movel(next)"), DIFFERENT),
+        ((), (PICK, "movel(pick)", "local a = pick", "b = a", LONG, "movel(b)"), DIFFERENT),
+        (("def go(x):", "movel(x)", "end"), (PICK, "movel(pick)", LONG, "go(pick)"), DIFFERENT),
     ],
 )
 def test_a_move_that_comes_again_with_another_tool_is_left(
@@ -51,6 +55,16 @@ def test_a_move_that_comes_again_with_another_tool_is_left(
     "lines",
     [
         ("while True:", SHORT, MOVE, LONG, OTHER, "end"),  # each pass begins with its own
+        (PICK, "movel(pick)", "next = pick", "movel(next)", LONG, OTHER),
+        (
+            PICK,
+            "movel(pick)",
+            "next = pick",
+            "movel(next)",
+            LONG,
+            "next = p[-0.4,-0.25,0.25,0,3.1415,0]",
+            OTHER,
+        ),
         ("while True:", MOVE, SHORT, "end"),  # the same tool again
         ("while True:", "if get_standard_digital_in(1):", SHORT, MOVE, "else:", LONG, OTHER, "end", "end"),
         ("while get_standard_digital_in(1):", "sync()", "end", MOVE, LONG, OTHER),

@@ -25,7 +25,9 @@ from cellcal.drivers.programs.shifts import ProgramShift, renumber_shifts
 from cellcal.drivers.programs.spans import ProgramText, finest_decimals, unique_names
 
 LEAST_ANGLE_DECIMALS = 4  # of a degree: what a changed coordinate is written with at least
-UNUSED = 9e9  # the maker's value for an axis that is not there
+UNUSED = (
+    1e9  # the maker writes 9E9 for an axis that is not there, others 1E10, or 8.99999E9 in single precision
+)
 UNIT_WITHIN = 1e-3  # what rounding to three digits does to a quaternion's length
 _USUAL, _USUAL_DIGITS = 1e6, 20  # what lies beyond is looked at closer
 _NOTHING = (np.nan,) * 7
@@ -226,7 +228,7 @@ class RapidPositions:
         return self.source.parse_number(found.start(k + 1), text)
 
     def _parse_axis(self, found: re.Match[str], k: int) -> float:
-        return np.nan if float(found[k + 1]) == UNUSED else self._parse_number(found, k)
+        return np.nan if abs(float(found[k + 1])) >= UNUSED else self._parse_number(found, k)
 
     def _add_external(self, name: str, found: re.Match[str], first: int) -> None:
         texts = found.groups()[first:]

@@ -25,6 +25,7 @@ _TERM = re.compile(rf"{W}({NUMBER}){W}", re.ASCII)
 _AXIS = re.compile(r"\.trans\.([xyz])$", re.IGNORECASE)
 _PLACE = re.compile(r"\.(?:trans|rot)\b", re.IGNORECASE)
 _AXES = re.compile(r"\.robax\b", re.IGNORECASE)
+_BESIDE = re.compile(r"\.(?:robconf|extax)\b", re.IGNORECASE)  # another posture or axis is meant then
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,7 +79,7 @@ class FoundShifts:
     def take_component(self, place: int, target: tuple[str, str], path: str, value_place: int) -> None:
         """Note that a component of a target, a name in a scope, is assigned."""
         name, scope = target
-        if _AXES.search(path) is not None:
+        if _AXES.search(path) is not None or _BESIDE.search(path) is not None:
             self.set_components.append((name, scope))
         if _PLACE.search(path) is None:
             return
@@ -213,7 +214,7 @@ def _shifts_of_displacement(
     elsewhere = {
         (move.name, move.frame)
         for move in displacement.moves
-        if move.name and not uses.rows_of(move.name, move.scope)
+        if move.name and not _cartesian_rows(uses.rows_of(move.name, move.scope), collected)
     }
     for name, frame in sorted(elsewhere, key=str):
         yield make_shift((), name, frame)

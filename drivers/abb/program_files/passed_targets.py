@@ -184,6 +184,7 @@ def _pass_call(
             (_frame_passed(uses, tool, (call, its)), _frame_passed(uses, frame, (call, its)))
             for tool, frame in uses.uses_in(scope, parameter.name)
         }
+        uses.note_passed(call.scope, passed, (scope, parameter.name))
         more |= uses.add_uses(call.scope, passed, some)
         if not (parameter.by_value and (parameter.name, scope) in kept):
             more |= uses.add_rows(scope, parameter.name, uses.rows_of(passed, call.scope))

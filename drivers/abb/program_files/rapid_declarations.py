@@ -24,6 +24,8 @@ _COPIED = re.compile(
     rf"(?:(?:Offs|RelTool){W}\({W}){{0,4}}+({NAME}){W}(?:\{{[^{{}};]*+\}}{W})?+[,;\]]",
     re.ASCII | re.IGNORECASE,
 )
+_CALLED = re.compile(rf"{NAME}{W}\(([^();]*+)\){W};", re.ASCII)
+_ARGUMENT = re.compile(rf"(?<![\w.\\])({NAME})(?=[ \t]*+(?:\{{[^{{}}]*+\}})?+[ \t]*+(?:,|\Z))", re.ASCII)
 _SIZES = re.compile(r"\s*\d+\s*")
 _MOST_DIGITS = 9  # of an array's size
 _FILLED_TEXT = "{} is an array without values: it is filled while the program runs."
@@ -154,4 +156,7 @@ class RapidDeclarations:
         copied = _COPIED.match(text, place)
         if copied is not None:
             self.uses.copied.add((self.uses.scope, decode_name(copied[1]), to))
+        elif (called := _CALLED.match(text, place)) is not None:
+            arguments = (decode_name(name) for name in _ARGUMENT.findall(called[1]))
+            self.uses.returned |= {(self.uses.scope, name, to) for name in arguments}
         return copied is not None

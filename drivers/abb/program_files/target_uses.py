@@ -1,7 +1,7 @@
 """Which tool and work object a target is used with: what the moves of a file say of the names it declares."""
 
 from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence, Set
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -40,6 +40,12 @@ class TargetUses:
     scope: str = "/"  # module/routine
     shown: dict[str, bool] = field(default_factory=dict)  # targets of modules, and whether others see them
     copied: set[tuple[str, str, str]] = field(default_factory=set)  # scope, name, and to what
+    returned: set[tuple[str, str, str]] = field(
+        default_factory=set
+    )  # the same, for arguments of a function whose value it is
+    passed: dict[tuple[str, str], set[tuple[str, str]]] = field(
+        default_factory=lambda: defaultdict(set)
+    )  # by where it is declared, and its name: the parameters that get it
     parameters: set[tuple[str, str]] = field(default_factory=set)  # scope, name: each call gives its own
     several: set[str] = field(
         default_factory=set
@@ -208,13 +214,20 @@ class TargetUses:
 
     def _take_uses_of_copies(self) -> None:
         """Count a move to a copy for the target that it was made of, where moves go there as well."""
-        if not self.copied:
+        if not (self.copied or self.returned):
             return
         of_copies: dict[tuple[str, str], set[ToolAndFrame]] = defaultdict(set)
         for (scope, name), what_all in self.used.items():
             of_copies[self._declared_at(name, scope)] |= what_all
-        for scope, name, to in self.copied:
-            some = sorted(of_copies.get(self._declared_at(to, scope), ()), key=str)[:_MOST_USES]
+        made = self.copied | self.returned
+        copies: dict[tuple[str, str], set[tuple[str, str]]] = defaultdict(set)
+        copies |= {key: set(some) for key, some in self.passed.items()}
+        for scope, name, to in made:
+            copies[self._declared_at(name, scope)].add(self._declared_at(to, scope))
+        for scope, name in sorted({each[:2] for each in made}):
+            its = _reachable_copies(copies, self._declared_at(name, scope))
+            uses = {use for copy in its for use in of_copies.get(copy, ())}
+            some = sorted(uses, key=str)[:_MOST_USES]
             if some and name.lower() in self.external_uses and not self._is_own(name, scope):
                 self._note_external_use(name, set(some))
             for row in self.rows_of(name, scope) if some else ():
@@ -340,6 +353,10 @@ class TargetUses:
         self.used[scope, name] |= uses
         return True
 
+    def note_passed(self, scope: str, name: str, parameter: tuple[str, str]) -> None:
+        """Note that a routine's parameter, by scope and name, gets what stands in a name."""
+        self.passed[self._declared_at(name, scope)].add(parameter)
+
     def add_rows(self, scope: str, name: str, rows: Sequence[int]) -> bool:
         """Note more targets that a name stands for; tell whether there are new ones."""
         its = self.rows[scope, name]
@@ -358,12 +375,8 @@ class TargetUses:
         for (scope, name), some in self.used.items():
             uses[self._declared_at(name, scope)] |= some
         for parameter in self.parameters & copies.keys():
-            found, waiting = {parameter}, [parameter]
-            while waiting:
-                more = copies.get(waiting.pop(), set()) - found
-                found |= more
-                waiting += more
-            of_copies = (sorted(uses.get(copy, ()), key=str) for copy in sorted(found - {parameter}))
+            found = _reachable_copies(copies, parameter)
+            of_copies = (sorted(uses.get(copy, ()), key=str) for copy in sorted(found))
             self.of_copied_parameters[parameter] = {use for some in of_copies for use in some[:_MOST_USES]}
 
     def uses_of_parameter(self, scope: str, name: str) -> frozenset[ParameterUse]:
@@ -386,6 +399,18 @@ class TargetUses:
             self.used[key] = {(_without_mark(tool), _without_mark(frame)) for tool, frame in some}
         for row, uses in self.of_row.items():
             self.of_row[row] = [(_without_mark(tool), _without_mark(frame)) for tool, frame in uses]
+
+
+def _reachable_copies(
+    copies: Mapping[tuple[str, str], Set[tuple[str, str]]], first: tuple[str, str]
+) -> set[tuple[str, str]]:
+    """Return what is made of a target, and what of that, without the target itself."""
+    found, waiting = {first}, [first]
+    while waiting:
+        more = copies.get(waiting.pop(), set()) - found
+        found |= more
+        waiting += more
+    return found - {first}
 
 
 def _without_mark(name: str | None) -> str | None:

@@ -1,13 +1,14 @@
-"""Copies of positions that a motion goes to while another user frame is in force.
+"""Copies of positions that a motion goes to while another user frame or tool is in force.
 
 A register holds numbers without a frame: a motion to it takes them in the frame that is in force. Where that is not
 the frame of the position that was copied, the motion does not go to the position, and no change of the position's
-numbers brings it where it belongs.
+numbers brings it where it belongs. With another tool the arm stands otherwise, and a correction is not its own.
 """
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 from cellcal.drivers.fanuc.program_files.ls_computed import match_assignment, places_named
 from cellcal.drivers.fanuc.program_files.ls_statements import Statement, motion_of, read_statements
@@ -15,22 +16,39 @@ from cellcal.drivers.programs.file_declarations import ExternalUses
 from cellcal.drivers.programs.positions import CARTESIAN, Positions
 from cellcal.drivers.programs.shifts import UNKNOWN_FRAME, ProgramShift, ShiftAxes
 
-_SELECTED = re.compile(
-    rb"\A(?:UFRAME_NUM|BENUTZER_NUM|\$MNUFRAMENUM)[ \t]*+(?:\[ *+(?:GP *+)?+1 *+\][ \t]*+)?+=[ \t]*+(\d{1,5}+)"
-)
-_SELECTION = re.compile(rb"\b(?:UFRAME_NUM|BENUTZER_NUM)\b|MNUFRAMENUM", re.IGNORECASE)
+
+class _Selections(NamedTuple):
+    """How a program selects a frame, or a tool."""
+
+    by_number: re.Pattern[bytes]
+    any_way: re.Pattern[bytes]
+    is_tool: bool
+
+
+def _selections_of(words: bytes, variable: bytes, *, is_tool: bool) -> _Selections:
+    of_group = rb"[ \t]*+(?:\[ *+(?:GP *+)?+1 *+\][ \t]*+)?+=[ \t]*+(\d{1,5}+)"
+    return _Selections(
+        re.compile(rb"\A(?:" + words + rb"|\$" + variable + rb")" + of_group),
+        re.compile(rb"\b(?:" + words + rb")\b|" + variable, re.IGNORECASE),
+        is_tool,
+    )
+
+
+_OF_FRAME = _selections_of(rb"UFRAME_NUM|BENUTZER_NUM", b"MNUFRAMENUM", is_tool=False)
+_OF_TOOL = _selections_of(rb"UTOOL_NUM|WKZ_NUM", b"MNUTOOLNUM", is_tool=True)
 # Statements that the program may come to from elsewhere than from the line above.
 _JOINED = re.compile(rb"(?:LBL|MARKE|FOR|ENDFOR|WHILE|ENDWHILE|ELSE|ELSEIF|ENDIF)\b")
 _CALLED = re.compile(rb"\b(?:CALL|AUFRUF)[ \t]++([^\s;(,]{1,80}+)", re.IGNORECASE)
 _STANDS = re.compile(rb"\bLPOS\b")
 START = 0  # in place of a position: where the robot was before any
-Copies = frozenset[tuple[int, str]]  # positions, and the user frame whose numbers a register has
+Copies = frozenset[tuple[int, str]]  # positions, and the user frame or tool whose numbers a register has
 
 
 @dataclass
 class _CopiedFrames:
-    """What registers hold, and which user frame is in force, statement by statement."""
+    """What registers hold, and which user frame or tool is in force, statement by statement."""
 
+    selections: _Selections
     taught: Mapping[int, str]  # by position
     frames_left: Mapping[str, frozenset[str]]  # by program that may be called: the frames that it chooses
     frames: frozenset[str] = frozenset()  # that may be in force; none: what was chosen before the program
@@ -39,8 +57,8 @@ class _CopiedFrames:
 
     def follow_statement(self, statement: Statement) -> None:
         """Take up a statement that is no motion."""
-        if _SELECTION.search(statement.text):
-            chosen = _SELECTED.fullmatch(statement.text)
+        if self.selections.any_way.search(statement.text):
+            chosen = self.selections.by_number.fullmatch(statement.text)
             self.frames = frozenset([str(int(chosen[1])) if chosen else UNKNOWN_FRAME])
         self.follow_calls(statement)
         assigned = match_assignment(statement)
@@ -61,7 +79,7 @@ class _CopiedFrames:
         for register in motion.register_targets:
             some = self.copies.get(register, frozenset())
             found += [
-                (position, _copy_elsewhere((statement.line, register), position, own, frame))
+                (position, self._copy_elsewhere((statement.line, register), position, own, frame))
                 for position, own in sorted(some)
                 for frame in sorted(self.frames - {own})
             ]
@@ -82,6 +100,15 @@ class _CopiedFrames:
             some |= {(START, frame) for frame in self.frames if not self.last}
         self.copies[register] = frozenset(some)
 
+    def _copy_elsewhere(self, use: tuple[int, int], position: int, own: str, other: str) -> ProgramShift:
+        """Return what the use of a register, by line and number, does in another frame than the position's own."""
+        name = f"PR[{use[1]}]"
+        shift = ProgramShift(use[0], name, ShiftAxes.USER_FRAME, quaternion=None)
+        if self.selections.is_tool:
+            return replace(shift, other_tool=other)
+        shift = replace(shift, other_frame=other)
+        return replace(shift, point=name, user_frame=own) if position == START else shift
+
     def join(self, others: Sequence["_CopiedFrames"]) -> None:
         """Take up that the program may come here from other statements, too."""
         for other in others:
@@ -93,20 +120,33 @@ class _CopiedFrames:
 def copies_in_other_frames(
     positions: Positions, data: bytes, external_uses: ExternalUses | None = None
 ) -> Iterator[tuple[int, ProgramShift]]:
-    """Yield, by position (or START), the motions to its copy in another user frame than its own."""
+    """Yield the motions to copies of positions (or of START) in another frame or with another tool than their own."""
     frames_left = {} if external_uses is None else external_uses.frames_left
-    if not (_SELECTION.search(data) or (frames_left and _CALLED.search(data))):
-        return
-    taught = {
-        int(name[2:-1]): str(int(frame))
-        for name, frame, kind, group in zip(
-            positions.names, positions.user_frames, positions.kinds, positions.groups.tolist(), strict=True
+    if _OF_FRAME.any_way.search(data) or (frames_left and _CALLED.search(data)):
+        taught = _numbers_taught(positions, positions.user_frames)
+        yield from _copies_elsewhere(_CopiedFrames(_OF_FRAME, taught, frames_left), data)
+    if _OF_TOOL.any_way.search(data):
+        of_tools = _CopiedFrames(_OF_TOOL, _numbers_taught(positions, positions.tools), {})
+        yield from (
+            (position, shift) for position, shift in _copies_elsewhere(of_tools, data) if position != START
         )
-        if kind == CARTESIAN and group == 1 and frame is not None and frame.isdigit()
+
+
+def _numbers_taught(positions: Positions, column: Sequence[str | None]) -> dict[int, str]:
+    """Return by position the frame or the tool that it was taught with."""
+    return {
+        int(name[2:-1]): str(int(number))
+        for name, number, kind, group in zip(
+            positions.names, column, positions.kinds, positions.groups.tolist(), strict=True
+        )
+        if kind == CARTESIAN and group == 1 and number is not None and number.isdigit()
     }
+
+
+def _copies_elsewhere(now: _CopiedFrames, data: bytes) -> Iterator[tuple[int, ProgramShift]]:
     statements = list(read_statements(data))
-    anywhere = _state_of_all(_CopiedFrames(taught, frames_left), statements)
-    now, seen = _CopiedFrames(taught, frames_left), set[tuple[int, str, str]]()
+    anywhere = _state_of_all(replace(now, copies={}), statements)
+    seen = set[tuple[int, str, str]]()
     for statement in statements:
         if _JOINED.match(statement.text):
             now.join([anywhere])
@@ -114,22 +154,15 @@ def copies_in_other_frames(
             now.follow_statement(statement)
             continue
         for position, shift in now.follow_motion(statement):
-            key = (position, shift.what, shift.other_frame)
+            key = (position, shift.what, shift.other_frame or shift.other_tool)
             if key not in seen:
                 seen.add(key)
                 yield position, shift
 
 
-def _copy_elsewhere(use: tuple[int, int], position: int, own: str, frame: str) -> ProgramShift:
-    """Return what the use of a register, by line and number, does in another frame than the position's own."""
-    name = f"PR[{use[1]}]"
-    shift = ProgramShift(use[0], name, ShiftAxes.USER_FRAME, quaternion=None, other_frame=frame)
-    return replace(shift, point=name, user_frame=own) if position == START else shift
-
-
 def _state_of_all(now: _CopiedFrames, statements: Sequence[Statement]) -> _CopiedFrames:
     """Return all frames that a program chooses, and all that its registers may get, in whatever order."""
-    every = _CopiedFrames(now.taught, now.frames_left)
+    every = replace(now, copies={})
     for statement in statements:
         if not statement.is_motion:
             now.follow_statement(statement)

@@ -1,7 +1,7 @@
 """What the motions of a program do to its positions: increments, led motions and shifts, row by row."""
 
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from math import nan
 
@@ -14,7 +14,7 @@ from cellcal.drivers.fanuc.program_files.ls_computed import (
 )
 from cellcal.drivers.fanuc.program_files.ls_copied_frames import START, copies_in_other_frames
 from cellcal.drivers.fanuc.program_files.ls_positions import REMOTE
-from cellcal.drivers.fanuc.program_files.ls_registers import UNSURE, registers_used
+from cellcal.drivers.fanuc.program_files.ls_registers import frames_in_force
 from cellcal.drivers.fanuc.program_files.ls_shared_registers import shifts_by_other_programs
 from cellcal.drivers.fanuc.program_files.ls_statements import (
     MotionStatement,
@@ -51,6 +51,7 @@ _HOME = re.compile(  # the robot's own resting posture, which no work moves, whe
     rb"\bJ[ \t]++PR\[ *+(\d{1,5}+) *+:[^\]\n]*?" + _REST, re.IGNORECASE
 )
 _STRAIGHT = re.compile(rb"\b[LCAS][ \t]++PR\[ *+(\d{1,5}+)", re.IGNORECASE)
+_ANY_REGISTER = -1  # in place of a register: a number chooses it
 _CARRY = "Carry it with `cellcal program registers`, or teach it there."
 _TO_PALLET = re.compile(
     rb"[JLCAS][ \t]++(PAL_\d++\[[^\]]{0,20}+\])"
@@ -64,9 +65,11 @@ class _MotionFindings:
     increments: dict[int, str] = field(default_factory=dict)  # positions that are no places, and why
     needs: dict[int, ConditionalBar] = field(default_factory=dict)  # of positions, by number
     any_increment: str = ""
-    any_register: int = 0  # a line in which a number chooses the register that is gone to
     places: set[int] = field(default_factory=set)  # positions that a motion goes to as they stand
     goes_to: dict[int, int] = field(default_factory=dict)  # registers that are gone to, and in which line
+    reached: dict[int, list[int]] = field(
+        default_factory=dict
+    )  # registers gone to, shifted or not: all lines
     shifted: dict[int, int] = field(default_factory=dict)  # registers that are gone to with a shift
     amounts: set[int] = field(default_factory=set)  # registers that shift a motion, or that it adds
     shifts: list[tuple[int, ProgramShift]] = field(default_factory=list)  # by position
@@ -118,12 +121,13 @@ def with_motions(positions: Positions, data: bytes, external_uses: ExternalUses 
         found.any_shift.append(
             ProgramShift(registers.any_position, "PR[...]=P[R[...]]", ShiftAxes.USER_FRAME, quaternion=None)
         )
-    here = list(_shifts_of_places_here(data, found, registers))
+    frames = frames_in_force(data, positions, external_uses) if found.reached else {}
+    here = list(_shifts_of_places_here(frames, found, registers))
     all_shifts = [
         *here,
         *(shift for position, shift in elsewhere if position == START),
         *_pallet_places(data),
-        *_absent_places(data, found, registers),
+        *_absent_places(data, frames, found, registers),
         *_with_rows(shifts, rows, positions),
         *_with_all_rows(found.any_shift, positions),
     ]
@@ -144,42 +148,40 @@ def _pallet_places(data: bytes) -> Iterator[ProgramShift]:
 
 
 def _absent_places(
-    data: bytes, found: _MotionFindings, registers: ComputedRegisters
+    data: bytes, frames: Mapping[int, str | None], found: _MotionFindings, registers: ComputedRegisters
 ) -> Iterator[ProgramShift]:
     """Yield the motions to registers that this program fills from none of its positions, home aside."""
     homes = {int(each) for each in _HOME.findall(data)} - {int(each) for each in _STRAIGHT.findall(data)}
-    lines = {
-        f"PR[{number}]": line
-        for number, line in {**found.shifted, **found.goes_to}.items()
-        if not registers.origins.get(number) and number not in registers.here and number not in homes
-    }
-    if found.any_register:
-        lines["PR[R[...]]"] = found.any_register
-    frames = _frames_in_force(data) if lines else {}
-    for point, line in lines.items():
-        yield ProgramShift(
-            line,
-            "PR[...]",
-            ShiftAxes.USER_FRAME,
-            point=point,
-            user_frame=frames.get(line),
-            absent=_CARRY,
-        )
+    for number, lines in found.reached.items():
+        if registers.origins.get(number) or number in registers.here or number in homes:
+            continue
+        point = f"PR[{number}]" if number != _ANY_REGISTER else "PR[R[...]]"
+        for frame, line in _first_lines(lines, frames).items():
+            yield ProgramShift(
+                line, "PR[...]", ShiftAxes.USER_FRAME, point=point, user_frame=frame, absent=_CARRY
+            )
 
 
-def _frames_in_force(data: bytes) -> dict[int, str | None]:
-    """Return by line the user frame in force where a register is used; None where it cannot be told."""
-    return {use.line: None if use.user_frame == UNSURE else use.user_frame for use in registers_used(data)}
+def _first_lines(lines: Sequence[int], frames: Mapping[int, str | None]) -> dict[str | None, int]:
+    """Return the user frames that may be in force in some lines, None for any, and the first line of each."""
+    found: dict[str | None, int] = {}
+    for line in lines:
+        found.setdefault(frames[line], line)
+    return found
 
 
 def _shifts_of_places_here(
-    data: bytes, found: _MotionFindings, registers: ComputedRegisters
+    frames: Mapping[int, str | None], found: _MotionFindings, registers: ComputedRegisters
 ) -> Iterator[ProgramShift]:
     """Yield what is added to, or set in, registers that got where the robot was before any position."""
-    places = {each: line for each, line in found.goes_to.items() if each in registers.here}
-    frames = _frames_in_force(data) if places else {}
-    for each, line in places.items():
-        point, frame = f"PR[{each}]", frames.get(line)
+    places = [
+        (each, frame, line)
+        for each, lines in found.reached.items()
+        if each in registers.here and each in found.goes_to
+        for frame, line in _first_lines(lines, frames).items()
+    ]
+    for each, frame, line in places:
+        point = f"PR[{each}]"
         if each in registers.altered or each in found.shifted:
             yield ProgramShift(
                 line,
@@ -225,10 +227,9 @@ def _find_motions(data: bytes, in_joints: frozenset[int]) -> _MotionFindings:
         motion = motion_of(statement)
         contents.follow_statement(statement)
         _take_targets(found, motion)
+        _take_reached(found, motion, region)
         if motion.search:  # it goes along an axis of the touch sensor's frame, as far as it finds something
             _add_shift(found, motion, ProgramShift(motion.line, motion.search, ShiftAxes.USER_FRAME))
-        if motion.any_register and motion.is_place:
-            found.any_register = found.any_register or motion.line
         if motion.offset or region:
             amount, quaternion = (
                 contents.shift_of_motion(motion, registers.turned | registers.joints)
@@ -244,6 +245,14 @@ def _find_motions(data: bytes, in_joints: frozenset[int]) -> _MotionFindings:
         if motion.stored:
             found.assigned.append((Statement(motion.stored, motion.line), last))
     return found
+
+
+def _take_reached(found: _MotionFindings, motion: MotionStatement, region: bool) -> None:
+    """Take up which registers a motion goes to, shifted or not."""
+    if motion.is_place or motion.offset or region:
+        some = (*motion.register_targets, *((_ANY_REGISTER,) if motion.any_register else ()))
+        for register in some:
+            found.reached.setdefault(register, []).append(motion.line)
 
 
 def _take_given(found: _MotionFindings, statement: Statement) -> None:

@@ -1,11 +1,12 @@
 """Which frame data (FDAT) a move is done with: its own, those of the inline form before it, or those of its block."""
 
 import re
-from collections.abc import Iterable, Mapping, Set
+from collections.abc import Container, Iterable, Mapping, Set
 from dataclasses import dataclass, field, replace
 from pathlib import PurePath
 from typing import Protocol
 
+from cellcal.drivers.kuka.program_files.frame_uses import RESET
 from cellcal.drivers.kuka.program_files.patterns import B
 from cellcal.drivers.kuka.program_files.point_uses import EXTERNAL_TOOL, data_of
 from cellcal.drivers.programs.barred import COMPUTED
@@ -101,19 +102,37 @@ def data_set_by_programs(external_uses: ExternalUses, frame_data: Iterable[str])
 
 
 def with_frame_data(
-    external_uses: ExternalUses, frame_data: Mapping[str, TaughtFrames], set_data: Set[str]
+    external_uses: ExternalUses,
+    frame_data: Mapping[str, TaughtFrames],
+    set_data: Set[str],
+    taught: Container[str] = (),
 ) -> ExternalUses:
     """Return the uses of a data list's points with the tools and bases of the frame data that each move takes.
 
     A name of frame data means those of the moving file's own data list before any others. Moves with data of
-    another list than this one leave the point, and so do data that a program sets.
+    another list than this one leave the point, and so do data that a program sets. A tool and base that a program
+    reset, and set no others, are no tool and the world for points that were taught with their own; for others they
+    are not said.
     """
     frame_data = {name: data for name, data in frame_data.items() if name not in set_data}
-    uses = {
-        name: [(_frames_of(move_frames, file, external_uses, frame_data), file) for move_frames, file in some]
-        for name, some in external_uses.uses.items()
-    }
+    uses = {}
+    for name, some in external_uses.uses.items():
+        found = [
+            (_frames_of(move_frames, file, external_uses, frame_data), file) for move_frames, file in some
+        ]
+        uses[name] = [
+            (without_reset(each, "0" if name in taught or each.why == COPIED else None), file)
+            for each, file in found
+        ]
     return replace(external_uses, uses=uses)
+
+
+def without_reset(move_frames: MoveFrames, value: str | None) -> MoveFrames:
+    """Return the tool and base of a move with a value in place of what its routine reset."""
+    if RESET not in (move_frames.tool, move_frames.frame):
+        return move_frames
+    tool, frame = (value if each == RESET else each for each in (move_frames.tool, move_frames.frame))
+    return move_frames._replace(tool=tool, frame=frame)
 
 
 def _frames_of(

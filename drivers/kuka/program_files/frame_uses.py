@@ -119,6 +119,16 @@ class KrlRoutine:
     base: FrameUse = field(default_factory=FrameUse)
     jumps: RoutineJumps = field(default_factory=RoutineJumps)
     resets: bool = False  # it sets both to what the controller begins with
+    reset_from: int | None = None  # where it first does so outside of branches
+    reset_at: list[int] = field(default_factory=list)  # where it does so, in the order of the text
+
+    def may_be_reset(self, use: FrameUse, place: int) -> bool:
+        """Tell whether nothing sets it between a reset and a place below, as the text goes."""
+        at = bisect_right(self.reset_at, place) - 1
+        if at < 0:
+            return False
+        reset = self.reset_at[at]
+        return all(value == RESET or not reset < where < place for where, value in use.order)
 
     def straight(self, use: FrameUse, place: int) -> str | None:
         """Return the number that holds at a place where the routine runs from top to bottom and calls nothing."""

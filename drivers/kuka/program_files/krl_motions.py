@@ -161,6 +161,8 @@ class KrlMotions:
             self._use_match(name, place, BARRED["computed"])
         elif taken != f"F{name[1][1:]}".upper():
             self._use_match(name, place, "", taken)
+        else:
+            self.points.moved_as_taught.add(point_key(name[1], name[2]))
 
     def _use_all_words(self, code: str, place: int, why: str) -> None:
         for name in patterns.WORD.finditer(without_field_names(code)):

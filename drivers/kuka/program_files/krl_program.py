@@ -78,6 +78,7 @@ class KrlProgram(KrlMotions):
         """Take a move as the inline forms write it, with all that stands around it."""
         self._set_both_frames(found.start("bas"), UNKNOWN)
         self._take_data(f"F{found['point']}")
+        self.points.moved_as_taught.add(f"X{found['point']}".upper())
 
     def _take_data(self, name: str) -> None:
         """Take frame data that an inline form sets; "" for such that no point has."""
@@ -165,6 +166,9 @@ class KrlProgram(KrlMotions):
         elif command == "INITMOV":
             self.force.forget()
             routine.resets = True
+            routine.reset_at.append(place)
+            if routine.reset_from is None and not self.branches:
+                routine.reset_from = place
             for use in (routine.tool, routine.base):
                 if use.values:
                     use.take_value(place, RESET, self.branches)

@@ -24,6 +24,7 @@ from cellcal.drivers.programs.routine_calls import ParameterUse, RoutineCall
 FRAME_DATA = "FDAT "  # before the name of a point's frame data, which stands in the data list
 EXTERNAL_TOOL = "the program works with an external tool ($IPO_MODE)"
 Now = tuple[str | None, str | None]  # the tool and the base that hold where a routine runs straight on
+_ANYWHERE = -1  # in place of a routine
 _MOST_COPIES = 100  # of one point, beyond which copies of copies are not looked for
 _MOST_USES = 1000  # of one name that are told apart; with more it is left
 
@@ -59,7 +60,13 @@ class PointUses:
     external_tool: bool = False
     turned_bases: set[str] = field(default_factory=set)  # those that an external axis turns
     copies: dict[str, set[str]] = field(default_factory=dict)  # of named points: the names they are given to
-    bases_of: dict[str, Set[MoveFrames]] = field(default_factory=dict)  # of moves to a copy
+    bases_of: dict[tuple[str, int], Set[MoveFrames]] = field(
+        default_factory=dict
+    )  # of moves to a copy, in a routine or anywhere
+    given: dict[str, set[tuple[int, str, int]]] = field(
+        default_factory=dict
+    )  # by name: the calling routine, and the parameter of the called one that gets it
+    moved_as_taught: set[str] = field(default_factory=set)  # names of moves with the frame data of that name
     deciding: dict[str, tuple[MoveFrames, ...]] = field(default_factory=dict)  # by name
     known_held: dict[tuple[int, str, bool, bool, bool, Now], MoveFrames] = field(default_factory=dict)
 
@@ -213,7 +220,7 @@ class PointUses:
         for name, all_used in self.uses.items():
             bare = array_name_of(name)
             frames_of_moves = {
-                self.frames_of_move(used, joints=False)
+                self._with_reset(used, self.frames_of_move(used, joints=False))
                 for used in all_used.values()
                 if bare not in self.routines[used.routine].declared
             }
@@ -225,47 +232,88 @@ class PointUses:
                 )
         return uses_by_name
 
-    def _frames_of_copies(self, name: str) -> set[MoveFrames]:
-        """Return the bases that are set where a copy of a point, or a copy of that, is moved to."""
-        copies, waiting = set[str](), [name]
-        while waiting and len(copies) < _MOST_COPIES:
-            more = self.copies.get(waiting.pop(), set()) - copies
-            copies |= more
-            waiting += more
-        return {move_frames for copy in copies for move_frames in self._frames_of_name(copy)}
+    def _with_reset(self, used: PointMove, move_frames: MoveFrames) -> MoveFrames:
+        """Return the tool and base of a move, marked where the routine reset them before it and set no others."""
+        reset = self.routines[used.routine].reset_from
+        if move_frames.why or used.data or reset is None or used.place < reset:
+            return move_frames
+        return move_frames._replace(tool=move_frames.tool or RESET, frame=move_frames.frame or RESET)
 
-    def _frames_of_name(self, copy: str) -> Set[MoveFrames]:
-        """Return the bases of the moves to a name; any element of an array may be the one."""
-        if copy not in self.bases_of:
+    def _frames_of_copies(self, name: str) -> set[MoveFrames]:
+        """Return the tools and bases that are set where a copy of a point, or a copy of that, is moved to."""
+        waiting: list[tuple[str, int]] = [(name, _ANYWHERE)]
+        copies = set[tuple[str, int]]()
+        while waiting and len(copies) < _MOST_COPIES:
+            at = waiting.pop()
+            more = {(copy, _ANYWHERE) for copy in self.copies.get(at[0], ())}
+            more |= self._parameters_given(*at) if at != (name, _ANYWHERE) else set()
+            waiting += more - copies
+            copies |= more
+        return {move_frames for copy in copies for move_frames in self._frames_of_name(*copy)}
+
+    def _parameters_given(self, name: str, routine: int) -> set[tuple[str, int]]:
+        """Return the parameters of routines of this file, and whose, that a routine gives what stands in a name."""
+        if not self.given:
+            by_name = {one.name: one for one in self.routines}
+            for call in self.calls:
+                if (called := by_name.get(call.routine)) is None:
+                    continue
+                for parameter in called.parameters:
+                    passed = call.argument_for(called.parameters, parameter.name)
+                    gets = by_name[call.scope].number, parameter.name, called.number
+                    self.given.setdefault(passed, set()).add(gets)
+        return {
+            (parameter, called)
+            for caller, parameter, called in self.given.get(name, ())
+            if routine in (_ANYWHERE, caller)
+        }
+
+    def _frames_of_name(self, copy: str, routine: int) -> Set[MoveFrames]:
+        """Return the tools and bases of the moves to a name; any element of an array may be the one."""
+        if (copy, routine) not in self.bases_of:
             names = {copy, array_name_of(copy), f"{array_name_of(copy)}[]"}
             moves = {used for one in names for used in self.uses.get(one, {}).values() if not used.why}
-            self.bases_of[copy] = {
-                MoveFrames(
-                    base if base.startswith(FRAME_DATA) else None,
-                    base,
-                    COPIED,
-                    self.routines[used.routine].name,
-                )
+            own = f"{FRAME_DATA}F{copy[1:]}"
+            taken = {MoveFrames(own, own, COPIED)} if copy in self.moved_as_taught else set()
+            self.bases_of[copy, routine] = taken | {
+                each
                 for used in moves
-                for base in self._possible_bases(used)
+                if routine in (_ANYWHERE, used.routine)
+                for each in self._possible_frames(used)
             }
-        return self.bases_of[copy]
+        return self.bases_of[copy, routine]
 
-    def _possible_bases(self, used: PointMove) -> Set[str]:
-        """Return the base of a move; where it is not certain, all that its routine sets or takes from frame data."""
-        move_frames = self.frames_of_move(used, joints=False)
-        if move_frames.frame is not None and not move_frames.why:
-            return {move_frames.frame}
+    def _possible_frames(self, used: PointMove) -> Set[MoveFrames]:
+        """Return the tools and the bases of a move to a copy, all that may be where it is not certain which."""
+        certain = self._with_reset(used, self.frames_of_move(used, joints=False))
         routine = self.routines[used.routine]
         callers = [one for one in self.routines if routine.name in one.calls]
-        return self._bases_in(routine) or {base for one in callers for base in self._bases_in(one)}
+        found: list[Set[str]] = []
+        for which, now in (("TOOL", certain.tool), ("BASE", certain.frame)):
+            some = {now} if now is not None and not certain.why else self._values_around(routine, which)
+            some = some or {each for one in callers for each in self._values_in(one, which)}
+            some = some or ({RESET} if any(one.resets for one in callers) else set())
+            use = routine.tool if which == "TOOL" else routine.base
+            found.append(some | {RESET} if certain.why and routine.may_be_reset(use, used.place) else some)
+        tools, bases = found
+        alone = {MoveFrames(each, None, COPIED, routine.name) for each in tools if FRAME_DATA not in each}
+        return alone | {
+            MoveFrames(each if FRAME_DATA in each else None, each, COPIED, routine.name) for each in bases
+        }
 
-    def _bases_in(self, routine: KrlRoutine) -> Set[str]:
-        """Return the bases that a routine sets, or takes from frame data."""
-        named = self._name_of_set("BASE") or "$"
-        values = routine.base.values - {UNKNOWN, TURNED_BY_AXIS, RESET}
+    def _values_around(self, routine: KrlRoutine, which: str) -> Set[str]:
+        """Return the tools or bases that a routine sets or takes, and those that are set below and around it."""
+        use = routine.tool if which == "TOOL" else routine.base
+        marked = {value for value, _ in (*use.below, *use.above)} - {UNKNOWN, TURNED_BY_AXIS, RESET}
+        named = self._name_of_set(which) or "$"
+        return self._values_in(routine, which) | {named if value == "$" else value for value in marked}
+
+    def _values_in(self, routine: KrlRoutine, which: str) -> Set[str]:
+        """Return the tools or bases that a routine sets, or takes from frame data."""
+        named, use = self._name_of_set(which) or "$", routine.tool if which == "TOOL" else routine.base
+        values = use.values - {UNKNOWN, TURNED_BY_AXIS, RESET}
         taken = {f"{FRAME_DATA}{data}" for data in routine.data_taken}
-        return taken | {named if base == "$" else base for base in values}
+        return taken | {named if value == "$" else value for value in values}
 
     def routine_effects(self) -> dict[str, RoutineEffects]:
         """Return what routines set, for the files that call them."""

@@ -16,6 +16,7 @@ from cellcal.drivers.kuka.program_files.frame_data import (
     marks_of_set_data,
     uses_of_own_data,
     with_frame_data,
+    without_reset,
 )
 from cellcal.drivers.kuka.program_files.imports import imports_of, remark_imports
 from cellcal.drivers.kuka.program_files.krl_program import read_program
@@ -44,7 +45,7 @@ from cellcal.drivers.programs.positions import (
     ProgramFrames,
     Remark,
 )
-from cellcal.drivers.programs.settled_positions import settle_positions
+from cellcal.drivers.programs.settled_positions import copies_with_other_tools, settle_positions
 from cellcal.drivers.programs.shifts import ProgramShift
 from cellcal.drivers.programs.spans import (
     Edit,
@@ -141,7 +142,8 @@ class KukaFile:
     def with_external_uses(self, external_uses: ExternalUses) -> Self:
         """Return the file with what others say of its positions."""
         set_data = data_set_by_programs(external_uses, self.frame_data)
-        external_uses = with_frame_data(external_uses, self.frame_data, set_data)
+        taught_keys = {self.keys[row] for row in self.taught}
+        external_uses = with_frame_data(external_uses, self.frame_data, set_data, taught_keys)
         used = frozenset(self.routines) | {
             k
             for k, (tool, base) in enumerate(
@@ -164,12 +166,13 @@ class KukaFile:
             self.frames, positions, external_uses.tools, external_uses.bases, own=frozenset()
         )
         absent = {
-            name: moves
+            name: frozenset(without_reset(move_frames, None) for move_frames in moves)
             for name, moves in external_uses.absent.items()
             if not _is_data_list(self.source.name) and not _HOME.match(name)
         }
         places = absent_places(self.source, absent, MOVE, comment=";", statement_end="\n")
-        positions = replace(positions, shifts=(*positions.shifts, *places))
+        copies = copies_with_other_tools(positions, external_uses, self.keys)
+        positions = replace(positions, shifts=(*positions.shifts, *places, *copies))
         return replace(self, positions=positions, frames=frames, remarks=(*self.remarks, *remarks))
 
 

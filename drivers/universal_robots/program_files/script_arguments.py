@@ -3,7 +3,7 @@
 import re
 from bisect import bisect_left, bisect_right
 from collections import defaultdict
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass, field
 
 from cellcal.drivers.universal_robots.program_files.script_scopes import UNKNOWN, ScriptScopes, Variable
@@ -22,6 +22,7 @@ _LONGEST_CALL = 2000
 _LONGEST_LIST = 100_000
 _LONGEST_NAME = 60
 _MOST_ROUNDS = 20
+_MOVED_TO = ("target", "in_frame")
 _EVERYWHERE = -3  # in place of where a variable gets its value: all uses count
 
 
@@ -43,6 +44,7 @@ class PassedArguments:
     _scopes: ScriptScopes = field(init=False)
     _parameters: dict[str, Sequence[str]] = field(init=False, default_factory=dict)
     _framed: set[tuple[str, str]] = field(init=False, default_factory=set)  # function, parameter
+    _moved: set[tuple[str, str]] = field(init=False, default_factory=set)  # the same, that moves go to
     _copies: dict[int, tuple[str, int]] = field(init=False, default_factory=dict)  # by use: into what, where
     _variables: dict[str, dict[Variable, dict[int, _Uses]]] = field(init=False, default_factory=dict)
 
@@ -60,12 +62,33 @@ class PassedArguments:
                 inside = list(self._reached_uses((number, name)))
                 if any(self._is_framed(use) for use in inside):
                     self._framed.add((function.name, name))
+                self._moved |= {(function.name, name) for use in inside if use[1] in _MOVED_TO}
                 passed += [((function.name, name), use) for use in inside]
         for _ in range(_MOST_ROUNDS):  # a function may pass its parameter on
-            more = {key for key, use in passed if self._goes_into_frame(use)}
-            if more <= self._framed:
+            framed = {key for key, use in passed if self._goes_into(use, self._framed)}
+            moved = {key for key, use in passed if self._goes_into(use, self._moved)}
+            if framed <= self._framed and moved <= self._moved:
                 break
-            self._framed |= more
+            self._framed |= framed
+            self._moved |= moved
+
+    def moves_to_copies(self, name: str, at: int) -> set[int]:
+        """Return where moves go to copies of a place, and where functions are called that go to what they get.
+
+        Parameters
+        ----------
+        at
+            Where the place gets its name.
+        """
+        uses = self.uses.get(name, ())
+        if not self._moved and not any(use[0] in self._copies for use in uses):  # as nearly always
+            return set()
+        variable = self._scopes.variable_at(name, at)
+        return {
+            use[0]
+            for use in self._reached_uses(variable)
+            if use[1] in _MOVED_TO or self._goes_into(use, self._moved)
+        }
 
     def is_brought_into_a_frame(self, name: str, at: int) -> bool:
         """Tell whether a copy of a place, or a function that it is passed to, goes to it in a frame.
@@ -81,7 +104,7 @@ class PassedArguments:
         variable = self._scopes.variable_at(name, at)
         own = {use[0] for use in uses}
         return any(
-            (use[0] not in own and self._is_framed(use)) or self._goes_into_frame(use)
+            (use[0] not in own and self._is_framed(use)) or self._goes_into(use, self._framed)
             for use in self._reached_uses(variable)
         )
 
@@ -143,11 +166,12 @@ class PassedArguments:
             role == "other" and where in ("pose_trans", "[") and self.behind_frame(at)
         )
 
-    def _goes_into_frame(self, use: Use) -> bool:
+    def _goes_into(self, use: Use, parameters_so: Set[tuple[str, str]]) -> bool:
+        """Tell whether a use passes a place to a function's parameter that is one of these."""
         at, role, where = use
         where = self._function_called_at(at) if where == "[" else where
         parameters = self._parameters.get(where) if role == "other" else None
-        return parameters is not None and (where, self._parameter_at(at, where, parameters)) in self._framed
+        return parameters is not None and (where, self._parameter_at(at, where, parameters)) in parameters_so
 
     def _function_called_at(self, at: int) -> str:
         """Return the function that an element of a list is an argument of; "" where it is none."""

@@ -339,8 +339,15 @@ class PositionFinder:
         if not pose.name:
             name = f"line {self.line_of(pose.start)}"
             return ScriptPlace(name, pose, joints, BASE, (pose.start,), is_hint=True)
-        used = (*self.reached.get(pose.name, ()), *self.reached.get(joints.name, ()))
+        used = (*self._moves_to(pose), *self._moves_to(joints))
         return ScriptPlace(pose.name[:-2], pose, joints, BASE, used)
+
+    def _moves_to(self, literal: ScriptLiteral) -> list[int]:
+        """Return where moves go to a variable and to its copies; none where no move goes to the variable itself."""
+        own = self.reached.get(literal.name, [])
+        if not (own and self.found.calls.get("set_tcp")):  # only the tool asks for the others
+            return own
+        return sorted({*own, *self._passed.moves_to_copies(literal.name, literal.start)})
 
     def _near_offsets(self, name: str) -> list[int]:
         """Return where joints of this name choose a posture."""
@@ -372,7 +379,7 @@ class PositionFinder:
         if name in self.frame_names or name in self.tool_names:
             return None
         frames = {where for _, role, where in self.found.uses.get(name, ()) if role == "in_frame"}
-        used = tuple(self.reached.get(name) or self._near_offsets(name))
+        used = tuple(self._moves_to(literal) or self._near_offsets(name))
         if len(frames) == 1 and literal.is_pose and frames <= self.frame_names:
             return ScriptPlace(name, literal, None, next(iter(frames)), used)
         if not frames and (name in self.reached or name in self.near):

@@ -1,4 +1,4 @@
-"""What a change costs where a motion takes a point's numbers in another user frame than the point's own.
+"""What a change costs where a motion takes a point's numbers in another frame or with another tool than its own.
 
 The work asks for E u2 p, with p the point and u2 the frame that the motion takes it in. The changed program goes to
 u2' u1'^-1 E u1 p, because the numbers are changed as the point's own frame u1 asks.
@@ -28,6 +28,10 @@ _OF_ANOTHER_PLACE = (
     "{what} takes the numbers of {point} in another user frame than its own: the correction for the arm is then that "
     "of another place. Teach the point there."
 )
+_OF_ANOTHER_TOOL = (
+    "{what} takes the numbers of {point} with another tool than its own: the correction for the arm is then that of "
+    "another posture. Teach the point there."
+)
 _LEAST_M, _LEAST_RAD = 1e-5, math.radians(0.005)  # what a pendant shows of a place and an orientation
 
 
@@ -36,10 +40,14 @@ def find_copy(
 ) -> PointFinding | None:
     """Return what it costs at a point, given by its row of all and of its program; without a text where nothing.
 
-    None where the shift is none of these, or a frame is not known.
+    None where the shift is none of these, or a frame is not known. A tool counts only where an arm is corrected for.
     """
     at, row = place
     program = points.programs[points.of[at]]
+    if shift.other_tool:
+        name = program.positions.names[row]
+        text = _uncorrected_text(_OF_ANOTHER_TOOL, shift, name, route)
+        return PointFinding(shift.line, name, shift.what, 0.0, math.nan, math.nan, text, row)
     if not (shift.other_frame and points.cartesian[at]):
         return None
     if shift.other_frame == UNKNOWN_FRAME:
@@ -66,7 +74,7 @@ def find_copy(
         turn=f"{math.degrees(turn):.2f}",
     )
     if not (distance > _LEAST_M or turn > _LEAST_RAD):
-        text = _uncorrected_text(shift, name, route)
+        text = _uncorrected_text(_OF_ANOTHER_PLACE, shift, name, route)
     return PointFinding(shift.line, name, shift.what, turn, distance, turn, text, row)
 
 
@@ -79,12 +87,12 @@ def _unknown_finding(
     name = program.positions.names[row]
     stays = route.source is route.target and bool((np.abs(route.change - np.eye(4)) < _LEAST_M).all())
     text = make_message(_UNKNOWN, what=shift.what, point=name)
-    text = _uncorrected_text(shift, name, route) if stays else text
+    text = _uncorrected_text(_OF_ANOTHER_PLACE, shift, name, route) if stays else text
     angle = float(np.linalg.norm(log_rotation(route.change[:3, :3])))
     return PointFinding(shift.line, name, shift.what, angle, math.nan, math.nan, text, row)
 
 
-def _uncorrected_text(shift: ProgramShift, name: str, route: TransferRoute) -> str:
+def _uncorrected_text(form: str, shift: ProgramShift, name: str, route: TransferRoute) -> str:
     """Return what a copy lacks that goes along, where numbers are corrected for an arm; "" where none are."""
     one_arm = route.source is route.target and route.real_ends == (True, True)
-    return "" if one_arm else make_message(_OF_ANOTHER_PLACE, what=shift.what, point=name)
+    return "" if one_arm else make_message(form, what=shift.what, point=name)

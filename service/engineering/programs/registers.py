@@ -69,7 +69,8 @@ class ProgramRegisters:
         for program in programs:
             line = indirect_line(program.to_bytes()) if program.brand == "fanuc" else 0
             chosen = chosen or (make_message(_CHOSEN, program.name, line) if line else "")
-            for use in registers_used(program.to_bytes()) if program.brand == "fanuc" else ():
+            its = registers_used(program.to_bytes(), program.positions) if program.brand == "fanuc" else ()
+            for use in its:
                 uses.setdefault(use.number, []).append((program.name, use))
         self.all = tuple(
             _read_register(self._backup, number, uses[number], chosen) for number in sorted(uses)

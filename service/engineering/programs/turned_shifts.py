@@ -113,7 +113,8 @@ def _findings_of(
             if carried is not None:
                 turned = _carried_change(carried, at, shift)
             pose = points.frame_tip[at] if points.cartesian[at] else None
-            taken = None if carried is not None else find_copy(points, (at, row), shift, route)
+            apart = carried is not None and not shift.other_tool
+            taken = None if apart else find_copy(points, (at, row), shift, route)
             one = taken or _shift_finding(shift, program.positions.names[row], row, pose, turned)
             found.append(_computed_finding(one, shift, route))
     return [one for one in found if one.text]

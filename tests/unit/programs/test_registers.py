@@ -103,7 +103,10 @@ def test_places_move_with_the_work_and_nothing_else_in_the_file_changes(tmp_path
             [(1, False, None, None), (3, False, None, None)],
         ),
         (("L PR[5:via] 50mm/sec FINE Tool_Offset,PR[6]",), [(5, False, None, None), (6, False, None, None)]),
-        (("UFRAME_NUM=1", "JMP LBL[1]", "UFRAME_NUM=2", "J PR[1] 9% FINE"), [(1, True, UNSURE, None)]),
+        (
+            ("UFRAME_NUM=1", "IF R[1]=1,JMP LBL[1]", "UFRAME_NUM=2", "LBL[1]", "J PR[1] 9% FINE"),
+            [(1, True, UNSURE, None)],
+        ),
         (("UTOOL_NUM=R[1]", "J PR[1] 9% FINE"), [(1, True, None, UNSURE)]),
         (("UTOOL_NUM=3", "CALL GRIP", "C PR[7] 9mm/sec FINE"), [(7, True, None, "3")]),
     ],
@@ -111,6 +114,38 @@ def test_places_move_with_the_work_and_nothing_else_in_the_file_changes(tmp_path
 def test_what_a_register_is_used_for(lines: tuple[str, ...], uses: list) -> None:
     found = registers_used(_listing_bytes(*lines))
     assert [(u.number, u.goes_there, u.user_frame, u.tool) for u in found] == uses
+
+
+_RECORD = b"P[1]{\n   GP1:\n\tUF : 2, UT : 1,\t\tCONFIG : 'N U T, 0, 0, 0',\n%s};\n" % (
+    b"\tX = 300.000  mm,\tY = 0.000  mm,\tZ = 300.000  mm,\n\tW = 180.000 deg,\tP = 0.000 deg,\tR = 0.000 deg\n"
+)
+_TO_5 = "L PR[5] 9mm/sec FINE"
+
+
+@pytest.mark.parametrize(
+    ("lines", "frames"),
+    [
+        (("UFRAME_NUM=1", "CALL GRIP", "UFRAME_NUM=2", _TO_5), ["2"]),
+        (("UFRAME_NUM=1", "CALL GRIP", _TO_5, "UFRAME_NUM=2", _TO_5), [UNSURE, "2"]),
+        (("UFRAME_NUM=1", "UFRAME_NUM=2", "GRIPPER OPEN", _TO_5, "L P[1] 9mm/sec FINE", _TO_5), [UNSURE, "2"]),
+        (("IF (R[1]=1) THEN", "UFRAME_NUM=1", "ELSE", "UFRAME_NUM=2", _TO_5, "ENDIF", _TO_5), ["2", UNSURE]),
+        (("UFRAME_NUM=1", "LBL[1]", _TO_5, "UFRAME_NUM=2", _TO_5, "JMP LBL[1]"), [UNSURE, "2"]),
+        (("UFRAME_NUM=1", "FOR R[1]=1 TO 2", _TO_5, "UFRAME_NUM=2", "ENDFOR", _TO_5), [UNSURE, UNSURE]),
+        (("UFRAME_NUM=1", "SELECT R[1]=1,JMP LBL[2]", "       =2,CALL A", "UFRAME_NUM=2", "LBL[2]", _TO_5),
+         [UNSURE]),
+        (("UFRAME_NUM=1", "IF (PR[1,3]>5),UFRAME_NUM=2", _TO_5), ["1", UNSURE]),
+        (("UFRAME_NUM=1", "END", "LBL[9]", "UFRAME_NUM=2", _TO_5), ["2"]),
+        (("UFRAME_NUM=2", "UFRAME_NUM=1", "C PR[5]    ", "  :  PR[6] 9mm/sec FINE", ), ["1", "1"]),
+    ],
+)  # fmt: skip
+def test_the_frame_of_a_register_is_followed_along_the_ways_of_the_program(
+    lines: tuple[str, ...], frames: list
+) -> None:
+    data = _listing_bytes(*lines).replace(b"/POS\n", b"/POS\n" + _RECORD)
+
+    found = registers_used(data, read_ls("WELD.LS", data).positions)
+
+    assert [use.user_frame for use in found] == frames
 
 
 def test_a_project_without_a_backup_says_what_is_missing(tmp_path: Path) -> None:
