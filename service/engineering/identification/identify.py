@@ -50,6 +50,7 @@ from cellcal.service.engineering.identification.identify_check import (
     lints_of_fit,
     lints_of_start,
     prepare_measurements,
+    without_contradicting_attitudes,
 )
 from cellcal.service.engineering.identification.identify_start import (
     IdentificationStart,
@@ -192,7 +193,7 @@ def identify_file(
     chain = start.point.rigid_arm(model)
     with naming_fixed_joints(path, robot, options.read):
         refuse_misfit(chain, prepared.observations, file_names(prepared.measurements))
-    _refuse_changes(chain, prepared)
+    prepared = _as_one_series(chain, prepared)
     train, held_out = _split_rows(len(prepared.observations), options)
     grouping = group_rows(
         prepared.measurements.observations.joints_rad[train], prepared.grouping.groups[train]
@@ -352,18 +353,14 @@ def _split_rows(count: int, options: IdentifyOptions) -> tuple[Rows, Rows]:
     return np.sort(order[: options.train_rows]), np.sort(order[options.train_rows :])
 
 
-def _refuse_other_causes(chain: RobotModel, prepared: PreparedMeasurements) -> None:
-    """Refuse rows that fit with another reading of the file, or with a second target."""
-    refuse_misfit(chain, prepared.observations, file_names(prepared.measurements))
-    _refuse_changes(chain, prepared)
-
-
-def _refuse_changes(chain: RobotModel, prepared: PreparedMeasurements) -> None:
-    """Refuse rows within which a target, or the zero of a joint, changed."""
+def _as_one_series(chain: RobotModel, prepared: PreparedMeasurements) -> PreparedMeasurements:
+    """Return rows with what belongs together; refuse those within which a target, or the zero of a joint, changed."""
+    prepared = without_contradicting_attitudes(chain, prepared)
     observations, rows = prepared.observations, prepared.measurements.rows
     series = series_columns(chain, observations)
     refuse_series_changes(chain, find_series_changes(series, observations), rows)
     refuse_target_change(chain, find_target_change(series), rows)
+    return prepared
 
 
 def _believed_scale(chain: RobotModel, rows: Observations) -> PositionScale | None:
