@@ -277,7 +277,20 @@ def _preference_rank(key: tuple[str, str, str]) -> int:
         words
         & (
             SPREAD_WORDS
-            | {"vel", "qd", "velocity", "current", "torque", "temp", "speed", "moment", "acc", "effort"}
+            | {
+                "vel",
+                "qd",
+                "velocity",
+                "current",
+                "torque",
+                "temp",
+                "speed",
+                "moment",
+                "acc",
+                "effort",
+                "quat",
+                "quaternion",
+            }
         )
     )
     return 1000 * wrong + 100 * bool(words & _TOLD) - 50 * bool(words & _HAD) + order
