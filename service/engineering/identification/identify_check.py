@@ -92,6 +92,7 @@ def prepare_measurements(path: Path, model: RobotModel, options: ReadOptions) ->
         *_rods(model),
         *_several_targets(measurements),
         *lints.sign_flips(raw.joints_rad, model.joint_names),
+        *lints.beyond_limits(model, raw.joints_rad),
         *lints.find_duplicates(raw.joints_rad),
         *lints.rounding_floor(model, raw.joints_rad, measurements.joint_step_rad, measurements.value_step_m),
     ]
