@@ -16,6 +16,8 @@ from cellcal.calibration.identification.parameters import ArmState, nominal_stat
 _MOST_ROWS = 100  # more make a guess no better
 _NEAR_M = 1e-3  # a nominal arm is off by as much
 _UNTURNED = 1e-10  # of the largest eigenvalue
+_STILL_M = 1e-6
+START_OFF_AXIS = np.array([1.0, 0.7, 0.4])  # a tip that any turn moves
 _FEWEST = {"point": 4, "pose": 3, "length": 8}
 
 
@@ -62,7 +64,7 @@ def base_and_tool(base_flange: Array, positions_m: Array) -> tuple[Array, Array]
     turned_origins = (origins - origin).reshape(-1) @ turns.reshape(-1, 3)
     # Postures that turn the flange about one axis only, or not at all, leave some of the tool point at zero.
     inverse = np.linalg.pinv(len(turns) * (np.eye(3) - turn.T @ turn), rcond=_UNTURNED, hermitian=True)
-    tip = np.zeros(3)
+    tip = START_OFF_AXIS if stand_still(origins) else np.zeros(3)
     for _ in range(30):
         rotation = _nearest_rotation_of((with_turns @ tip).reshape(3, 3) + with_origins)
         # Tip and shift are found together, or the alternation would crawl.
@@ -73,6 +75,12 @@ def base_and_tool(base_flange: Array, positions_m: Array) -> tuple[Array, Array]
     return homogeneous_matrix(rotation, goal - rotation @ (turn @ tip + origin)), homogeneous_matrix(
         np.eye(3), tip
     )
+
+
+def stand_still(origins_m: Array) -> Array:
+    """Tell whether flanges (..., N, 3) turn without moving, as on the axis of a turntable: of each series."""
+    still: Array = np.ptp(origins_m, axis=-2).max(axis=-1) < _STILL_M
+    return still
 
 
 def _nearest_rotation_of(spread: Array) -> Array:

@@ -13,6 +13,7 @@ from cellcal.calibration.identification.quick_fit import spread_rows
 DIRECTION = "direction"
 _MOST_ROWS = 80
 _FEWEST = 12
+_FEW_JOINTS = 2  # of a turntable or a positioner
 _ALIKE = 3.0  # times better must one direction fit before these rows tell it
 _FLOOR_M = 2e-5  # two fits as good as this are alike
 _MOST_LEFT_M = 5e-3  # errors of the arm beyond hide the turn of any target, on the axis or not
@@ -43,9 +44,15 @@ def last_joint_note(model: RobotModel, observations: Observations) -> list[Lint]
     return [
         Lint(
             DIRECTION,
-            f"the direction of {name} cannot be seen from these data: the target is on its axis, or nearly "
+            f"the direction of {name} cannot be seen from these data: {_why_unseen(model)} "
             f"({as_read * 1e3:.3f} mm remain as it was read, {other * 1e3:.3f} mm with {name} turned round). What "
-            f"follows {name} in the residuals may be this alone. Check its sign at the robot, or measure with the "
-            "target off the axis.",
+            f"follows {name} in the residuals may be this alone. Check its sign at the robot, or measure "
+            f"{'attitudes' if model.axis_count <= _FEW_JOINTS else 'with the target off the axis'}.",
         )
     ]
+
+
+def _why_unseen(model: RobotModel) -> str:
+    if model.axis_count <= _FEW_JOINTS:
+        return "with so few joints another place of device and target undoes it, or the target is on its axis"
+    return "the target is on its axis, or nearly"

@@ -19,6 +19,8 @@ _FLOOR_M = 5e-5
 _SHARE = 0.3  # of the floor, above which a resolution is named
 _ENOUGH_ROWS = 20_000  # for a mean
 _UNIFORM = 1 / np.sqrt(12.0)
+_BEYOND_RAD = float(np.deg2rad(10.0))  # limits of descriptions are rounded, and robots overrun theirs
+_BEYOND_TRAVEL = 0.05  # of a joint that slides
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,6 +59,35 @@ def sign_flips(joints_rad: Array, joint_names: Sequence[str]) -> list[Lint]:
                 f"{name} has the other sign in {len(rows)} rows ({blocks}) at the same sizes as the others: "
                 "a minus sign may be lost. Used as written.",
                 tuple(int(row) for row in rows),
+            )
+        )
+    return found
+
+
+def beyond_limits(model: RobotModel, joints_rad: Array) -> list[Lint]:
+    """Name joints that stand far beyond the limits of the model: another zero, unit or robot, which a fit may absorb.
+
+    The zeros of the first and the last joint, and of a joint that slides along with them, are one with the places of
+    device and target. Joints that the controller couples with others are left out: their limits are told in two ways.
+    """
+    coupled = (np.abs(model.joint_coupling) > 0).sum(axis=1) > 1
+    coupled |= (np.abs(model.joint_coupling) > 0).sum(axis=0) > 1
+    slides = np.zeros(model.axis_count, dtype=bool) if model.sliding is None else model.sliding
+    margin = np.where(slides, _BEYOND_TRAVEL * (model.upper_rad - model.lower_rad), _BEYOND_RAD)
+    over = (joints_rad > model.upper_rad + margin) | (joints_rad < model.lower_rad - margin)
+    found = []
+    for joint in np.flatnonzero(over.any(axis=0) & ~coupled).tolist():
+        scale, unit = (1e3, "mm") if slides[joint] else (float(np.degrees(1.0)), "deg")
+        rows, angle = np.flatnonzero(over[:, joint]), joints_rad[:, joint] * scale
+        lower, upper = model.lower_rad[joint] * scale, model.upper_rad[joint] * scale
+        found.append(
+            Lint(
+                "limits",
+                f"{model.joint_names[joint]} goes from {angle.min():.1f} to {angle.max():.1f} {unit}, and the limits "
+                f"of {model.name} are {lower:.1f} and {upper:.1f}: see its zero, its unit, and which robot was "
+                "measured. Another zero of the first or the last joint does not show in a fit, and puts the robot "
+                "elsewhere.",
+                tuple(rows.tolist()),
             )
         )
     return found

@@ -198,6 +198,11 @@ def pose_from_points(points: PointObservations, rotations: Array, sigma_rad: Arr
     )
 
 
+def points_of_poses(poses: PoseObservations) -> PointObservations:
+    """Return the same rows without their attitudes."""
+    return PointObservations(poses.joints_rad, poses.positions_m, poses.sigma_m, poses.mounting)
+
+
 def with_mounting(observations: Observations, mounting: Rows) -> Observations:
     """Return the rows with another assignment to mountings of the device."""
     return replace(observations, mounting=np.asarray(mounting, dtype=np.intp))

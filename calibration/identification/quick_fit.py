@@ -7,6 +7,7 @@ have the reading first and the row second.
 import numpy as np
 
 from cellcal.calibration.geometry import Array
+from cellcal.calibration.identification.first_guess import START_OFF_AXIS, stand_still
 from cellcal.calibration.identification.observations import Rows
 
 _KEPT_SHARE = 0.75  # of the rows: the others may be outliers
@@ -81,7 +82,8 @@ def _fit_residuals(base_flange: Array, positions_m: Array, mirrored: Array, weig
     with_turns = (np.swapaxes(moved, 1, 2) @ turns.reshape(readings, rows, 9)).reshape(readings, 9, 3)
     turned_origins = (away.reshape(readings, 1, -1) @ turns.reshape(readings, -1, 3))[:, 0]
     inverse = np.linalg.pinv(np.eye(3) - np.swapaxes(turn, 1, 2) @ turn, rcond=_UNTURNED, hermitian=True)
-    tip, rotation = np.zeros((readings, 3)), np.zeros((readings, 3, 3))
+    tip = np.where(stand_still(origins)[:, None], START_OFF_AXIS, np.zeros((readings, 3)))
+    rotation = np.zeros((readings, 3, 3))
     for _ in range(_ROUNDS):
         spread = (with_turns @ tip[..., None]).reshape(readings, 3, 3) + with_origins
         rotation = _nearest_rotations(spread, mirrored)

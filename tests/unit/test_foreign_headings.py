@@ -150,3 +150,28 @@ def test_attitudes_show_which_way_the_last_joint_turns() -> None:
         poses.joints_rad, place[:, :3], poses.sigma_m, poses.mounting, poses.rotations, poses.sigma_rad
     )
     assert not last_joint_note(MODEL, on_axis)
+
+
+@pytest.mark.parametrize(
+    ("columns", "joints", "slides", "found"),
+    [
+        ("rail J1 J2 J3 X Y Z", "rail a b c", (True, False, False, False), "rail J1 J2 J3"),
+        ("J1 J2 J3 table X Y Z", "a b c table", (), "J1 J2 J3 table"),
+        ("rax_1 rax_2 rax_3 eax_a X Y Z", "carriage a b c", (True, False, False, False), "eax_a rax_1 rax_2 rax_3"),
+        ("J1 J2 J3 Track X Y Z", "carriage a b c", (True, False, False, False), "Track J1 J2 J3"),
+        ("E1 E2 X Y Z", "tilt turn", (), "E1 E2"),
+        ("J7 J8 X Y Z", "tilt turn", (), "J7 J8"),
+    ],
+)  # fmt: skip
+def test_axes_outside_the_arm_by_their_names(
+    columns: str, joints: str, slides: tuple[bool, ...], found: str
+) -> None:
+    layout = detect_layout(columns.split(), joints.split(), slides=slides)
+    assert layout.joints == tuple(found.split())
+
+
+@pytest.mark.parametrize("columns", ["E1 E2 E3 X Y Z", "J7 J8 J9 X Y Z", "E1 E2 J1 J2 J3 X Y Z"])
+def test_axes_that_may_be_others_are_asked_for(columns: str) -> None:
+    joints = ["tilt", "turn"] if "J1" not in columns else ["a", "b", "c", "tilt"]
+    with pytest.raises(MeasurementError, match="joint columns"):
+        detect_layout(columns.split(), joints)

@@ -212,3 +212,26 @@ def test_headings_of_the_north(tmp_path: Path, joint: str, place: str) -> None:
     names = [*(joint.format(i) for i in range(1, 7)), *(place.format(axis) for axis in "XYZ")]
     rows = [joined(row, ";") for row in np.column_stack([DEG, MM])]
     assert_read(write_table(tmp_path / "rows.csv", [";".join(names)], rows), tuple(names[:6]))
+
+
+@pytest.mark.parametrize("separator", [",", ";", "\t"])
+def test_lists_in_quotes_without_brackets(tmp_path: Path, separator: str) -> None:
+    rows = [
+        separator.join([f'"{joined(joints, ", ")}"', *(f"{number:.4f}" for number in place), '"ok"'])
+        for joints, place in zip(DEG, MM, strict=True)
+    ]
+    heading = separator.join(["Joints", "X", "Y", "Z", "State"])
+    assert_read(
+        write_table(tmp_path / "rows.csv", [heading], rows), tuple(f"Joints_{at}" for at in range(1, 7))
+    )
+
+
+def test_numbers_between_quoted_words_are_no_list(tmp_path: Path) -> None:
+    rows = ['"a"\t' + joined(row, "\t") + '\t"b"' for row in np.column_stack([DEG, MM])]
+    assert_read(write_table(tmp_path / "rows.csv", ["\t".join(["Name", *HEADING, "State"])], rows))
+
+
+def test_quoted_marks_of_thousands_are_no_list(tmp_path: Path) -> None:
+    rows = [";".join(f'"{number:,.4f}"' for number in row) for row in np.column_stack([DEG, MM * 1e3])]
+    found = read_measurements(write_table(tmp_path / "rows.csv", [";".join(HEADING)], rows), MODEL)
+    assert found.layout.joints == tuple(HEADING[:6])

@@ -10,6 +10,7 @@ from cellcal.calibration.geometry import quaternion_from_rotation
 from cellcal.calibration.identification.observations import PointObservations, PoseObservations
 from cellcal.calibration.orientation import euler_angles, values_from
 from cellcal.service.engineering.measured.measurements import Measurements, ReadOptions, read_measurements
+from cellcal.service.engineering.measured.table import MeasurementError
 from tests.unit.helpers.simulated_arm import tracker_poses
 
 MODEL = load_model("abb_irb120")
@@ -117,3 +118,30 @@ def test_a_quaternion_called_a_b_c_d_is_no_length(tmp_path: Path) -> None:
 def test_an_attitude_with_words_beside_a_place_without(tmp_path: Path) -> None:
     names = "pose.orientation.x pose.orientation.y pose.orientation.z pose.orientation.w"
     assert_turns(read_attitudes(tmp_path, names, values_from("ros_quaternion", TURNS)), "abb_quaternion")
+
+
+@pytest.mark.parametrize("quaternion_first", [True, False])
+def test_a_quaternion_called_as_the_joints_is_told_by_its_length(
+    tmp_path: Path, quaternion_first: bool
+) -> None:
+    joints, turn = [f"q{at}" for at in range(1, 7)], ["q1", "q2", "q3", "q4"]
+    parts = [(joints, DEG), (["x", "y", "z"], MM), (turn, quaternion_from_rotation(TURNS))]
+    parts = parts[::-1] if quaternion_first else parts
+    rows = np.column_stack([values for _, values in parts])
+    lines = [",".join(f"{number:.6f}" for number in row) for row in rows]
+    path = tmp_path / "rows.csv"
+    path.write_text(
+        "\n".join([",".join(name for names, _ in parts for name in names), *lines, ""]), encoding="utf-8"
+    )
+    found = read_measurements(path, MODEL)
+    assert_turns(found, "abb_quaternion")
+    assert np.allclose(np.rad2deg(found.observations.joints_rad), DEG, atol=1e-4)
+
+
+def test_names_that_occur_twice_without_a_quaternion_are_refused(tmp_path: Path) -> None:
+    heading = ",".join([*(f"q{at}" for at in range(1, 7)), "x", "y", "z", "q1", "q2", "q3", "q4"])
+    lines = [",".join(f"{n:.6f}" for n in row) for row in np.column_stack([DEG, MM, DEG[:, :4]])]
+    path = tmp_path / "rows.csv"
+    path.write_text("\n".join([heading, *lines, ""]), encoding="utf-8")
+    with pytest.raises(MeasurementError, match="occurs twice"):
+        read_measurements(path, MODEL)

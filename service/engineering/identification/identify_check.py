@@ -11,6 +11,10 @@ from cellcal.calibration.arm.kinematics import RobotModel
 from cellcal.calibration.arm.model_references import is_linkage
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.identification import lints
+from cellcal.calibration.identification.contradicting_attitudes import (
+    AttitudeSteps,
+    contradicting_attitudes,
+)
 from cellcal.calibration.identification.cross_validation import (
     ErrorSummary,
     Grouping,
@@ -31,7 +35,14 @@ from cellcal.calibration.identification.layouts import make_layout
 from cellcal.calibration.identification.lints import Lint
 from cellcal.calibration.identification.misfit import refuse_misfit
 from cellcal.calibration.identification.misfit_hypotheses import FileNames
-from cellcal.calibration.identification.observations import Observations, Rows, with_joints, with_mounting
+from cellcal.calibration.identification.observations import (
+    Observations,
+    PoseObservations,
+    Rows,
+    points_of_poses,
+    with_joints,
+    with_mounting,
+)
 from cellcal.calibration.identification.parameters import FRAMES, ArmState
 from cellcal.calibration.identification.residual_model import errors_with
 from cellcal.calibration.identification.series_breaks import assign_mountings
@@ -81,6 +92,7 @@ def prepare_measurements(path: Path, model: RobotModel, options: ReadOptions) ->
         *_rods(model),
         *_several_targets(measurements),
         *lints.sign_flips(raw.joints_rad, model.joint_names),
+        *lints.beyond_limits(model, raw.joints_rad),
         *lints.find_duplicates(raw.joints_rad),
         *lints.rounding_floor(model, raw.joints_rad, measurements.joint_step_rad, measurements.value_step_m),
     ]
@@ -101,6 +113,22 @@ def prepare_measurements(path: Path, model: RobotModel, options: ReadOptions) ->
             )
     grouping = group_rows(raw.joints_rad, measurements.groups)
     return PreparedMeasurements(measurements, observations, grouping, in_file(noticed, measurements))
+
+
+def without_contradicting_attitudes(
+    model: RobotModel, prepared: PreparedMeasurements
+) -> PreparedMeasurements:
+    """Return measurements as points, and say so, where their attitudes cannot belong to the places."""
+    measured, observations = prepared.measurements, prepared.observations
+    steps = AttitudeSteps(measured.joint_step_rad, measured.attitude_step_rad)
+    found = contradicting_attitudes(model, observations, prepared.grouping.groups, steps)
+    if not (found and isinstance(observations, PoseObservations)):
+        return prepared
+    points = points_of_poses(observations)
+    read = replace(
+        measured, observations=with_joints(points, measured.observations.joints_rad), convention=""
+    )
+    return replace(prepared, measurements=read, observations=points, noticed=(*prepared.noticed, *found))
 
 
 def file_names(measurements: Measurements) -> FileNames:

@@ -10,7 +10,7 @@ from cellcal.calibration.arm.kinematics import RobotModel
 from cellcal.calibration.identification.cross_validation import Grouping, group_rows
 from cellcal.calibration.identification.identify import Identification, start_identification
 from cellcal.calibration.identification.misfit import refuse_misfit
-from cellcal.calibration.identification.observations import Observations, Rows
+from cellcal.calibration.identification.observations import Observations, PoseObservations, Rows
 from cellcal.calibration.identification.position_scale import (
     PositionScale,
     position_scale,
@@ -29,6 +29,7 @@ from cellcal.service.engineering.identification.identify_check import (
     PreparedMeasurements,
     at_temperature,
     file_names,
+    without_contradicting_attitudes,
 )
 from cellcal.service.engineering.identification.identify_start import IdentificationStart, StartOptions
 from cellcal.service.engineering.identification.identify_verdicts import IdentificationLimits
@@ -75,21 +76,28 @@ def fit_rows(
 ) -> FittedRows:
     """Identify the arm; whether the rows fit it at all is found out beside the long parts, and refused first."""
     chain = start.point.rigid_arm(model)
-    wait_for_check = cache(runner.submit(_refuse_other_causes, chain, prepared))
+    names = file_names(prepared.measurements)
+    wait_for_fit = cache(runner.submit(refuse_misfit, chain, prepared.observations, names))
+    if isinstance(prepared.observations, PoseObservations):
+        wait_for_fit()  # what contradicts is that of rows that fit
+        prepared = without_contradicting_attitudes(chain, prepared)
+    wait_for_changes = cache(runner.submit(_refuse_changes, chain, prepared))
     train, held_out = _split_rows(len(prepared.observations), options)
     grouping = group_rows(
         prepared.measurements.observations.joints_rad[train], prepared.grouping.groups[train]
     )
     grouping = Grouping(grouping.groups, prepared.grouping.kind)
-    if prepared.measurements.temperature is not None:  # its effect is that of rows that fit
-        wait_for_check()
+    if prepared.measurements.temperature is not None:  # its effect is that of rows that belong together
+        wait_for_fit()
+        wait_for_changes()
         prepared = _at_one_temperature(model, prepared, train, grouping)
     rows = prepared.observations.select_rows(train)
     wait_for_scale = runner.submit(_believed_scale, chain, rows)
     identify = start_identification(
         model, rows, grouping=grouping, options=_options_of_fit(options, start, held_out), runner=runner
     )
-    wait_for_check()
+    wait_for_fit()
+    wait_for_changes()
     scale = wait_for_scale()
     return FittedRows(prepared, (train, held_out), chain, identify(), scale)
 
@@ -128,12 +136,6 @@ def _split_rows(count: int, options: IdentifyOptions) -> tuple[Rows, Rows]:
         )
     order = np.random.default_rng(options.seed).permutation(count)
     return np.sort(order[: options.train_rows]), np.sort(order[options.train_rows :])
-
-
-def _refuse_other_causes(chain: RobotModel, prepared: PreparedMeasurements) -> None:
-    """Refuse rows that fit with another reading of the file, or with a second target."""
-    refuse_misfit(chain, prepared.observations, file_names(prepared.measurements))
-    _refuse_changes(chain, prepared)
 
 
 def _refuse_changes(chain: RobotModel, prepared: PreparedMeasurements) -> None:

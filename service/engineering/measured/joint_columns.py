@@ -28,8 +28,10 @@ _BY_MAKER = (
     ("s", "l", "u", "r", "b", "t"),
     ("s_axis", "l_axis", "u_axis", "r_axis", "b_axis", "t_axis"),
 )
-_EXTERNAL = re.compile(r"^(?:e|ex|ext|extax|eax|external|external_axis)_?(\d)$")
+_EXTERNAL = re.compile(r"^(?:e|ex|ext|extax|eax|external|external_axis)_?(\d|[a-f])$")  # eax_a of RAPID
+_LONE_SLIDES = {"rail", "track", "slide", "lift", "linear", "linear_axis", "linearachse", "linear_track"}
 _PLACE = {"x", "y", "z"}
+_MOST_OUTSIDE = 3  # joints beside a numbered arm
 _SHORTEST_NAME = 3  # of a joint that is found among other words
 
 Family = tuple[str, str, str]  # what stands before the stem, the stem, what stands behind the number
@@ -63,7 +65,9 @@ def find_joints(
         first = _first_number(numbered, count)
         found = tuple(numbered[first + i] for i in range(count))
         return _with_slides_in_place(found, slides)
-    external = _external_joints(names, plain, families, slides)
+    external = _numbered_outside(names, plain, families, count) or _external_joints(
+        names, plain, families, (joint_names, slides or (False,) * count)
+    )
     if external:
         return external
     raise MeasurementError(
@@ -153,24 +157,70 @@ def _with_slides_in_place(joints: tuple[str, ...], slides: Sequence[bool]) -> tu
     return joints
 
 
+def _external_numbers(names: Sequence[str], plain: Mapping[str, str]) -> dict[int, str]:
+    """Return the columns of external axes by their number: E1, extax_1, eax_a."""
+    found = {match[1]: name for name in names if (match := _EXTERNAL.match(plain[name]))}
+    return {int(text) if text.isdecimal() else "abcdef".index(text) + 1: name for text, name in found.items()}
+
+
+def _numbered_outside(
+    names: Sequence[str],
+    plain: Mapping[str, str],
+    families: Mapping[Family, Mapping[int, str]],
+    count: int,
+) -> tuple[str, ...]:
+    """Return the axes of a positioner: E1 and E2, or J7 and J8 where no others are numbered so."""
+    numbers = _external_numbers(names, plain)
+    if sorted(numbers) == list(range(1, count + 1)) and not families:
+        return tuple(numbers[at] for at in sorted(numbers))
+    if len(families) != 1 or numbers:
+        return ()
+    (only,) = families.values()
+    first = min(only)
+    if sorted(only) != list(range(first, first + count)):
+        return ()
+    return tuple(only[at] for at in sorted(only))
+
+
 def _external_joints(
     names: Sequence[str],
     plain: Mapping[str, str],
     families: Mapping[Family, Mapping[int, str]],
-    slides: Sequence[bool],
+    joints: tuple[Sequence[str], Sequence[bool]],
 ) -> tuple[str, ...]:
-    """Return the arm's numbered columns at the joints that turn, and E1, E2 … at those that slide."""
-    count = sum(slides)
-    numbers = {match[1]: name for name in names if (match := _EXTERNAL.match(plain[name]))}
-    outside = [numbers.get(str(i + 1), "") for i in range(count)]
-    turning = len(slides) - count
+    """Return the arm's numbered columns, and those of its other joints: called as they are, or E1, E2 … of slides."""
+    joint_names, slides = joints
+    outside = _called_outside(names, plain, joint_names) or _sliding_outside(names, plain, slides)
+    turning = len(joint_names) - len(outside)
     full = {key: numbered for key, numbered in families.items() if _first_number(numbered, turning) >= 0}
-    if not count or not full or not all(outside) or len(numbers) != count:
+    if not outside or not full:
         return ()
     numbered = full[min(full, key=_preference_rank)]
     first = _first_number(numbered, turning)
-    arm, track = iter(range(first, first + turning)), iter(outside)
-    return tuple(next(track) if slide else numbered[next(arm)] for slide in slides)
+    arm = iter(range(first, first + turning))
+    return tuple(outside[at] if at in outside else numbered[next(arm)] for at in range(len(joint_names)))
+
+
+def _called_outside(
+    names: Sequence[str], plain: Mapping[str, str], joint_names: Sequence[str]
+) -> dict[int, str]:
+    """Return the columns of a few joints that are called as the robot's are: a rail beside J1 to J6."""
+    by_plain = {text: name for name, text in plain.items() if name in names and not _JOINT.match(text)}
+    called = {at: by_plain.get(plain_name(joint), "") for at, joint in enumerate(joint_names)}
+    found = {at: name for at, name in called.items() if len(plain[name] if name else "") >= _SHORTEST_NAME}
+    return found if 0 < len(found) <= _MOST_OUTSIDE and len(set(found.values())) == len(found) else {}
+
+
+def _sliding_outside(
+    names: Sequence[str], plain: Mapping[str, str], slides: Sequence[bool]
+) -> dict[int, str]:
+    """Return the columns of joints that slide: external axes as many as these, or the one that is called a rail."""
+    at = [joint for joint, slide in enumerate(slides) if slide]
+    numbers = _external_numbers(names, plain)
+    if at and sorted(numbers) == list(range(1, len(at) + 1)):
+        return {joint: numbers[number] for number, joint in enumerate(at, 1)}
+    rails = [name for name in names if plain[name] in _LONE_SLIDES]
+    return {at[0]: rails[0]} if len(at) == len(rails) == 1 else {}
 
 
 def _joints_remedy(names: Sequence[str], plain: Mapping[str, str], joint_names: Sequence[str]) -> str:
@@ -227,7 +277,20 @@ def _preference_rank(key: tuple[str, str, str]) -> int:
         words
         & (
             SPREAD_WORDS
-            | {"vel", "qd", "velocity", "current", "torque", "temp", "speed", "moment", "acc", "effort"}
+            | {
+                "vel",
+                "qd",
+                "velocity",
+                "current",
+                "torque",
+                "temp",
+                "speed",
+                "moment",
+                "acc",
+                "effort",
+                "quat",
+                "quaternion",
+            }
         )
     )
     return 1000 * wrong + 100 * bool(words & _TOLD) - 50 * bool(words & _HAD) + order

@@ -14,7 +14,9 @@ from cellcal.calibration.message import make_message
 from cellcal.service.engineering.measured.errors import MeasurementError
 
 _OPEN, _CLOSE = "[{(", "]})"
+_QUOTE = '"'
 _FEWEST = 3  # numbers of a list
+_FEWEST_IN_QUOTES = 5
 _MOSTLY = 0.5  # of the lines
 _LONGEST_LINE = 20_000
 _MOST_BRACKETS = 100
@@ -129,18 +131,35 @@ def _take_lists(line: str) -> tuple[str, list[list[_Item]]]:
         return line, []
     kept: list[str] = []
     lists: list[list[_Item]] = []
-    at = 0
+    at, quoted = 0, False
     while at < len(line):
-        end = _end_of(line, at) if line[at] in _OPEN else 0
-        items = _items_of(line[at : end + 1]) if end else []
-        if len(items) >= _FEWEST:
+        quoted ^= line[at] == _QUOTE
+        end, items = _list_from(line, at, opens=quoted)
+        if items:
             lists.append(items)
             kept.append(_MARK)
-            at = end + 1
+            at, quoted = end + 1, quoted and line[at] != _QUOTE
         else:
             kept.append(line[at])
             at += 1
     return "".join(kept), lists
+
+
+def _list_from(line: str, at: int, *, opens: bool) -> tuple[int, list[_Item]]:
+    """Return where a list that begins here ends, and its numbers; empty without one.
+
+    In quotes alone stand lists of at least five numbers, or of numbers with a point: "1,234,567" is one number.
+    """
+    if line[at] in _OPEN:
+        end = _end_of(line, at)
+        items = _items_of(line[at : end + 1]) if end else []
+        return end, items if len(items) >= _FEWEST else []
+    if line[at] != _QUOTE or not opens:
+        return 0, []
+    end = line.find(_QUOTE, at + 1)
+    items = _items_of(line[at + 1 : end]) if end > 0 else []
+    pointed = len(items) >= _FEWEST and all("." in item.number for item in items)
+    return end, items if pointed or len(items) >= _FEWEST_IN_QUOTES else []
 
 
 def _end_of(line: str, start: int) -> int:

@@ -77,6 +77,7 @@ class Measurements:
     controller_m: Array | None  # (N, 3)
     controller_step_m: float
     value_step_m: float  # resolution of what was measured
+    attitude_step_rad: float  # and of its attitude, 0 without any
     temperature: Array | None
     groups: Rows | None
     guesses: tuple[str, ...]
@@ -143,6 +144,7 @@ def _interpret_table(
         controller_m=controller,
         controller_step_m=controller_step,
         value_step_m=value_step,
+        attitude_step_rad=source.attitude_step_rad() if observations.kind == "pose" else 0.0,
         temperature=_read_temperature(table, layout.temperature, rows),
         groups=_read_groups(table, layout.group, rows),
         guesses=tuple(guesses),

@@ -35,6 +35,7 @@ from cellcal.service.engineering.measured.table_heads import (
     heading_names,
     is_counting_heading,
     is_remark,
+    name_quaternion_apart,
     names_without_heading,
     only_counts,
 )
@@ -226,6 +227,7 @@ def _build_table(path: Path, cells: Iterable[list[float | str]], dialect: str) -
         refuse_lying_table(path, head[first:])
         remarks = [",".join(str(cell) for cell in row) for row in head[:first]]
         names = names_without_heading(head[first][: _filled_width(head[first])], remarks)
+    names = name_quaternion_apart(names, head[first:])
     if twice := doubled_name(names):
         raise MeasurementError(
             make_message("{path}: the column name {twice!r} occurs twice.", path=path, twice=twice),

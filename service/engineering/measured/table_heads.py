@@ -12,6 +12,7 @@ _OTHER_UNITS = frozenset(
     {"", "degc", "°c", "℃", "c", "s", "sec", "ms", "-", "1", "k", "mbar", "hpa", "%", "n", "nm", "v"}
 )
 _RULE = re.compile(r"[\s|+:=\-_]*(?:--|==|-:|:-)[\s|+:=\-_]*")  # |---|:---:| of Markdown, +=====+
+_ROUNDED_UNIT = 0.02  # of the square of a quaternion's length
 _FEWEST_COUNTED = 3  # joints side by side
 _FEWEST_ONLY_COUNTED = 5  # of a whole row
 _AXES = re.compile(r"AXES\s*=\s*CARTESIAN\s*:\s*X\s*,\s*Y\s*,\s*Z\s*\(([^)]*)\)", re.IGNORECASE)
@@ -86,6 +87,27 @@ def _is_rule(row: Cells) -> bool:
 def doubled_name(names: Sequence[str]) -> str:
     """Return a name that occurs twice; empty if none does."""
     return next(iter(_duplicate_names(names)), "")
+
+
+def name_quaternion_apart(names: tuple[str, ...], rows: Sequence[Cells]) -> tuple[str, ...]:
+    """Return names with those of a quaternion told from those of joints: q1 to q6, and q1 to q4 of unit length."""
+    doubled = sorted(_duplicate_names(names))
+    if [name.lower() for name in doubled] not in (["q0", "q1", "q2", "q3"], ["q1", "q2", "q3", "q4"]):
+        return names
+    first = [names.index(name) for name in doubled]
+    second = [names.index(name, at + 1) for name, at in zip(doubled, first, strict=True)]
+    are_unit = [_are_of_unit_length(rows, columns) for columns in (first, second)]
+    if sum(are_unit) != 1 or max(map(names.count, doubled)) > len(are_unit):
+        return names
+    columns = first if are_unit[0] else second
+    return tuple(f"quaternion {name}" if at in columns else name for at, name in enumerate(names))
+
+
+def _are_of_unit_length(rows: Sequence[Cells], columns: Sequence[int]) -> bool:
+    cells = [[row[at] for at in columns] for row in rows if len(row) > max(columns)]
+    numbers = [[each for each in row if isinstance(each, float)] for row in cells]
+    squares = [sum(each * each for each in row) for row in numbers if len(row) == len(columns)]
+    return bool(squares) and all(abs(square - 1.0) < _ROUNDED_UNIT for square in squares)
 
 
 def names_without_heading(first: Cells, lines: Sequence[str]) -> tuple[str, ...]:

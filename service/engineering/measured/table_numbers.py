@@ -23,11 +23,13 @@ from cellcal.service.engineering.measured.attitudes import attitude_ways, formul
 from cellcal.service.engineering.measured.columns import TableLayout
 from cellcal.service.engineering.measured.inverted_poses import invert_poses, is_inverse_pose
 from cellcal.service.engineering.measured.unit_choice import UnitChoice
+from cellcal.service.engineering.measured.units import ANGLE_UNITS
 
 _LEAST_SIGMA_M = 3e-4  # what an arm adds to any instrument: direction of approach, temperature
 _SIGMA_RAD = 2e-3
 _ENOUGH_ROWS = 20_000  # to tell a unit by
 _ANGLES = 3  # numbers of an attitude
+_TURN_OF_QUATERNION = 2.0  # rad for a unit of its numbers; those of a matrix change by less
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,6 +91,15 @@ class TableNumbers:
         if not layout.turn or self.convention == "none":
             return points, step
         return self._with_attitudes(points), step
+
+    def attitude_step_rad(self) -> float:
+        """Return to what attitudes are rounded [rad], 0 without any."""
+        if not self.layout.turn:
+            return 0.0
+        step = max(find_resolution(column) for column in self.stack_columns(self.layout.turn).T)
+        if len(self.layout.turn) == _ANGLES:
+            return step * ANGLE_UNITS[self.units.used.get("rotation", "rad")]
+        return _TURN_OF_QUATERNION * step
 
     def _row_sigmas(self, unit: float) -> Array:
         """Return one sigma a row [m]: the instrument's own, and what any arm adds to it."""
