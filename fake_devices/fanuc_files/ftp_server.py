@@ -22,6 +22,7 @@ from cellcal.fake_devices.fanuc_files.cabinet import FanucCabinet
 from cellcal.fake_devices.fanuc_files.report_texts import (
     axis_text,
     curpos_text,
+    dcs_text,
     erract_text,
     program_text,
     version_text,
@@ -34,6 +35,7 @@ _TEXTS: dict[str, Callable[[FanucCabinet], str]] = {
     "curpos.dg": curpos_text,
     "version.dg": version_text,
     "erract.ls": erract_text,
+    "dcsvrfy.dg": dcs_text,
     "sysmast.va": sysmast_text,
     "symotn.va": symotn_text,
     "sysframe.va": sysframe_text,

@@ -212,14 +212,37 @@ def test_while_j2_stands_at_zero_the_model_says_how_j3_is_counted(
     assert np.degrees(there) == pytest.approx(cabinet.joints_deg, abs=2e-4)
 
 
-def test_a_second_motion_group_is_asked_for(served: FanucFtpServer, tmp_path: Path, capsys) -> None:
-    served.cabinet.positioner_counts = [70_000]
-    assert take_record(address_of(served), tmp_path) == ExitCode.USAGE
-    assert "group 1 with 6 axes, group 2 with 1 axes" in " ".join(capsys.readouterr().err.split())
-    assert take_record(address_of(served), tmp_path, "--group", "2") == ExitCode.PASS
-    assert take_record(address_of(served), tmp_path, "--group", "1") == ExitCode.PASS
-    counts = {each.controller.group: each.record.counts_at_zero for each in list_records(tmp_path)}
+def test_every_motion_group_that_turns_gets_a_record(served: FanucFtpServer, tmp_path: Path, capsys) -> None:
+    served.cabinet.positioner_counts, served.cabinet.positioner_at = [70_000], -33.5
+    assert take_record(address_of(served), tmp_path) == ExitCode.PASS
+    said = " ".join(capsys.readouterr().err.split())
+    assert ("group 2" in said, "not in this record" in said) == (True, False)
+    stored = {each.controller.group: each.record for each in list_records(tmp_path)}
+    counts = {group: record.counts_at_zero for group, record in stored.items()}
     assert counts == {1: tuple(served.cabinet.counts_at_zero), 2: (70_000,)}
+    assert np.degrees(stored[2].reference_joints_rad) == pytest.approx([-33.5], abs=1e-4)
+    assert (stored[1].model, stored[2].model) == ("fanuc_r1000ia_80f", "unknown")  # no arm's name for it
+    assert take_record(address_of(served), tmp_path, "--model", "fanuc_r1000ia_80f") == ExitCode.USAGE
+    assert take_record(address_of(served), tmp_path / "two", "--group", "2") == ExitCode.PASS
+    assert [each.controller.group for each in list_records(tmp_path / "two")] == [2]
+
+
+def test_a_group_that_is_not_mastered_is_named_and_the_other_recorded(
+    served: FanucFtpServer, tmp_path: Path, capsys
+) -> None:
+    served.cabinet.positioner_counts, served.cabinet.positioner_mastered = [70_000], False
+    assert take_record(address_of(served), tmp_path) == ExitCode.REFUSED
+    assert "NO record: " in (said := " ".join(capsys.readouterr().err.split()))
+    assert "group 2 was not mastered" in said
+    assert [each.controller.group for each in list_records(tmp_path)] == [1]
+
+
+def test_an_alarm_of_another_group_refuses_no_record(served: FanucFtpServer, tmp_path: Path, capsys) -> None:
+    served.cabinet.positioner_counts = [70_000]
+    served.cabinet.alarms.append(("SRVO-068", "DTERR alarm (Grupo:2 Eje:1)"))
+    assert take_record(address_of(served), tmp_path) == ExitCode.REFUSED
+    assert "SRVO-068 on J1 of group 2" in " ".join(capsys.readouterr().err.split())
+    assert [each.controller.group for each in list_records(tmp_path)] == [1]
 
 
 def test_a_low_battery_is_noted_and_recorded(served: FanucFtpServer, tmp_path: Path, capsys) -> None:
@@ -238,7 +261,7 @@ def test_a_backup_in_a_folder_is_read_in_any_form(
     cabinet = FanucCabinet(third_follows_second=coupled, states_coupling=states_coupling)
     folder = save_backup(cabinet, tmp_path / "backup", upper=upper, ending=ending)
     assert take_record(str(folder), tmp_path / "records", "--json") == ExitCode.PASS
-    document = json.loads(capsys.readouterr().out)
+    (document,) = json.loads(capsys.readouterr().out)["records"]
     assert [row["master_count"] for row in document["axes"]] == cabinet.counts_at_zero
     assert [row["machine_pulse"] for row in document["axes"]] == cabinet.pulses()
     assert [np.degrees(row["angle_rad"]) for row in document["axes"]] == pytest.approx(

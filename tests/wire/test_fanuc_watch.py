@@ -264,3 +264,22 @@ def test_a_hundred_controllers_in_one_night(tmp_path: Path, capsys) -> None:
     assert states[:7] + states[11:MANY] == ["unchanged"] * (MANY - 4)
     written = {command.partition(" ")[0] for server in servers for command in server.commands}
     assert written <= {"USER", "PASS", "TYPE", "CWD", "PASV", "NLST", "RETR", "QUIT"}
+
+
+def test_a_changed_safety_setting_is_reported(served: FanucFtpServer, tmp_path: Path, capsys) -> None:
+    take_record(address_of(served), tmp_path)
+    served.cabinet.safety_signature -= 5
+    code, changes = watched(served, tmp_path, capsys)
+    assert (code, list(changes)) == (ExitCode.OUT_OF_TOLERANCE, ["DCS"])
+    assert "signature of Pos./Speed 1945160182 is 1945160177 now" in changes["DCS"]
+    assert "tools and frames" in changes["DCS"]
+
+
+def test_settings_of_safety_that_are_not_read_are_named(
+    served: FanucFtpServer, tmp_path: Path, capsys
+) -> None:
+    served.faults.missing = frozenset(["dcsvrfy.dg"])
+    assert take_record(address_of(served), tmp_path) == ExitCode.PASS
+    assert "NOT checked: the safety settings (DCS)" in " ".join(capsys.readouterr().err.split())
+    served.faults.missing = frozenset()
+    assert watched(served, tmp_path, capsys) == (ExitCode.PASS, {})

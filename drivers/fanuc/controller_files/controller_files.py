@@ -7,6 +7,7 @@ from typing import TypeVar
 
 from cellcal.drivers.fanuc.controller_files.alarm_report import AlarmReport, read_alarm_report
 from cellcal.drivers.fanuc.controller_files.axis_report import AxisReport, read_axis_report
+from cellcal.drivers.fanuc.controller_files.dcs_report import read_dcs_signatures
 from cellcal.drivers.fanuc.controller_files.file_sources import FileSource
 from cellcal.drivers.fanuc.controller_files.position_report import PositionReport, read_position_report
 from cellcal.drivers.fanuc.controller_files.program_digests import read_program_digests
@@ -20,7 +21,7 @@ from cellcal.drivers.fanuc.program_files.va_backup import (
 )
 from cellcal.drivers.fanuc.program_files.va_text import VaFile
 
-AXES, POSITION, ALARMS, VERSION = "AXIS.DG", "CURPOS.DG", "ERRACT.LS", "VERSION.DG"
+AXES, POSITION, ALARMS, VERSION, SAFETY = "AXIS.DG", "CURPOS.DG", "ERRACT.LS", "VERSION.DG", "DCSVRFY.DG"
 MOST_APART = timedelta(minutes=30)
 _MORE_LOOKS = 2
 _VARIABLES = (MASTERING, DRIVES, FRAMES)
@@ -39,6 +40,7 @@ class ControllerFiles:
     alarms: AlarmReport | None
     version: VersionReport | None
     variables: FanucBackup
+    safety: Mapping[str, int] | None  # signature numbers of DCS by name
     programs: Mapping[str, str] | None  # hash by name; None where they were not read, or nothing is listed
     missing: tuple[str, ...]
 
@@ -103,6 +105,7 @@ def read_controller_files(source: FileSource, *, with_programs: bool = True) -> 
         again = read_report(AXES, read_axis_report)
     alarms = read_report(ALARMS, read_alarm_report)
     version = read_report(VERSION, read_version_report)
+    safety = read_report(SAFETY, read_dcs_signatures)
     files = {name: file for name in _VARIABLES if (file := _read_variables(source, name)) is not None}
     missing += [name for name in _VARIABLES if name not in files]
     return ControllerFiles(
@@ -114,6 +117,7 @@ def read_controller_files(source: FileSource, *, with_programs: bool = True) -> 
         alarms=alarms,
         version=version,
         variables=assemble_backup(source.device, files),
+        safety=safety,
         programs=read_program_digests(source) if with_programs and source.list_names() else None,
         missing=tuple(dict.fromkeys(missing)),
     )

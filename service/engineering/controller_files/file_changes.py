@@ -29,6 +29,8 @@ from cellcal.service.engineering.controller_files.stored_records import (
 )
 
 _MOST_NAMES = 8
+_SUMS = frozenset(("Total", "Base"))
+_COVERED_BY_SIGNATURE = {"Pos./Speed": " (zones, models, tools and frames of the position and speed check)"}
 
 
 def compare_files(
@@ -60,6 +62,7 @@ def compare_files(
         *_find_contradiction(files, mastering, last),
         *_compare_frames(ChangeKind.FRAME, last.controller.frames, now.frames),
         *_compare_frames(ChangeKind.TOOL, last.controller.tools, now.tools),
+        *_compare_safety(last.controller.safety, now.safety),
         *_compare_programs(last.controller.programs, now.programs),
         *_compare_rest(last.controller, now),
     ]
@@ -168,6 +171,20 @@ def _compare_frames(
             text = f"{kind} {number}: {', '.join(parts)} (mm, deg)"
         found.append(FileChange(kind, text))
     return found
+
+
+def _compare_safety(before: Mapping[str, int] | None, now: Mapping[str, int] | None) -> list[FileChange]:
+    """Name what changed of the safety settings; a sum of others says nothing that they do not."""
+    if not before or not now:
+        return []
+    changed = [name for name in before if name not in _SUMS and now.get(name, before[name]) != before[name]]
+    return [
+        FileChange(
+            ChangeKind.SAFETY,
+            f"signature of {name} {before[name]} is {now[name]} now{_COVERED_BY_SIGNATURE.get(name, '')}",
+        )
+        for name in changed
+    ]
 
 
 def _compare_programs(before: Mapping[str, str] | None, now: Mapping[str, str] | None) -> list[FileChange]:

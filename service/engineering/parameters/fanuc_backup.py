@@ -17,8 +17,9 @@ from cellcal.drivers.fanuc.backup_file import read_report_in
 from cellcal.drivers.fanuc.controller_files.controller_files import VERSION
 from cellcal.drivers.fanuc.controller_files.version_report import read_version_report
 from cellcal.drivers.fanuc.program_files.va_backup import DRIVES, MASTERING, FanucBackup, read_backup
+from cellcal.drivers.fanuc.program_files.va_drives import GroupDrives
 from cellcal.drivers.fanuc.program_files.va_edits import count_edits, edit_instructions
-from cellcal.drivers.fanuc.program_files.va_mastering import GroupDrives, GroupMastering
+from cellcal.drivers.fanuc.program_files.va_mastering import GroupMastering
 from cellcal.procedures.recovery.record_seal import seal_record
 from cellcal.service.configuration.cell_file import CellConfig
 from cellcal.service.engineering.parameters.mastering_files import RecordFileError, store_in_force
