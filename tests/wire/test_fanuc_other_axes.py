@@ -43,8 +43,8 @@ def test_a_robot_on_a_rail_is_recorded_and_the_rail_is_named(
     on_rail: FanucFtpServer, tmp_path: Path, capsys
 ) -> None:
     assert take_record(address_of(on_rail), tmp_path) == ExitCode.PASS
-    said = " ".join(capsys.readouterr().err.split())
-    assert f"the watch compares their master counts alone: axis 7 of group 1 ({RAIL_COUNT})" in said
+    screen = " ".join(capsys.readouterr().err.split())
+    assert f"the watch compares their master counts alone: axis 7 of group 1 ({RAIL_COUNT})" in screen
     assert len(list_records(tmp_path)[0].record.counts_at_zero) == 6
     assert watched(on_rail, tmp_path, capsys) == UNCHANGED
 
@@ -55,11 +55,11 @@ def test_a_servo_gun_is_named_with_its_place_and_watched(
     cabinet = with_positioner.cabinet
     cabinet.gun_mm_per_turn, cabinet.positioner_at = 5.0, -50.0  # as in a backup of an M-900iB/700
     assert take_record(address_of(with_positioner), tmp_path) == ExitCode.PASS
-    said = " ".join(capsys.readouterr().err.split())
+    screen = " ".join(capsys.readouterr().err.split())
     assert (
-        "Checked: axis 1 of group 2 stands at -50.00 mm by its count, and CURPOS.DG shows -50.00 mm" in said
+        "Checked: axis 1 of group 2 stands at -50.00 mm by its count, and CURPOS.DG shows -50.00 mm" in screen
     )
-    assert "axis 1 of group 2 (70000)" in said
+    assert "axis 1 of group 2 (70000)" in screen
     assert [each.controller.group for each in list_records(tmp_path)] == [1]
     assert watched(with_positioner, tmp_path, capsys) == UNCHANGED
     cabinet.positioner_mastered = False

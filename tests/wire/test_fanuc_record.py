@@ -215,13 +215,13 @@ def test_while_j2_stands_at_zero_the_model_says_how_j3_is_counted(
 def test_every_motion_group_that_turns_gets_a_record(served: FanucFtpServer, tmp_path: Path, capsys) -> None:
     served.cabinet.positioner_counts, served.cabinet.positioner_at = [70_000], -33.5
     assert take_record(address_of(served), tmp_path) == ExitCode.PASS
-    said = " ".join(capsys.readouterr().err.split())
-    assert ("group 2" in said, "not in this record" in said) == (True, False)
-    stored = {each.controller.group: each.record for each in list_records(tmp_path)}
-    counts = {group: record.counts_at_zero for group, record in stored.items()}
+    screen = " ".join(capsys.readouterr().err.split())
+    assert ("group 2" in screen, "not in this record" in screen) == (True, False)
+    by_group = {each.controller.group: each.record for each in list_records(tmp_path)}
+    counts = {group: record.counts_at_zero for group, record in by_group.items()}
     assert counts == {1: tuple(served.cabinet.counts_at_zero), 2: (70_000,)}
-    assert np.degrees(stored[2].reference_joints_rad) == pytest.approx([-33.5], abs=1e-4)
-    assert (stored[1].model, stored[2].model) == ("fanuc_r1000ia_80f", "unknown")  # no arm's name for it
+    assert np.degrees(by_group[2].reference_joints_rad) == pytest.approx([-33.5], abs=1e-4)
+    assert (by_group[1].model, by_group[2].model) == ("fanuc_r1000ia_80f", "unknown")  # no arm's name for it
     assert take_record(address_of(served), tmp_path, "--model", "fanuc_r1000ia_80f") == ExitCode.USAGE
     assert take_record(address_of(served), tmp_path / "two", "--group", "2") == ExitCode.PASS
     assert [each.controller.group for each in list_records(tmp_path / "two")] == [2]
@@ -232,8 +232,8 @@ def test_a_group_that_is_not_mastered_is_named_and_the_other_recorded(
 ) -> None:
     served.cabinet.positioner_counts, served.cabinet.positioner_mastered = [70_000], False
     assert take_record(address_of(served), tmp_path) == ExitCode.REFUSED
-    assert "NO record: " in (said := " ".join(capsys.readouterr().err.split()))
-    assert "group 2 was not mastered" in said
+    assert "NO record: " in (screen := " ".join(capsys.readouterr().err.split()))
+    assert "group 2 was not mastered" in screen
     assert [each.controller.group for each in list_records(tmp_path)] == [1]
 
 

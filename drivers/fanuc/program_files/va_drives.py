@@ -135,8 +135,8 @@ def read_drives(data: VaVariable, group: int) -> ReadDrives:
         remark = f"group {group}: what follows axis {_ARM_AXES} is left out of the arm ({why})"
         return ReadDrives(_ARM_AXES, drives.first_axes(_ARM_AXES), remark, sliding)
     if why:
-        text = f"group {group}: {why}; a drive of turning axes cannot be made of that"
-        return ReadDrives(axes, None, text, sliding)
+        finding = f"group {group}: {why}; a drive of turning axes cannot be made of that"
+        return ReadDrives(axes, None, finding, sliding)
     remark = (
         f"group {group}: {_name_axes(list(sliding))}, and no record of turning axes holds that"
         if sliding
