@@ -1,7 +1,7 @@
 """What a controller's files say together at one moment: identity, counts, mastering, frames, alarms, programs."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from datetime import datetime, timedelta
 from typing import TypeVar
 
@@ -9,6 +9,7 @@ from cellcal.drivers.fanuc.controller_files.alarm_report import AlarmReport, rea
 from cellcal.drivers.fanuc.controller_files.axis_report import AxisReport, read_axis_report
 from cellcal.drivers.fanuc.controller_files.dcs_report import read_dcs_signatures
 from cellcal.drivers.fanuc.controller_files.file_sources import FileSource
+from cellcal.drivers.fanuc.controller_files.ftp_replies import FileNotGivenError
 from cellcal.drivers.fanuc.controller_files.position_report import PositionReport, read_position_report
 from cellcal.drivers.fanuc.controller_files.program_digests import read_program_digests
 from cellcal.drivers.fanuc.controller_files.version_report import VersionReport, read_version_report
@@ -43,6 +44,9 @@ class ControllerFiles:
     safety: Mapping[str, int] | None  # signature numbers of DCS by name
     programs: Mapping[str, str] | None  # hash by name; None where they were not read, or nothing is listed
     missing: tuple[str, ...]
+    not_given: Mapping[str, str] = field(
+        default_factory=dict
+    )  # why, of those that it has and refuses for now
 
     @property
     def serial(self) -> str:
@@ -87,9 +91,17 @@ def read_controller_files(source: FileSource, *, with_programs: bool = True) -> 
         A file is damaged.
     """
     missing: list[str] = []
+    not_given: dict[str, str] = {}
+
+    def read_file(name: str) -> bytes | None:
+        try:
+            return source.read_file(name)
+        except FileNotGivenError as error:
+            not_given[name] = error.vendor_text
+            return None
 
     def read_report(name: str, parse: Callable[[bytes], _Report]) -> _Report | None:
-        content = source.read_file(name)
+        content = read_file(name)
         if content is None:
             missing.append(name)
             return None
@@ -106,7 +118,10 @@ def read_controller_files(source: FileSource, *, with_programs: bool = True) -> 
     alarms = read_report(ALARMS, read_alarm_report)
     version = read_report(VERSION, read_version_report)
     safety = read_report(SAFETY, read_dcs_signatures)
-    files = {name: file for name in _VARIABLES if (file := _read_variables(source, name)) is not None}
+    contents = {name: read_file(name) for name in _VARIABLES}
+    files = {
+        name: VaFile.from_bytes(name, content) for name, content in contents.items() if content is not None
+    }
     missing += [name for name in _VARIABLES if name not in files]
     return ControllerFiles(
         device=source.device,
@@ -120,9 +135,5 @@ def read_controller_files(source: FileSource, *, with_programs: bool = True) -> 
         safety=safety,
         programs=read_program_digests(source) if with_programs and source.list_names() else None,
         missing=tuple(dict.fromkeys(missing)),
+        not_given=not_given,
     )
-
-
-def _read_variables(source: FileSource, name: str) -> VaFile | None:
-    content = source.read_file(name)
-    return None if content is None else VaFile.from_bytes(name, content)

@@ -123,6 +123,15 @@ def refuse_missing(files: ControllerFiles, *names: str) -> None:
         if files.is_live
         else "Save a backup with all files (FILE > BACKUP > All of above), or read the controller by its address."
     )
+    refused = [f"{name} ({files.not_given[name]})" for name in absent if name in files.not_given]
+    if refused:
+        raise ControllerRecordError(
+            files.device,
+            make_message(
+                "the controller refuses {refused_files} for now.", refused_files=" and ".join(refused)
+            ),
+            remedy="Wait until the controller has done with it (a backup, an open editor), then read once more.",
+        )
     raise ControllerRecordError(
         files.device, make_message("there is no {unknown}.", unknown=" and no ".join(absent)), remedy=remedy
     )
