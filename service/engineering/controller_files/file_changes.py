@@ -30,7 +30,7 @@ from cellcal.service.engineering.controller_files.stored_records import (
 )
 
 _MOST_NAMES = 8
-_SUMS = frozenset(("Total", "Base"))
+_PARTS_OF_BASE = frozenset(("Mastering", "Robot", "Other"))  # not in older software
 _COVERED_BY_SIGNATURE = {"Pos./Speed": " (zones, models, tools and frames of the position and speed check)"}
 
 
@@ -63,7 +63,7 @@ def compare_files(
         *_find_contradiction(files, mastering, last),
         *_compare_frames(ChangeKind.FRAME, last.controller.frames, now.frames, files),
         *_compare_frames(ChangeKind.TOOL, last.controller.tools, now.tools, files),
-        *_compare_safety(last.controller.safety, now.safety),
+        *compare_safety(last.controller.safety, now.safety),
         *_compare_programs(last.controller.programs, now.programs),
         *_compare_rest(last.controller, now),
     ]
@@ -187,11 +187,12 @@ def _compare_frames(
     return found
 
 
-def _compare_safety(before: Mapping[str, int] | None, now: Mapping[str, int] | None) -> list[FileChange]:
+def compare_safety(before: Mapping[str, int] | None, now: Mapping[str, int] | None) -> list[FileChange]:
     """Name what changed of the safety settings; a sum of others says nothing that they do not."""
     if not before or not now:
         return []
-    changed = [name for name in before if name not in _SUMS and now.get(name, before[name]) != before[name]]
+    sums = {"Total", "Base"} if _PARTS_OF_BASE & before.keys() & now.keys() else {"Total"}
+    changed = [name for name in before if name not in sums and now.get(name, before[name]) != before[name]]
     return [
         FileChange(
             ChangeKind.SAFETY,
