@@ -207,10 +207,10 @@ def _print_record(done: "FilesRecord") -> None:
     for row in done.rows:
         table.add_row(
             f"J{row.axis}",
-            str(row.pulse),
+            "-" if row.pulse is None else str(row.pulse),
             str(row.count_at_zero),
             "yes" if row.mastered else "no",
-            f"{math.degrees(row.angle_rad):.4f}",
+            "-" if row.angle_rad is None else f"{math.degrees(row.angle_rad):.4f}",
             "-" if row.shown_deg is None else f"{row.shown_deg:.2f}",
         )
     STDERR_CONSOLE.print(table)

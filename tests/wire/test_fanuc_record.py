@@ -280,6 +280,28 @@ def test_a_backup_that_lacks_files_says_what_was_not_checked(tmp_path: Path, cap
         assert words in text
 
 
+def test_a_backup_without_present_counts_is_recorded_without_them(tmp_path: Path, capsys) -> None:
+    cabinet = FanucCabinet(positioner_counts=[70_000], gun_mm_per_turn=5.0)  # as backups of V8.20 are
+    folder = save_backup(cabinet, tmp_path / "backup")
+    for name in ("curpos.dg", "axis.dg"):
+        (folder / name).unlink()
+    assert take_record(str(folder), tmp_path / "records") == ExitCode.PASS
+    screen = " ".join(capsys.readouterr().err.split())
+    assert "NOT checked: where the robot stood, and the angles from its counts: there is no AXIS.DG" in screen
+    assert "NOT checked: where axis 1 of group 2 stands" in screen
+    (stored,) = list_records(tmp_path / "records")
+    assert stored.record.counts_at_zero == tuple(cabinet.counts_at_zero)
+    assert stored.record.reference_counts == stored.record.reference_joints_rad == ()
+    moved = cabinet.pulses()
+    there = stored.record.drive.to_joints(np.array(moved), np.array(cabinet.counts_at_zero))
+    assert np.degrees(there) == pytest.approx(cabinet.joints_deg, abs=2e-4)
+    cabinet.states_coupling, cabinet.robot = False, "X-1/2"
+    folder = save_backup(cabinet, tmp_path / "other")
+    for name in ("curpos.dg", "axis.dg"):
+        (folder / name).unlink()
+    assert take_record(str(folder), tmp_path / "records") == ExitCode.REFUSED
+
+
 def test_files_of_two_backups_make_no_record(tmp_path: Path, capsys) -> None:
     older, folder = FanucCabinet(), save_backup(FanucCabinet(), tmp_path / "backup")
     older.let_time_pass(days=-300)

@@ -57,8 +57,10 @@ class ControllerFiles:
 
     @property
     def written(self) -> datetime | None:
-        """When the counts were written, by the controller's clock."""
-        return None if self.axes is None else self.axes.heading.written
+        """When the counts were written, by the controller's clock; of a backup without them, the other reports."""
+        reports = (self.axes, self.position, self.version)
+        dates = (report.heading.written for report in reports if report is not None)
+        return next((date for date in dates if date is not None), None)
 
     def list_contradictions(self) -> tuple[str, ...]:
         """Return why the files are not of one controller at one time, as sentences."""

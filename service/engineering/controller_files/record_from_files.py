@@ -20,6 +20,7 @@ from cellcal.service.engineering.controller_files.record_checks import (
     AngleCheck,
     ControllerRecordError,
     alarm_meaning,
+    angles_untold,
     check_angles,
     choose_groups,
     describe_alarm,
@@ -46,10 +47,10 @@ class AxisRow:
     """One axis of the table."""
 
     axis: int
-    pulse: int
+    pulse: int | None  # None where the files hold no present counts
     count_at_zero: int
     mastered: bool
-    angle_rad: float
+    angle_rad: float | None
     shown_deg: float | None
 
 
@@ -120,8 +121,11 @@ class RecordNames:
 def _make_record(files: ControllerFiles, mastering: GroupMastering, names: RecordNames) -> FilesRecord:
     refuse_unhealthy(files, mastering)
     drives = require_drives(files, mastering)
-    pulses = read_pulses(files, mastering)
-    angles = check_angles(files, mastering, drives, pulses)
+    is_without_counts = AXES in files.missing and not files.is_live  # as in backups of older software
+    pulses = () if is_without_counts else read_pulses(files, mastering)
+    angles = (
+        angles_untold(files, drives) if is_without_counts else check_angles(files, mastering, drives, pulses)
+    )
     number = names.serial or files.serial
     if not number:
         raise ControllerRecordError(
@@ -179,12 +183,16 @@ def _sentences(sliding: Sequence[SlidingAxis], *, agrees: bool | None) -> tuple[
 def _table_rows(
     mastering: GroupMastering, pulses: tuple[int, ...], angles: AngleCheck
 ) -> tuple[AxisRow, ...]:
-    shown: tuple[float | None, ...] = angles.shown_deg or (None,) * len(pulses)
+    nothing = (None,) * len(mastering.counts_at_zero)
+    columns = (
+        pulses or nothing,
+        mastering.counts_at_zero,
+        angles.joints_rad or nothing,
+        angles.shown_deg or nothing,
+    )
     return tuple(
         AxisRow(axis, pulse, zero, mastered=True, angle_rad=angle, shown_deg=shown_deg)
-        for axis, (pulse, zero, angle, shown_deg) in enumerate(
-            zip(pulses, mastering.counts_at_zero, angles.joints_rad, shown, strict=True), 1
-        )
+        for axis, (pulse, zero, angle, shown_deg) in enumerate(zip(*columns, strict=True), 1)
     )
 
 
@@ -216,26 +224,24 @@ def _list_checked(
 def _is_flicker(mastering: GroupMastering, pulses: tuple[int, ...]) -> bool:
     """Tell whether two files hold the same counts but for the last digit of an encoder that stands."""
     pairs = zip(mastering.pulse_counts, pulses, strict=False)
-    return bool(mastering.pulse_counts) and all(abs(a - b) <= _FLICKER_COUNTS for a, b in pairs)
+    return bool(mastering.pulse_counts and pulses) and all(abs(a - b) <= _FLICKER_COUNTS for a, b in pairs)
 
 
 def _list_not_checked(files: ControllerFiles, angles: AngleCheck) -> tuple[str, ...]:
-    found = []
-    if not angles.is_compared:
-        found.append(f"the angles: {POSITION} does not show the joints of this group")
-    if files.axes_again is None:
-        found.append("whether the robot stood still: a backup holds its counts once")
-    if files.alarms is None:
-        found.append(f"the alarms: there is no {ALARMS}")
-    if FRAMES in files.missing:
-        found.append(f"frames and tools: there is no {FRAMES}")
-    if not files.safety:
-        found.append(f"the safety settings (DCS): there is no {SAFETY}, or it holds no signature numbers")
-    if VERSION in files.missing:
-        found.append(f"robot and software: there is no {VERSION}")
-    if files.written is None:
-        found.append("the age of the files: their date cannot be read")
-    return tuple(found)
+    has_counts = AXES not in files.missing
+    gaps = {
+        f"where the robot stood, and the angles from its counts: there is no {AXES}": not has_counts,
+        f"the angles: {POSITION} does not show the joints of this group": has_counts
+        and not angles.is_compared,
+        "whether the robot stood still: a backup holds its counts once": has_counts
+        and files.axes_again is None,
+        f"the alarms: there is no {ALARMS}": files.alarms is None,
+        f"frames and tools: there is no {FRAMES}": FRAMES in files.missing,
+        f"the safety settings (DCS): there is no {SAFETY}, or it holds no signature numbers": not files.safety,
+        f"robot and software: there is no {VERSION}": VERSION in files.missing,
+        "the age of the files: their date cannot be read": files.written is None,
+    }
+    return tuple(sentence for sentence, is_open in gaps.items() if is_open)
 
 
 def _list_findings(
@@ -248,7 +254,7 @@ def _list_findings(
         if (entry := alarm_meaning(alarm)) is not None and entry.kind == "battery_low"
     ]
     found = [*(f"{describe_alarm(*pair)}. {pair[1].remedy}".rstrip(".") for pair in low), *mastering.findings]
-    differs = bool(mastering.pulse_counts) and not _is_flicker(mastering, pulses)
+    differs = bool(mastering.pulse_counts and pulses) and not _is_flicker(mastering, pulses)
     if differs and files.axes is not None and files.axes.servo_ready is False:
         found.append(f"{MASTERING} holds other counts than {AXES} ($SPC_COUNT), although the drives are off")
     if other := find_other_axes(files, mastering.group, *others):

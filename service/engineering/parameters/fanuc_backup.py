@@ -121,7 +121,9 @@ def _require_valid(backup: FanucBackup, group: int) -> tuple[GroupMastering, Gro
     if mastering.drives is None or not mastering.is_valid:
         raise RecordFileError(
             f"{backup.folder} was not imported: {'; '.join(mastering.findings)}.",
-            remedy="Take a backup from a time when the robot was mastered on every axis.",
+            remedy="Take a backup from a time when the robot was mastered on every axis."
+            if mastering.drives is not None
+            else "A record is possible of turning axes only; look at $ENCSCALES, $GEAR_RATIO and $INTERACTION.",
         )
     return mastering, mastering.drives
 
