@@ -14,6 +14,7 @@ from cellcal.drivers.errors import RefusedError, UnreachableError
 from cellcal.drivers.fanuc.controller_files.controller_address import ControllerAddress
 from cellcal.drivers.fanuc.controller_files.ftp_replies import FileNotGivenError
 from cellcal.drivers.fanuc.controller_files.ftp_source import FtpLogin, FtpSource
+from cellcal.drivers.fanuc.controller_files.ftp_store import FtpProgramStore
 from cellcal.fake_devices.fanuc_files.cabinet import FanucCabinet
 from cellcal.fake_devices.fanuc_files.ftp_server import FanucFtpServer
 from cellcal.service.cli.app import run_command_line
@@ -218,3 +219,11 @@ def test_a_record_names_the_file_that_is_refused(served: FanucFtpServer, tmp_pat
     served.faults.replies = {"sysmast.va": [BUSY] * 9}
     assert take_record(address_of(served), tmp_path) == ExitCode.REFUSED
     assert "refuses SYSMAST.VA (450 File busy) for now" in " ".join(capsys.readouterr().err.split())
+
+
+async def test_a_program_that_cannot_be_written_says_where_to_look(served: FanucFtpServer) -> None:
+    address = ControllerAddress("127.0.0.1", served.port)
+    async with FtpProgramStore(address, FtpLogin(timeout_s=5.0)) as store:
+        with pytest.raises(RefusedError, match=r"refused while writing main\.ls: 550") as caught:
+            await store.write_file("main.ls", b"/PROG  MAIN\n/MN\n/POS\n/END\n")
+    assert "open in the editor" in caught.value.remedy

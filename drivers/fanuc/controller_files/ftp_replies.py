@@ -10,6 +10,7 @@ _IN_USE = "Wait until the controller has done with it (a backup, an open editor)
 _FEW_CLIENTS = "It serves few clients at once: close others, such as a backup program, then read once more."
 _PASSIVE = "Let passive FTP through the firewall between: the controller names a port for each file."
 _RIGHTS = "Allow reading on the controller (SETUP > Host Comm > FTP), or give --user and --password-file."
+_PROTECTED = "Look at the pendant whether it is protected, or open in the editor."
 NOT_THERE, WRONG_LOGIN = "550", "530"
 _ENDED, _NO_DATA = "421", "425"
 
@@ -18,7 +19,7 @@ class FileNotGivenError(RefusedError):
     """The controller refuses one file for now; others may be read."""
 
 
-def name_refusal(device: str, doing: str, error: ftplib.Error) -> DeviceError:
+def name_refusal(device: str, doing: str, error: ftplib.Error, *, writes: bool = False) -> DeviceError:
     """Return what a refusal means, with what to do."""
     code, reason = str(error)[:3], plain_reason(error)
     if not isinstance(error, ftplib.error_temp | ftplib.error_perm):
@@ -44,7 +45,7 @@ def name_refusal(device: str, doing: str, error: ftplib.Error) -> DeviceError:
         doing=doing,
         reason=reason,
     )
-    return RefusedError(device, text, remedy=_RIGHTS)
+    return RefusedError(device, text, remedy=_PROTECTED if writes and code != WRONG_LOGIN else _RIGHTS)
 
 
 def lost_link_error(device: str, doing: str, error: BaseException) -> UnreachableError:

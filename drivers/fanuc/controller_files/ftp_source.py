@@ -239,7 +239,7 @@ class FtpSource:
         return b"".join(pieces)
 
     @contextmanager
-    def _named_failures(self, doing: str) -> Iterator[None]:
+    def _named_failures(self, doing: str, *, writes: bool = False) -> Iterator[None]:
         """Turn what the library raises into an error that names the device, the cause and what to do."""
         try:
             yield
@@ -256,7 +256,7 @@ class FtpSource:
                 remedy=_AGAIN,
             ) from error
         except ftplib.Error as error:
-            raise name_refusal(self.device, doing, error) from error
+            raise name_refusal(self.device, doing, error, writes=writes) from error
         except _FAILURES as error:
             raise lost_link_error(self.device, doing, error) from error
 
