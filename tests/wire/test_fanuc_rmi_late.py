@@ -8,6 +8,7 @@ from contextlib import asynccontextmanager
 
 import pytest
 
+from cellcal.drivers.errors import RefusedError
 from cellcal.drivers.fanuc.rmi.rmi_link import RmiLink
 from cellcal.drivers.fanuc.rmi.rmi_state import read_active_numbers, read_joint_angles
 from tests.machine_speed import stretched_s
@@ -177,3 +178,17 @@ async def test_replies_to_motions_count_once_and_foreign_numbers_never() -> None
         assert await number_told(link) == 5
         assert not following.done()
         following.cancel()
+
+
+async def test_a_motion_that_the_controller_cannot_read_is_refused_as_such() -> None:
+    controller = SlowController()
+    async with controller.running() as link:
+        assert await number_told(link) == 1
+        executed = await link.send_instruction("FRC_JointMotionJRep", 5)
+        (client,) = controller.clients
+        client.write(b'{"Command": "Unknown", "ErrorID": 2556957}\r\n')
+        reply = await executed
+        with pytest.raises(RefusedError, match="RMIT-029"):
+            link.accept_reply(reply)
+        assert await number_told(link) == 3
+        assert len(controller.clients) == 1

@@ -255,6 +255,9 @@ class RmiLink:
             if not self._answer[1].done():
                 self._answer[1].set_result(packet)
             self._answer = None
+        elif packet["Command"] == "Unknown" and (open_ones := self._open_instructions()):
+            for executed in open_ones:  # a motion that the controller could not read
+                executed.set_result(packet)
         else:  # a reply more than questions: the next one would answer another question
             raise self._unreadable("a reply came that nothing had asked for")
 
@@ -270,11 +273,13 @@ class RmiLink:
             self._answer[1].set_exception(error)
         self._end_instructions(error)
 
+    def _open_instructions(self) -> "list[asyncio.Future[Packet]]":
+        return [executed for executed in self._instructions.values() if not executed.done()]
+
     def _end_instructions(self, error: DeviceError) -> None:
-        for executed in self._instructions.values():
-            if not executed.done():
-                executed.set_exception(error)
-                executed.exception()  # read here: the motion may have been given up meanwhile
+        for executed in self._open_instructions():
+            executed.set_exception(error)
+            executed.exception()  # read here: the motion may have been given up meanwhile
 
     def decode_packet(self, line: bytes) -> Packet:
         """Return the fields of a line; raise WireProtocolError where it is none."""
