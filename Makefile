@@ -9,6 +9,7 @@ export PYTHONDONTWRITEBYTECODE :=
 
 PAGES := service/web/dist/index.html
 NODE_CLIENTS := tests/node_clients/node_modules/.package-lock.json
+RUST_CLIENTS := tests/rust_clients/target/.built
 WORKERS ?= 2
 
 .PHONY: demo test run-tests check lint type-check soak bench lock pages types clean
@@ -37,6 +38,10 @@ pages: $(PAGES)
 $(NODE_CLIENTS): $(VENV)/.runtime tests/node_clients/package-lock.json
 	@./deploy/install_node_clients.sh
 
+# A client of others that a test runs as a Rust program, where cargo is installed.
+$(RUST_CLIENTS): tests/rust_clients/Cargo.lock tests/rust_clients/src/main.rs
+	@./deploy/install_rust_clients.sh
+
 # In a terminal it opens the pages until Ctrl-C; anywhere else it tells the story and ends.
 demo: $(VENV)/.runtime
 	@if [ -t 2 ] && [ -z "$${CI:-}" ]; then $(MAKE) --no-print-directory pages || true; fi
@@ -46,7 +51,7 @@ demo: $(VENV)/.runtime
 test: lint
 	@$(MAKE) --no-print-directory -j 2 type-check run-tests
 
-run-tests: $(VENV)/.dev $(PAGES) $(NODE_CLIENTS)
+run-tests: $(VENV)/.dev $(PAGES) $(NODE_CLIENTS) $(RUST_CLIENTS)
 	@$(BIN)/python -m pytest tests -m "not soak" -n $(WORKERS) --dist loadgroup $(ARGS)
 
 check: lint type-check

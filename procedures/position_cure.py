@@ -121,7 +121,9 @@ async def position_cure(run: Run, spec: PositionCureSpec) -> PositionCureResult:
         check_captures=effort.check_captures,
         robot_seconds=effort.robot_seconds,
         set_aside=effort.set_aside,
-        changed_constants=changed_constants(record, shown),
+        changed_constants=changed_constants(
+            record, shown, tuple(cure.axis for cure in cures if cure.zero == "new")
+        ),
         shown=shown,
     )
 

@@ -26,10 +26,10 @@ from cellcal.procedures.setting_texts import RETAKES, ROOM, SAMPLES, SEED, descr
 from cellcal.procedures.verdict import ProcedureVerdict
 
 _SHOWN = {
-    PositionCure.REVOLUTION_COUNTERS: "ABB: joints and the state of each axis; resolver offsets are not "
-    "documented for this link.",
-    PositionCure.ABSOLUTE_DATA: "Yaskawa: pulses, which are encoder counts less the home "
-    "position's; the absolute data themselves stay in the controller.",
+    PositionCure.REVOLUTION_COUNTERS: "ABB: joints and the state of each axis, and the calibration offset of each "
+    "resolver where the controller gives its configuration.",
+    PositionCure.ABSOLUTE_DATA: "Yaskawa: pulses, which are encoder counts less the home position's, and the "
+    "absolute data of each axis where the controller gives ABSO.DAT.",
     PositionCure.MASTERING_GAUGE: "KUKA: joints, mastering angles and flags; encoder values cannot be read.",
 }
 

@@ -22,6 +22,7 @@ class ShownValue:
     axis: int | None = None  # 0-based, where it belongs to one
     unit: str = ""
     is_constant: bool = False  # a datum of the machine, which no motion and no cure changes
+    is_zero: bool = False  # a datum of the zero position, which only making that zero anew changes
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,6 +13,7 @@ from cellcal.calibration.mastering.counts import DriveTrain
 from cellcal.calibration.mastering.position_record import ShownValue
 from cellcal.calibration.message import make_message
 from cellcal.drivers.errors import (
+    DeviceError,
     RefusedError,
     WrongDeviceError,
 )
@@ -27,6 +28,7 @@ from cellcal.drivers.interfaces import (
     RobotCapabilities,
 )
 from cellcal.drivers.wire.stepwise_motion import IsFinished, StepwiseMotion, StepwiseOptions
+from cellcal.drivers.yaskawa.absolute_data import read_absolute_data
 from cellcal.drivers.yaskawa.condition import condition_of
 from cellcal.drivers.yaskawa.hses_link import HsesLink
 from cellcal.drivers.yaskawa.motion import PulseScale, hold_order, move_order, speed_share
@@ -42,7 +44,7 @@ from cellcal.drivers.yaskawa.tool_file import ToolData, pose_of, read_tools
 
 _LOG = logging.getLogger(__name__)
 VERIFIED_ON: tuple[str, ...] = ()  # controller software this driver has run on; none yet, see README.md
-_TOOL_FILE = "TOOL.CND"
+_TOOL_FILE, _HOME_FILE = "TOOL.CND", "ABSO.DAT"
 
 CAPABILITIES = RobotCapabilities(
     axes=AXES,
@@ -152,12 +154,16 @@ class YaskawaRobot(StepwiseMotion):
         return 0
 
     async def position_data(self) -> tuple[ShownValue, ...]:
-        """Return the pulses, which are the encoder counts less the home position's, and the position alarms."""
+        """Return the pulses, which are the encoder counts less the home position's, that position, and the alarms."""
         async with self._answer_deadline("reading the position"):
             pulses = (await read_pulses(self._link)).pulses
             status = await read_status(self._link)
             alarms = await read_alarms(self._link) if status.has_alarm else ()
         shown = [ShownValue("pulse", str(value), axis, "pulse") for axis, value in enumerate(pulses)]
+        shown += [
+            ShownValue(_HOME_FILE, "none" if value is None else str(value), axis, "pulse")
+            for axis, value in enumerate(await self._read_absolute_data())
+        ]
         return (*shown, *(ShownValue("alarm", f"{alarm.code} {alarm.name}") for alarm in alarms))
 
     # a move
@@ -202,6 +208,17 @@ class YaskawaRobot(StepwiseMotion):
         await self._link.ask(hold_order(on=False))
 
     # inside
+
+    async def _read_absolute_data(self) -> tuple[int | None, ...]:
+        """Return the encoder counts of the home positions; none where the controller does not give the file."""
+        try:
+            async with self._answer_deadline("reading the position"):
+                content = await self._files.read_file(_HOME_FILE)
+        except DeviceError as error:
+            _LOG.info("%s: %s is not kept: %s", self.name, _HOME_FILE, error)
+            return ()
+        values = read_absolute_data(content.decode("ascii", "replace"))
+        return values if len(values) == AXES else ()
 
     async def _read_tool(self, number: int) -> ToolData:
         text = (await self._files.read_file(_TOOL_FILE)).decode("ascii", "replace")

@@ -48,6 +48,14 @@ class AbbController:
         self.title = arm.model.name.removeprefix("abb_").upper()
         self.mode, self.motors, self.speed_percent = "AUTO", "motoron", 100
         self.axis_states = ["Synchronized"] * 6
+        self.calibration_offsets = [
+            5.81034,
+            2.31177,
+            5.20941,
+            0.66128,
+            4.41203,
+            2.70586,
+        ]  # of each resolver [rad]
         self.tool_name, self.work_object = "tGripper", "wobj0"
         self.program_runs, self.state = True, WAITING
         self.numbers = {"NREQ": 0, "NACK": 0, "NHEART": 0, "NLIFE": 0, "NSTOP": 0}
@@ -208,6 +216,9 @@ class AbbController:
 
     def fine_calibrate(self, axis: int) -> None:
         """Take where an axis stands as its calibration position."""
+        shown = float(self.counters.to_shown_joints(self.arm.joints_rad)[axis])
+        motor_rad = shown / float(self.counters.turn_rad[axis]) * 2 * math.pi
+        self.calibration_offsets[axis] = (self.calibration_offsets[axis] + motor_rad) % (2 * math.pi)
         self.counters.set_zero(axis)
         self.axis_states[axis] = "Synchronized"
 
@@ -222,6 +233,14 @@ class AbbController:
         """Set everything right at the pendant, and let the program run."""
         self.mode, self.motors, self.program_runs = "AUTO", "motoron", True
         self.axis_states = ["Synchronized"] * 6
+        self.calibration_offsets = [
+            5.81034,
+            2.31177,
+            5.20941,
+            0.66128,
+            4.41203,
+            2.70586,
+        ]  # of each resolver [rad]
         self.counters.mend()
 
 

@@ -3,7 +3,7 @@
 Imitates
     Robot Web Services 1 with json=1.
 Source
-    ABB 3HAC050973-001 rev M; the fields that abb-robot-client 0.4.0 reads.
+    ABB 3HAC050973-001 rev M; the fields that abb-robot-client 0.4.0 reads; MOTOR_CALIB as a public program reads it.
 Modelled
     The paths in the table; symbols are read and set.
 Not modelled
@@ -20,6 +20,7 @@ from cellcal.fake_devices.abb.quaternions import quaternion_of
 
 Reply = tuple[int, Any]
 _UNIT = "/rw/motionsystem/mechunits/ROB_1"
+_MOTOR_CALIBRATION = "/rw/cfg/MOC/MOTOR_CALIB/instances/"
 _SYMBOL = "/rw/rapid/symbol/data/RAPID/T_ROB1/"
 _FAR = "8.9999998E+09"
 
@@ -86,6 +87,8 @@ class ResourceTable:
             return 200, {"_embedded": {"_state": self._log()}}
         if path.startswith(f"{_UNIT}/axes/"):
             return self._axis(path.rpartition("/")[2])
+        if path.startswith(_MOTOR_CALIBRATION):
+            return self._motor_calibration(path.removeprefix(_MOTOR_CALIBRATION))
         if path in self._states:
             return 200, {"_embedded": {"_state": [self._states[path]()]}}
         return _refusal(404, "no such resource")
@@ -112,6 +115,16 @@ class ResourceTable:
         if not number.isdigit() or not 1 <= int(number) <= 6:
             return _refusal(404, "no such axis")
         state = {"_type": "ms-axis", "axis-status": self._c.axis_states[int(number) - 1]}
+        return 200, {"_embedded": {"_state": [state]}}
+
+    def _motor_calibration(self, name: str) -> Reply:
+        if name not in (names := [f"rob1_{axis}" for axis in range(1, 7)]):
+            return _refusal(400, "no such instance")
+        offset = self._c.calibration_offsets[names.index(name)]
+        values = {"name": name, "valid_com_offset": "true", "com_offset": "1.5708"}
+        values |= {"cal_offset": f"{offset:g}", "valid_cal_offset": "true"}
+        rows = [{"_type": "cfg-ia-t-li", "_title": key, "value": value} for key, value in values.items()]
+        state = {"_type": "cfg-dt-instance-li", "_title": name, "attrib": rows}
         return 200, {"_embedded": {"_state": [state]}}
 
     def _set_speed(self, form: Mapping[str, str]) -> Reply:

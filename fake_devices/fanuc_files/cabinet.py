@@ -6,7 +6,8 @@ Imitates
 Source
     The files of public backups, read for their layout and relations: R-1000iA/80F, V9.40; R-2000iC/210L on a rail,
     V9.30P/17 (axis 7: $ENCSCALES are counts per mm, $GEAR_RATIO mm per motor turn, CURPOS.DG shows EXTAXS);
-    M-900iB/700 with a servo gun as group 2, V9.30P/15 (AXIS.DG repeats its tables for each group, from J1).
+    M-900iB/700 with a servo gun as group 2, V9.30P/15 (AXIS.DG repeats its tables for each group, from J1; the gun
+    has no $INTERACTION, $MOSIGN FALSE, $ENCSCALES in counts per mm; DCSVRFY.DG ends with signature numbers).
 Modelled
     Counts from the joints that the pendant shows (motor signs, J3 counted from J2, wrist coupling), mastering,
     frames, tools, active alarms, programs, the clock; SPC_COUNT that follows the counts.
@@ -54,6 +55,7 @@ class FanucCabinet:
     axis_states: list[int] = field(default_factory=lambda: [2] * 6)
     alarms: list[tuple[str, str]] = field(default_factory=list)  # code, text
     frames: dict[int, tuple[float, ...]] = field(default_factory=dict)
+    safety_signature: int = 1945160182  # of the DCS position and speed check
     tools: dict[int, tuple[float, ...]] = field(
         default_factory=lambda: {1: (-275.0, 0.0, 280.0, -180.0, -90.0, 0.0)}
     )
@@ -62,6 +64,8 @@ class FanucCabinet:
     held_beside_deg: tuple[float, float] = (0.0, 0.0)  # J2 and J3 under power, beside what is shown
     positioner_counts: list[int] | None = None  # of a second group with one axis
     positioner_ratio: float = 121.0
+    gun_mm_per_turn: float | None = None  # its axis slides, as that of a servo gun, with the motor against it
+    positioner_at: float = 0.0  # deg or mm
     positioner_mastered: bool = True
     rail_count_at_zero: int | None = None  # of axis 7, which slides
     rail_mm: float = -1444.07
@@ -120,6 +124,15 @@ class FanucCabinet:
         if self.rail_count_at_zero is None:
             return []
         return [self.rail_count_at_zero + round(self.rail_mm / self.rail_mm_per_turn * COUNTS_PER_TURN)]
+
+    def positioner_pulses(self) -> list[int]:
+        """Return what the encoder of the second group reads; nothing where there is none."""
+        if self.positioner_counts is None:
+            return []
+        turns = self.positioner_at / 360 * self.positioner_ratio
+        if self.gun_mm_per_turn is not None:
+            turns = -self.positioner_at / self.gun_mm_per_turn
+        return [self.positioner_counts[0] + round(turns * COUNTS_PER_TURN)]
 
     def shown_deg(self) -> list[float]:
         """Return the joints as the pendant shows them, also while a drifting robot moves."""

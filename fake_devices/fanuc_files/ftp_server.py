@@ -7,7 +7,7 @@ Source
     550 for writing; what public clients and a log of a controller show.
 Modelled
     USER, PASS, CWD, PWD, TYPE, PASV, EPSV, NLST, LIST, RETR, QUIT, NOOP; login refused; slow, dropped
-    and cut answers.
+    and cut answers; a file refused for a time.
 Not modelled
     Active mode, upload, and users with rights.
 """
@@ -22,6 +22,7 @@ from cellcal.fake_devices.fanuc_files.cabinet import FanucCabinet
 from cellcal.fake_devices.fanuc_files.report_texts import (
     axis_text,
     curpos_text,
+    dcs_text,
     erract_text,
     program_text,
     version_text,
@@ -34,6 +35,7 @@ _TEXTS: dict[str, Callable[[FanucCabinet], str]] = {
     "curpos.dg": curpos_text,
     "version.dg": version_text,
     "erract.ls": erract_text,
+    "dcsvrfy.dg": dcs_text,
     "sysmast.va": sysmast_text,
     "symotn.va": symotn_text,
     "sysframe.va": sysframe_text,
@@ -54,6 +56,7 @@ class FtpFaults:
     drop_in_file: str = ""  # the link is lost in the middle of it
     slow_s: float = 0.0  # before each reply
     missing: frozenset[str] = frozenset()
+    replies: dict[str, list[str]] = field(default_factory=dict)  # refusals of files; * after half the data
     lists_nothing: bool = False
     one_segment: bool = False  # 150 and 226 together, before the file
 
@@ -195,17 +198,11 @@ class _FtpSession:
         await self._reply(f"227 Entering passive mode ({host},{port >> 8},{port & 255}).")
 
     async def _transfer(self, verb: str, argument: str) -> None:
-        if verb != "RETR" and self._server.faults.lists_nothing:
-            await self._reply("502 Command not implemented.")
+        name, content = argument.lower(), self._content_of(verb, argument)
+        refusal = self._refusal_of(verb, name, content)
+        if content is None or (refusal and not refusal.startswith("*")):
+            await self._reply(refusal)
             return
-        content = self._content_of(verb, argument)
-        if self._listener is None:
-            await self._reply("425 No data connection.")
-            return
-        if content is None:
-            await self._reply("550 No such file.")
-            return
-        name = argument.lower()
         if verb == "RETR":
             self._server.transfers.append(name)
         if self._server.faults.one_segment:
@@ -214,7 +211,7 @@ class _FtpSession:
             await self._reply("150 Opening data connection.")
         data = await self._data.get()
         dropped = bool(name) and self._server.faults.drop_in_file == name
-        data.write(content[: len(content) // 2] if dropped else content)
+        data.write(content[: len(content) // 2] if dropped or refusal else content)
         with suppress(ConnectionError):
             await data.drain()
             data.close()
@@ -223,7 +220,19 @@ class _FtpSession:
             self._writer.transport.abort()
             raise ConnectionResetError
         if not self._server.faults.one_segment:
-            await self._reply("226 Transfer complete.")
+            await self._reply(refusal.removeprefix("*") or "226 Transfer complete.")
+
+    def _refusal_of(self, verb: str, name: str, content: bytes | None) -> str:
+        """Return why a transfer is refused; "" of one that is not."""
+        faults = self._server.faults
+        if verb != "RETR" and faults.lists_nothing:
+            return "502 Command not implemented."
+        if self._listener is None:
+            return "425 No data connection."
+        if content is None:
+            return "550 No such file."
+        replies = faults.replies.get(name, [])
+        return replies.pop(0) if verb == "RETR" and replies else ""
 
     def _content_of(self, verb: str, argument: str) -> bytes | None:
         if self._folder != "md:" and not argument.lower().startswith("md:"):

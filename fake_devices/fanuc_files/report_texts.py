@@ -11,7 +11,7 @@ _MONTHS = ("JAN", "FEB", "MAR", "APR", "MAY", "JUN", "JUL", "AUG", "SEP", "OCT",
 def axis_text(cabinet: FanucCabinet) -> str:
     """Return AXIS.DG."""
     lines = _heading_lines(cabinet)
-    for pulses in ([*cabinet.pulses(), *cabinet.rail_pulses()], cabinet.positioner_counts):
+    for pulses in ([*cabinet.pulses(), *cabinet.rail_pulses()], cabinet.positioner_pulses()):
         lines += _axis_tables(pulses, ready="ON " if cabinet.servo_on else "OFF") if pulses else []
     return "\n".join([*lines, ""])
 
@@ -78,7 +78,7 @@ def curpos_text(cabinet: FanucCabinet) -> str:
             "Group #:  2",
             " ",
             "CURRENT JOINT POSITION:",
-            f"Joint   1: {_cut_angle(0.0)}",
+            f"Joint   1: {_cut_angle(cabinet.positioner_at)}",
             "",
         ]
     return "\n".join([*lines, ""])
@@ -109,6 +109,28 @@ def erract_text(cabinet: FanucCabinet) -> str:
         words = f"{code} {text}"
         lines += [f'{number}" {stamp} " {words:<45} " " SERVO                         00110110" ']
     return "\n".join([*lines, ""])
+
+
+def dcs_text(cabinet: FanucCabinet) -> str:
+    """Return DCSVRFY.DG: of its settings one, and the signature numbers at its end."""
+    number = cabinet.safety_signature
+    lines = [
+        *_heading_lines(cabinet),
+        "DCS Version: V4.2.14",
+        "",
+        "--- User frame -------------------------",
+        "Group: 1",
+        "--- Signature number (Dec) -------------",
+        "                Current        Latch",
+        f"1 Total:       {number + 7:>11} {number + 7:>12}",
+        "  Time:27-JUL-21 19:49  15-JUL-21 21:30 ",
+        "2 Base:        -1149932377  -1149932377",
+        "   Mastering:   -983540984",
+        f"3 Pos./Speed:  {number:>11} {number:>12}",
+        "  Time:12-JUL-21 01:09  15-JUL-21 21:30 ",
+        "",
+    ]
+    return "\n".join(lines)
 
 
 def program_text(cabinet: FanucCabinet, name: str) -> str:

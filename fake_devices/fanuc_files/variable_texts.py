@@ -30,7 +30,7 @@ def sysmast_text(cabinet: FanucCabinet) -> str:
     if cabinet.positioner_counts is not None:
         done = cabinet.positioner_mastered
         states = [2 if done else 0]
-        lines += _mastering_lines(2, done, cabinet.positioner_counts, states, cabinet.positioner_counts)
+        lines += _mastering_lines(2, done, cabinet.positioner_counts, states, cabinet.positioner_pulses())
     return _joined([*lines, "", "[*SYSTEM*]$MASTER_ENB  Storage: CMOS  Access: RW  : INTEGER = 0", ""])
 
 
@@ -44,12 +44,19 @@ def symotn_text(cabinet: FanucCabinet) -> str:
     rows = [[f"{matrix[i, j]:.6e}" for j in range(cabinet.axes)] for i in range(cabinet.axes)]
     signs = [sign > 0 for sign in MOTOR_SIGNS[: cabinet.axes]]
     turns_per_mm = [1 / length for length in _rail(cabinet, cabinet.rail_mm_per_turn)]
+    signs += [True for _ in turns_per_mm]
     lines += _drive_lines(1, cabinet.ratios, signs, rows, turns_per_mm)
     if cabinet.states_coupling:
         lines += _coupling_lines(1, cabinet.third_follows_second)
     if cabinet.positioner_counts is not None:
-        per_count = 6.283185307179586 / (cabinet.positioner_ratio * COUNTS_PER_TURN)
-        lines += _drive_lines(2, [cabinet.positioner_ratio], [True], [[f"{per_count:.6e}"]])
+        slides = cabinet.gun_mm_per_turn
+        lines += _drive_lines(
+            2,
+            [] if slides else [cabinet.positioner_ratio],
+            [slides is None],
+            [],
+            [1 / slides] if slides else [],
+        )
         if cabinet.states_coupling:
             lines += _coupling_lines(2, coupled=False)
     lines += ["", "[*SYSTEM*]$PLID_GRP  Storage: SHADOW  Access: FP  : ARRAY[1] OF PLID_GRP_T"]
@@ -117,7 +124,7 @@ def _drive_lines(
         *_array(
             f"{head}MOSIGN",
             "BOOLEAN",
-            _nine([str(each).upper() for each in (*positive, *(True for _ in turns_per_mm))], "FALSE"),
+            _nine([str(each).upper() for each in positive], "FALSE"),
         ),
         *_array(f"{head}GEAR_RATIO", "REAL", _nine(ratio_texts, "0.000000e+00")),
         f"{head}INTERACTION  ARRAY[9] OF INTERACT_T",

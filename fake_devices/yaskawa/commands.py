@@ -6,7 +6,8 @@ Source
     As packets.py.
 Modelled
     0x70 alarms, 0x71 history, 0x72 status, 0x74 axis names, 0x75 position, 0x7A and 0x7C variables, 0x82 reset,
-    0x83 hold and servo, 0x89 system information, 0x8B move by pulses; list, save, load and delete of files.
+    0x83 hold and servo, 0x89 system information, 0x8B move by pulses; list, save, load and delete of files
+    (TOOL.CND, ABSO.DAT, jobs).
 Not modelled
     Everything else: status 08, as a controller answers what it does not know.
 """
@@ -59,10 +60,13 @@ class CommandTable:
         name = request.data.partition(b"\0")[0].decode("ascii", "replace").upper()
         if request.service == _SAVE and name == "TOOL.CND":
             return self._c.tool_file().encode()
+        if request.service == _SAVE and name == "ABSO.DAT":
+            return self._c.home_file().encode()
         if request.service == _SAVE and name in self._c.jobs:
             return self._c.jobs[name]
         if request.service == _LIST:
-            names = sorted(self._c.jobs) if name.endswith(".JBI") else ["TOOL.CND"]
+            other = "ABSO.DAT" if name.endswith(".DAT") else "TOOL.CND"
+            names = sorted(self._c.jobs) if name.endswith(".JBI") else [other]
             return "".join(f"{each}\r\n" for each in names).encode()
         if request.service == _DELETE and name in self._c.jobs:
             self.require_writable()

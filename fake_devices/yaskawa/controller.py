@@ -39,6 +39,7 @@ class YaskawaController:
     ) -> None:
         self.jobs: dict[str, bytes] = {}  # by name in capitals
         self.arm, self.title, self.homes = arm, title, homes
+        self.home_counts = [-1207, -61118, -60950, 344, 2975, 15502]
         self.pulses_per_rad: Array = np.degrees(np.array(pulses_per_degree, dtype=float))
         self.lost_axes: set[int] = set()
         arm.perceive = self.shown_joints
@@ -182,6 +183,7 @@ class YaskawaController:
 
     def make_home(self, axis: int) -> None:
         """Make the home position of an axis where it stands."""
+        self.home_counts[axis] += int(self.pulses()[axis])
         self.homes.set_zero(axis)
         self.lost_axes.discard(axis)
 
@@ -192,6 +194,13 @@ class YaskawaController:
         self.reset_alarms()
 
     # files
+
+    def home_file(self) -> str:
+        """Return ABSO.DAT: the encoder counts of the home positions, four axes a row."""
+        pairs = [f"1,{count}" for count in self.home_counts]
+        rows = [",".join(pairs[:4]), ",".join([*pairs[4:], "0,0", "0,0"]), *["0,0,0,0,0,0,0,0"] * 3]
+        zeros = ",".join(["0"] * 30)
+        return "\r\n".join(["//ABSO", f"///RBPRM 1,63,{zeros},1,0,0", *rows]) + "\r\n"
 
     def tool_file(self) -> str:
         """Return TOOL.CND."""

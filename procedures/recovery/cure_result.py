@@ -49,9 +49,18 @@ class PositionCureResult:
     shown: tuple[ShownValue, ...]  # after the cure
 
 
-def changed_constants(record: ArmPositionRecord, shown: tuple[ShownValue, ...]) -> tuple[str, ...]:
-    """Return which data of the machine differ from those of the record; what one of both lacks is not compared."""
-    before = {(value.name, value.axis): value.value for value in record.shown if value.is_constant}
+def changed_constants(
+    record: ArmPositionRecord, shown: tuple[ShownValue, ...], renewed: tuple[int, ...] = ()
+) -> tuple[str, ...]:
+    """Return which data of the machine differ from those of the record; what one of both lacks is not compared.
+
+    Zeros of the axes in ``renewed``, from 0, were made anew, and must differ.
+    """
+
+    def is_compared(value: ShownValue) -> bool:
+        return value.is_constant or (value.is_zero and value.axis not in renewed)
+
+    before = {(value.name, value.axis): value.value for value in record.shown if is_compared(value)}
     return tuple(
         make_message(
             "{name} of axis {axis}: {before}, now {now}",
@@ -61,7 +70,7 @@ def changed_constants(record: ArmPositionRecord, shown: tuple[ShownValue, ...]) 
             now=value.value,
         )
         for value in shown
-        if value.is_constant and before.get((value.name, value.axis), value.value) != value.value
+        if is_compared(value) and before.get((value.name, value.axis), value.value) != value.value
     )
 
 

@@ -1,5 +1,6 @@
 """``cellcal mastering record`` and ``watch``: FANUC controllers by their files, over FTP or from a backup."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -9,7 +10,9 @@ from cyclopts import Parameter
 if TYPE_CHECKING:
     from cellcal.drivers.fanuc.controller_files.ftp_source import FtpLogin
     from cellcal.service.engineering.controller_files.nightly_watch import WatchedController
-    from cellcal.service.engineering.controller_files.record_from_files import FilesRecord
+    from cellcal.service.engineering.controller_files.record_from_files import FilesRecord, FilesRecords
+    from cellcal.service.engineering.controller_files.sliding_axes import SlidingAxis
+    from cellcal.service.engineering.controller_files.stored_records import StoredRecord
 
 RECORDS = Path("mastering_records")
 RecordFolder = Annotated[
@@ -49,7 +52,7 @@ class RobotIdentity:
     """What the files may leave open about a robot."""
 
     group: Annotated[
-        int | None, Parameter(name="--group", help="Motion group, where the controller has several.")
+        int | None, Parameter(name="--group", help="Motion group, where not every one shall have a record.")
     ] = None
     model: Annotated[
         str | None,
@@ -72,7 +75,9 @@ def record(
     ftp: FtpOptions = _USUAL,
     as_json: Json = False,
 ) -> int:
-    """Make a mastering record of a FANUC robot from its controller's files: no option, no program, nothing written.
+    """Make mastering records of a FANUC controller's groups from its files: no option, no program, nothing written.
+
+    Exit code 0: every group whose axes turn has a record, signed; 4: one of them was refused.
 
     Parameters
     ----------
@@ -83,27 +88,31 @@ def record(
     """
     from cellcal.service.cli.printing import STDERR_CONSOLE, print_json
     from cellcal.service.engineering.controller_files.nightly_watch import read_controller
-    from cellcal.service.engineering.controller_files.record_from_files import make_record
+    from cellcal.service.engineering.controller_files.record_from_files import make_records
     from cellcal.service.engineering.controller_files.stored_records import store_record
+    from cellcal.service.exit_codes import ExitCode
 
     files = read_controller(source, _login(ftp), with_programs=ftp.programs)
-    done = make_record(files, group=whose.group, model=whose.model, serial=whose.serial)
-    stored = store_record(records, done, files)
+    made = make_records(files, group=whose.group, model=whose.model, serial=whose.serial)
+    stored = [store_record(records, each, files) for each in made.records]
     if as_json:
-        print_json(_as_document(done) | {"file": str(stored.path), "public_key": stored.public_key})
-    _print_record(done)
-    STDERR_CONSOLE.print(f"record: {stored.path}", markup=False, soft_wrap=True)
-    STDERR_CONSOLE.print(
-        f"Signed. Check it with: cellcal verify {stored.path} --key {stored.public_key}",
-        markup=False,
-        soft_wrap=True,
-    )
+        print_json(_records_document(made, stored))
+    for done, kept in zip(made.records, stored, strict=True):
+        _print_record(done)
+        STDERR_CONSOLE.print(f"record: {kept.path}", markup=False, soft_wrap=True)
+        STDERR_CONSOLE.print(
+            f"Signed. Check it with: cellcal verify {kept.path} --key {kept.public_key}",
+            markup=False,
+            soft_wrap=True,
+        )
+    for refused in made.refused:
+        STDERR_CONSOLE.print(f"NO record: {refused}", markup=False, soft_wrap=True)
     STDERR_CONSOLE.print(
         f"Compare every night: cellcal mastering watch {source} --records {records}",
         markup=False,
         soft_wrap=True,
     )
-    return 0
+    return ExitCode.REFUSED if made.refused else ExitCode.PASS
 
 
 def watch(
@@ -198,10 +207,10 @@ def _print_record(done: "FilesRecord") -> None:
     for row in done.rows:
         table.add_row(
             f"J{row.axis}",
-            str(row.pulse),
+            "-" if row.pulse is None else str(row.pulse),
             str(row.count_at_zero),
             "yes" if row.mastered else "no",
-            f"{math.degrees(row.angle_rad):.4f}",
+            "-" if row.angle_rad is None else f"{math.degrees(row.angle_rad):.4f}",
             "-" if row.shown_deg is None else f"{row.shown_deg:.2f}",
         )
     STDERR_CONSOLE.print(table)
@@ -212,6 +221,15 @@ def _print_record(done: "FilesRecord") -> None:
     ):
         for line in lines:
             STDERR_CONSOLE.print(f"{heading}: {line}.", markup=False, soft_wrap=True)
+
+
+def _records_document(made: "FilesRecords", stored: "Sequence[StoredRecord]") -> dict[str, object]:
+    documents = [
+        _as_document(done) | {"file": str(kept.path), "public_key": kept.public_key}
+        for done, kept in zip(made.records, stored, strict=True)
+    ]
+    refused = [{"message": error.message, "remedy": error.remedy} for error in made.refused]
+    return {"records": documents, "refused": refused}
 
 
 def _as_document(done: "FilesRecord") -> dict[str, object]:
@@ -237,6 +255,18 @@ def _as_document(done: "FilesRecord") -> dict[str, object]:
         "checked": list(done.checked),
         "not_checked": list(done.not_checked),
         "findings": list(done.findings),
+        "sliding_axes": [_sliding_document(each) for each in done.sliding],
+    }
+
+
+def _sliding_document(each: "SlidingAxis") -> dict[str, object]:
+    return {
+        "group": each.group,
+        "axis": each.axis,
+        "master_count": each.count_at_zero,
+        "machine_pulse": each.pulse,
+        "counted_mm": each.counted_mm,
+        "shown_mm": each.shown_mm,
     }
 
 

@@ -1,20 +1,21 @@
 """A position brought back at the pendant is proved axis by axis, or the axis and its turns are named."""
 
 from dataclasses import replace
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import pytest
 
 from cellcal.calibration.errors import CalibrationError
-from cellcal.calibration.mastering.position_record import ShownValue, drive_of_ratios
+from cellcal.calibration.mastering.position_record import ArmPositionRecord, ShownValue, drive_of_ratios
 from cellcal.calibration.uncertainty import Verdict
 from cellcal.drivers.interfaces import PositionCure
 from cellcal.procedures.catalogue import CATALOGUE
 from cellcal.procedures.cell import MotionLevel
 from cellcal.procedures.position_cure import PositionCureSpec, position_cure
 from cellcal.procedures.procedure_definition import missing_needs
-from cellcal.procedures.recovery.cure_result import PositionCureResult
+from cellcal.procedures.recovery.cure_result import PositionCureResult, changed_constants
 from cellcal.procedures.recovery.cure_verdict import verdict_on_cure
 from cellcal.procedures.recovery.pendant_cures import AxisCure, NotBroughtBackError, cure_instruction
 from cellcal.procedures.run import RefusalError, Run
@@ -86,6 +87,18 @@ async def test_machine_data_that_changed_fail_although_every_axis_is_right() -> 
     assert all(axis.is_right for axis in result.axes)
     assert result.changed_constants == ("$MAMES of axis 3: 0.0, now 1.5",)
     assert verdict.overall_decision is Verdict.FAIL
+
+
+def test_a_zero_that_was_made_anew_may_differ_from_that_of_the_record() -> None:
+    offsets = tuple(ShownValue("cal_offset", f"{axis}.5", axis, "rad", is_zero=True) for axis in range(6))
+    changed = tuple(replace(each, value="9.9") if each.axis in (1, 4) else each for each in offsets)
+    record = cast(ArmPositionRecord, SimpleNamespace(shown=offsets))
+    assert changed_constants(record, changed) == (
+        "cal_offset of axis 2: 1.5, now 9.9",
+        "cal_offset of axis 5: 4.5, now 9.9",
+    )
+    assert changed_constants(record, changed, renewed=(4,)) == ("cal_offset of axis 2: 1.5, now 9.9",)
+    assert changed_constants(record, ()) == ()
 
 
 async def test_an_axis_that_stays_lost_is_asked_for_again_and_then_given_up() -> None:

@@ -7,7 +7,7 @@ from cellcal.drivers.fanuc.controller_files.alarm_report import read_alarm_repor
 from cellcal.drivers.fanuc.controller_files.axis_report import read_axis_report
 from cellcal.drivers.fanuc.controller_files.controller_address import parse_address
 from cellcal.drivers.fanuc.controller_files.position_report import read_position_report
-from cellcal.drivers.fanuc.controller_files.report_text import parse_date
+from cellcal.drivers.fanuc.controller_files.report_text import decode_report, parse_date, read_heading
 from cellcal.drivers.fanuc.controller_files.version_report import read_version_report
 from cellcal.drivers.programs.errors import ProgramFileError
 
@@ -180,3 +180,41 @@ def test_dates_and_addresses() -> None:
     for text in wrong:
         with pytest.raises(CellError):
             parse_address(text)
+
+
+def test_a_robot_is_named_by_the_options_where_the_line_names_another_group() -> None:
+    text = "\n".join(
+        [
+            *(
+                "F Number: F1",
+                "VERSION INFORMATION::",
+                "SOFTWARE:              ID:",
+                "HandlingTool   7DC3/39",
+            ),
+            *("Independent Axes      V8.20P/A2 ", "Servo Code          : V06.04", "CONFIG::"),
+            *(
+                "FEATURE:              ORD NO:",
+                "R-2000iB/210F         H601",
+                "FTP Interface         J716",
+                "",
+            ),
+        ]
+    )
+    report = read_version_report(text.encode())
+    assert (report.robots, report.options) == (("R-2000iB/210F",), ("H601", "J716"))
+    named = text.replace("Independent Axes", "M-900iB/700-IF  ").replace("R-2000iB/210F", "M-900iB/700  ")
+    assert read_version_report(named.encode()).robots == ("M-900iB/700-IF",)
+
+
+def test_a_heading_is_found_behind_the_page_of_a_web_server() -> None:
+    page = ["<html>", *["<!-- script -->"] * 60, "Robot No: E1<br>", "Date:  20/02/11", "<PRE>"]
+    report = [
+        "F Number: E1",
+        "VERSION : ArcTool",
+        "$VERSION: V7.7027  10/06/2010",
+        "DATE:     11-FEB-20 15:40 ",
+    ]
+    heading = read_heading(decode_report("curpos.dg", "\n".join([*page, *report]).encode()))
+    assert (heading.f_number, heading.software) == ("E1", "V7.7027")
+    assert heading.written is not None
+    assert heading.written.year == 2020

@@ -173,3 +173,18 @@ def test_the_module_that_ships_declares_what_the_driver_uses() -> None:
 
 async def _moves(fake_client: FakeCellClient) -> bool:
     return bool((await truth_of(fake_client))["moving"])
+
+
+async def test_calibration_offsets_are_shown_and_change_with_a_fine_calibration(
+    abb: Any, fake_client: FakeCellClient
+) -> None:
+    async def offsets() -> list[float]:
+        shown = [each for each in await abb.position_data() if each.name == "cal_offset"]
+        assert all(each.is_zero and each.unit == "rad" for each in shown)
+        return [float(each.value) for each in shown]
+
+    before = await offsets()
+    assert len(before) == 6
+    await fake_client.inject_fault("fine_calibrate", device=CASE.name, axis="2")
+    changed = [now != then for now, then in zip(await offsets(), before, strict=True)]
+    assert changed == [False, True, False, False, False, False]

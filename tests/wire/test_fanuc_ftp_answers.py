@@ -5,13 +5,23 @@ import socket
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 
 import pytest
 
 from cellcal.calibration.errors import CellError
+from cellcal.drivers.errors import RefusedError, UnreachableError
 from cellcal.drivers.fanuc.controller_files.controller_address import ControllerAddress
+from cellcal.drivers.fanuc.controller_files.ftp_replies import FileNotGivenError
 from cellcal.drivers.fanuc.controller_files.ftp_source import FtpLogin, FtpSource
+from cellcal.drivers.fanuc.controller_files.ftp_store import FtpProgramStore
+from cellcal.fake_devices.fanuc_files.cabinet import FanucCabinet
+from cellcal.fake_devices.fanuc_files.ftp_server import FanucFtpServer
+from cellcal.service.cli.app import run_command_line
+from cellcal.service.exit_codes import ExitCode
 from tests.unit.helpers.fanuc_mutations import damage_bytes
+from tests.wire.fanuc_ftp import address_of, ftp_controllers
+from tests.wire.test_fanuc_record import take_record
 
 CONTENT = b"F Number: F1\r\n" * 50
 SEEDS = 120
@@ -124,3 +134,96 @@ def test_a_reply_without_an_end_is_no_reply() -> None:
         pytest.fail("it was taken for a controller")
     thread.join(timeout=30)
     listener.close()
+
+
+@pytest.fixture
+def served() -> Iterator[FanucFtpServer]:
+    with ftp_controllers(FanucCabinet(frames={1: (1000.0, -500.0, 250.0, 0.0, 0.0, 90.0)})) as servers:
+        yield servers[0]
+
+
+BUSY, FULL, NO_DATA = "450 File busy.", "421 Too many users.", "425 Can't open data connection."
+
+
+def source_of(server: FanucFtpServer) -> FtpSource:
+    return FtpSource(ControllerAddress("127.0.0.1", server.port), FtpLogin(timeout_s=5.0))
+
+
+@pytest.mark.parametrize("reply", [BUSY, "451 Local error.", "*426 Transfer aborted.", "*450 Busy."])
+def test_a_file_that_is_refused_once_is_read_the_next_time(served: FanucFtpServer, reply: str) -> None:
+    with source_of(served) as source:
+        content = source.read_file("version.dg")
+        served.faults.replies = {"version.dg": [reply]}
+        assert source.read_file("version.dg") == content
+
+
+@pytest.mark.parametrize(
+    ("reply", "kind", "words", "cure"),
+    [
+        (BUSY, FileNotGivenError, "refuses for now while reading axis.dg: 450 File busy", "backup"),
+        (FULL, UnreachableError, "ended the FTP connection while reading axis.dg: 421", "few clients"),
+        (NO_DATA, UnreachableError, "opened no data connection while reading axis.dg: 425", "firewall"),
+        ("530 Not logged in.", RefusedError, "FTP login was refused while reading axis.dg: 530", "--user"),
+        ("553 Not allowed.", RefusedError, "FTP command was refused while reading axis.dg: 553", "--user"),
+    ],
+)
+def test_refusals_are_told_apart_with_their_cures(
+    served: FanucFtpServer, reply: str, kind: type[CellError], words: str, cure: str
+) -> None:
+    served.faults.replies = {"axis.dg": [reply] * 9}
+    with source_of(served) as source:
+        with pytest.raises(CellError, match=words) as caught:
+            source.read_file("axis.dg")
+        assert type(caught.value) is kind
+        assert cure in caught.value.remedy
+        assert source.read_file("nothing.dg") is None  # 550
+        assert source.read_file("curpos.dg")  # the connection is in step
+
+
+def test_a_server_that_takes_no_more_clients_says_so() -> None:
+    listener = socket.create_server(("127.0.0.1", 0))
+
+    def refuse_client() -> None:
+        with listener.accept()[0] as client:
+            client.sendall(b"421 Too many users.\r\n")
+
+    thread = threading.Thread(target=refuse_client)
+    thread.start()
+    address = ControllerAddress("127.0.0.1", listener.getsockname()[1])
+    with pytest.raises(CellError, match="421 Too many users") as caught, FtpSource(address):
+        pytest.fail("it was taken for a controller")
+    assert "close others" in caught.value.remedy
+    thread.join(timeout=30)
+    listener.close()
+
+
+def watch_without(server: FanucFtpServer, records: Path, *refused: str) -> int:
+    server.faults.replies = {name: [BUSY] * 9 for name in refused}
+    return run_command_line(["mastering", "watch", address_of(server), "--records", str(records)])
+
+
+def test_the_watch_goes_on_without_files_that_are_refused(
+    served: FanucFtpServer, tmp_path: Path, capsys
+) -> None:
+    assert take_record(address_of(served), tmp_path) == ExitCode.PASS
+    capsys.readouterr()
+    assert watch_without(served, tmp_path, "sysframe.va", "main.ls", "erract.ls") == ExitCode.PASS
+    line = " ".join(capsys.readouterr().err.split())
+    for words in ("UNCHANGED", "ERRACT.LS (refused: 450 File busy)", "SYSFRAME.VA (", "not given: MAIN"):
+        assert words in line
+    assert watch_without(served, tmp_path, "sysmast.va") == ExitCode.UNREACHABLE
+    assert "refuses SYSMAST.VA for now (450 File busy)" in " ".join(capsys.readouterr().err.split())
+
+
+def test_a_record_names_the_file_that_is_refused(served: FanucFtpServer, tmp_path: Path, capsys) -> None:
+    served.faults.replies = {"sysmast.va": [BUSY] * 9}
+    assert take_record(address_of(served), tmp_path) == ExitCode.REFUSED
+    assert "refuses SYSMAST.VA (450 File busy) for now" in " ".join(capsys.readouterr().err.split())
+
+
+async def test_a_program_that_cannot_be_written_says_where_to_look(served: FanucFtpServer) -> None:
+    address = ControllerAddress("127.0.0.1", served.port)
+    async with FtpProgramStore(address, FtpLogin(timeout_s=5.0)) as store:
+        with pytest.raises(RefusedError, match=r"refused while writing main\.ls: 550") as caught:
+            await store.write_file("main.ls", b"/PROG  MAIN\n/MN\n/POS\n/END\n")
+    assert "open in the editor" in caught.value.remedy

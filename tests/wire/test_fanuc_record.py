@@ -212,14 +212,37 @@ def test_while_j2_stands_at_zero_the_model_says_how_j3_is_counted(
     assert np.degrees(there) == pytest.approx(cabinet.joints_deg, abs=2e-4)
 
 
-def test_a_second_motion_group_is_asked_for(served: FanucFtpServer, tmp_path: Path, capsys) -> None:
-    served.cabinet.positioner_counts = [70_000]
-    assert take_record(address_of(served), tmp_path) == ExitCode.USAGE
-    assert "group 1 with 6 axes, group 2 with 1 axes" in " ".join(capsys.readouterr().err.split())
-    assert take_record(address_of(served), tmp_path, "--group", "2") == ExitCode.PASS
-    assert take_record(address_of(served), tmp_path, "--group", "1") == ExitCode.PASS
-    counts = {each.controller.group: each.record.counts_at_zero for each in list_records(tmp_path)}
+def test_every_motion_group_that_turns_gets_a_record(served: FanucFtpServer, tmp_path: Path, capsys) -> None:
+    served.cabinet.positioner_counts, served.cabinet.positioner_at = [70_000], -33.5
+    assert take_record(address_of(served), tmp_path) == ExitCode.PASS
+    screen = " ".join(capsys.readouterr().err.split())
+    assert ("group 2" in screen, "not in this record" in screen) == (True, False)
+    by_group = {each.controller.group: each.record for each in list_records(tmp_path)}
+    counts = {group: record.counts_at_zero for group, record in by_group.items()}
     assert counts == {1: tuple(served.cabinet.counts_at_zero), 2: (70_000,)}
+    assert np.degrees(by_group[2].reference_joints_rad) == pytest.approx([-33.5], abs=1e-4)
+    assert (by_group[1].model, by_group[2].model) == ("fanuc_r1000ia_80f", "unknown")  # no arm's name for it
+    assert take_record(address_of(served), tmp_path, "--model", "fanuc_r1000ia_80f") == ExitCode.USAGE
+    assert take_record(address_of(served), tmp_path / "two", "--group", "2") == ExitCode.PASS
+    assert [each.controller.group for each in list_records(tmp_path / "two")] == [2]
+
+
+def test_a_group_that_is_not_mastered_is_named_and_the_other_recorded(
+    served: FanucFtpServer, tmp_path: Path, capsys
+) -> None:
+    served.cabinet.positioner_counts, served.cabinet.positioner_mastered = [70_000], False
+    assert take_record(address_of(served), tmp_path) == ExitCode.REFUSED
+    assert "NO record: " in (screen := " ".join(capsys.readouterr().err.split()))
+    assert "group 2 was not mastered" in screen
+    assert [each.controller.group for each in list_records(tmp_path)] == [1]
+
+
+def test_an_alarm_of_another_group_refuses_no_record(served: FanucFtpServer, tmp_path: Path, capsys) -> None:
+    served.cabinet.positioner_counts = [70_000]
+    served.cabinet.alarms.append(("SRVO-068", "DTERR alarm (Grupo:2 Eje:1)"))
+    assert take_record(address_of(served), tmp_path) == ExitCode.REFUSED
+    assert "SRVO-068 on J1 of group 2" in " ".join(capsys.readouterr().err.split())
+    assert [each.controller.group for each in list_records(tmp_path)] == [1]
 
 
 def test_a_low_battery_is_noted_and_recorded(served: FanucFtpServer, tmp_path: Path, capsys) -> None:
@@ -238,7 +261,7 @@ def test_a_backup_in_a_folder_is_read_in_any_form(
     cabinet = FanucCabinet(third_follows_second=coupled, states_coupling=states_coupling)
     folder = save_backup(cabinet, tmp_path / "backup", upper=upper, ending=ending)
     assert take_record(str(folder), tmp_path / "records", "--json") == ExitCode.PASS
-    document = json.loads(capsys.readouterr().out)
+    (document,) = json.loads(capsys.readouterr().out)["records"]
     assert [row["master_count"] for row in document["axes"]] == cabinet.counts_at_zero
     assert [row["machine_pulse"] for row in document["axes"]] == cabinet.pulses()
     assert [np.degrees(row["angle_rad"]) for row in document["axes"]] == pytest.approx(
@@ -255,6 +278,28 @@ def test_a_backup_that_lacks_files_says_what_was_not_checked(tmp_path: Path, cap
     text = " ".join(capsys.readouterr().err.split())
     for words in ("NOT checked: the angles", "there is no ERRACT.LS", "there is no SYSFRAME.VA"):
         assert words in text
+
+
+def test_a_backup_without_present_counts_is_recorded_without_them(tmp_path: Path, capsys) -> None:
+    cabinet = FanucCabinet(positioner_counts=[70_000], gun_mm_per_turn=5.0)  # as backups of V8.20 are
+    folder = save_backup(cabinet, tmp_path / "backup")
+    for name in ("curpos.dg", "axis.dg"):
+        (folder / name).unlink()
+    assert take_record(str(folder), tmp_path / "records") == ExitCode.PASS
+    screen = " ".join(capsys.readouterr().err.split())
+    assert "NOT checked: where the robot stood, and the angles from its counts: there is no AXIS.DG" in screen
+    assert "NOT checked: where axis 1 of group 2 stands" in screen
+    (stored,) = list_records(tmp_path / "records")
+    assert stored.record.counts_at_zero == tuple(cabinet.counts_at_zero)
+    assert stored.record.reference_counts == stored.record.reference_joints_rad == ()
+    moved = cabinet.pulses()
+    there = stored.record.drive.to_joints(np.array(moved), np.array(cabinet.counts_at_zero))
+    assert np.degrees(there) == pytest.approx(cabinet.joints_deg, abs=2e-4)
+    cabinet.states_coupling, cabinet.robot = False, "X-1/2"
+    folder = save_backup(cabinet, tmp_path / "other")
+    for name in ("curpos.dg", "axis.dg"):
+        (folder / name).unlink()
+    assert take_record(str(folder), tmp_path / "records") == ExitCode.REFUSED
 
 
 def test_files_of_two_backups_make_no_record(tmp_path: Path, capsys) -> None:

@@ -1,4 +1,4 @@
-"""A reply of the Remote Motion Interface that comes late never answers the next question."""
+"""A reply of the Remote Motion Interface that comes late, twice or in pieces never answers another question."""
 
 import asyncio
 import json
@@ -8,6 +8,7 @@ from contextlib import asynccontextmanager
 
 import pytest
 
+from cellcal.drivers.errors import RefusedError
 from cellcal.drivers.fanuc.rmi.rmi_link import RmiLink
 from cellcal.drivers.fanuc.rmi.rmi_state import read_active_numbers, read_joint_angles
 from tests.machine_speed import stretched_s
@@ -23,6 +24,9 @@ class SlowController:
         self.may_answer = asyncio.Event()
         self.may_answer.set()
         self.never_answers = False
+        self.copies = 1  # of each reply
+        self.later: list[bytes] = []  # sent before the next reply
+        self.pieces_of = 0  # octets a segment; 0: whole replies
         self.questions = 0
         self.clients: list[asyncio.StreamWriter] = []
 
@@ -41,7 +45,20 @@ class SlowController:
             if name is None or self.never_answers:
                 continue
             angles = {f"J{axis}": float(number) for axis in range(1, 7)}
-            self._send(writer, Command=name, JointAngle=angles, UFrameNumber=1, UToolNumber=number)
+            await self._send_reply(
+                writer, Command=name, JointAngle=angles, UFrameNumber=1, UToolNumber=number
+            )
+
+    async def _send_reply(self, writer: asyncio.StreamWriter, **fields: object) -> None:
+        octets = (
+            b"".join(self.later) + (json.dumps({**fields, "ErrorID": 0}).encode() + b"\r\n") * self.copies
+        )
+        self.later.clear()
+        size = self.pieces_of or len(octets)
+        for start in range(0, len(octets), size):
+            writer.write(octets[start : start + size])
+            await writer.drain()
+            await asyncio.sleep(0)
 
     @asynccontextmanager
     async def running(self) -> AsyncIterator[RmiLink]:
@@ -108,3 +125,70 @@ async def test_a_reply_that_never_comes_ends_the_connection() -> None:
         controller.never_answers = False
         assert await number_told(link) == 2
         assert len(controller.clients) == 2
+
+
+@pytest.mark.parametrize("octets", [1, 2, 7, 0])
+async def test_a_reply_in_pieces_is_one_reply(octets: int) -> None:
+    controller = SlowController()
+    controller.pieces_of = octets
+    async with controller.running() as link:
+        assert [await number_told(link) for _ in range(3)] == [1, 2, 3]
+        assert len(controller.clients) == 1
+
+
+async def test_a_reply_that_comes_twice_answers_one_question() -> None:
+    controller = SlowController()
+    async with controller.running() as link:
+        controller.copies = 2
+        assert await number_told(link) == 1
+        controller.copies = 1
+        assert [await number_told(link) for _ in range(3)] == [2, 3, 4]
+        assert len(controller.clients) == 2  # made anew
+
+
+async def test_a_second_reply_that_meets_the_next_question_ends_the_connection() -> None:
+    controller = SlowController()
+    async with controller.running() as link:
+        assert await number_told(link) == 1
+        late = {
+            "Command": "FRC_ReadJointAngles",
+            "JointAngle": {f"J{n}": 1.0 for n in range(1, 7)},
+            "ErrorID": 0,
+        }
+        controller.later = [json.dumps(late).encode() + b"\r\n"]
+        assert await number_told(link) == 1  # nothing tells it from a right one before the next reply comes
+        assert [await number_told(link) for _ in range(2)] == [3, 4]
+        assert len(controller.clients) == 2
+
+
+async def test_replies_to_motions_count_once_and_foreign_numbers_never() -> None:
+    controller = SlowController()
+    async with controller.running() as link:
+        assert await number_told(link) == 1
+        executed = await link.send_instruction("FRC_JointMotionJRep", 5)
+        (client,) = controller.clients
+        for number in (4, 6, 1):
+            controller._send(client, Instruction="FRC_JointMotionJRep", SequenceID=number)
+        assert await number_told(link) == 3
+        assert not executed.done()
+        for _ in range(2):
+            controller._send(client, Instruction="FRC_JointMotionJRep", SequenceID=5)
+        assert (await executed)["SequenceID"] == 5
+        following = await link.send_instruction("FRC_JointMotionJRep", 6)
+        assert await number_told(link) == 5
+        assert not following.done()
+        following.cancel()
+
+
+async def test_a_motion_that_the_controller_cannot_read_is_refused_as_such() -> None:
+    controller = SlowController()
+    async with controller.running() as link:
+        assert await number_told(link) == 1
+        executed = await link.send_instruction("FRC_JointMotionJRep", 5)
+        (client,) = controller.clients
+        client.write(b'{"Command": "Unknown", "ErrorID": 2556957}\r\n')
+        reply = await executed
+        with pytest.raises(RefusedError, match="RMIT-029"):
+            link.accept_reply(reply)
+        assert await number_told(link) == 3
+        assert len(controller.clients) == 1

@@ -9,6 +9,7 @@ import pytest
 from cellcal.fake_devices.fanuc_files.cabinet import COUNTS_PER_TURN, FanucCabinet
 from cellcal.fake_devices.fanuc_files.ftp_server import FanucFtpServer
 from cellcal.service.cli.app import run_command_line
+from cellcal.service.engineering.controller_files.file_changes import compare_safety
 from cellcal.service.engineering.controller_files.stored_records import list_records
 from cellcal.service.exit_codes import ExitCode
 from tests.wire.fanuc_ftp import address_of, ftp_controllers
@@ -264,3 +265,32 @@ def test_a_hundred_controllers_in_one_night(tmp_path: Path, capsys) -> None:
     assert states[:7] + states[11:MANY] == ["unchanged"] * (MANY - 4)
     written = {command.partition(" ")[0] for server in servers for command in server.commands}
     assert written <= {"USER", "PASS", "TYPE", "CWD", "PASV", "NLST", "RETR", "QUIT"}
+
+
+def test_a_changed_safety_setting_is_reported(served: FanucFtpServer, tmp_path: Path, capsys) -> None:
+    take_record(address_of(served), tmp_path)
+    served.cabinet.safety_signature -= 5
+    code, changes = watched(served, tmp_path, capsys)
+    assert (code, list(changes)) == (ExitCode.OUT_OF_TOLERANCE, ["DCS"])
+    assert "signature of Pos./Speed 1945160182 is 1945160177 now" in changes["DCS"]
+    assert "tools and frames" in changes["DCS"]
+
+
+def test_settings_of_safety_that_are_not_read_are_named(
+    served: FanucFtpServer, tmp_path: Path, capsys
+) -> None:
+    served.faults.missing = frozenset(["dcsvrfy.dg"])
+    assert take_record(address_of(served), tmp_path) == ExitCode.PASS
+    assert "NOT checked: the safety settings (DCS)" in " ".join(capsys.readouterr().err.split())
+    served.faults.missing = frozenset()
+    assert watched(served, tmp_path, capsys) == (ExitCode.PASS, {})
+
+
+def test_older_software_has_one_signature_for_all_but_the_position_check() -> None:
+    files = {"Total": 3, "Base": 1, "Pos./Speed": 2, "I/O connect": 5}
+    changed = compare_safety(files, {**files, "Total": 9, "Base": 7})
+    assert [each.text for each in changed] == ["signature of Base 1 is 7 now"]
+    parts = {**files, "Mastering": 10, "Robot": 11, "Other": 12}
+    changed = compare_safety(parts, {**parts, "Total": 9, "Base": 7, "Mastering": 13})
+    assert [each.text for each in changed] == ["signature of Mastering 10 is 13 now"]
+    assert compare_safety(None, files) == compare_safety(files, {}) == []

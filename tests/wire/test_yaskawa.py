@@ -14,6 +14,7 @@ from yrcom import MODEL_YRC1000, HsesClient, HsesFileClient, PulseMove
 from cellcal.drivers.errors import DeviceError, DeviceTimeoutError, MotionStoppedError, RefusedError
 from cellcal.drivers.interfaces import AlarmKind, Readiness
 from cellcal.drivers.wire.stepwise_motion import step_targets
+from cellcal.drivers.yaskawa.absolute_data import read_absolute_data
 from cellcal.drivers.yaskawa.condition import condition_of
 from cellcal.drivers.yaskawa.hses_frames import HsesRequest, read_answer
 from cellcal.drivers.yaskawa.job_store import YaskawaJobStore
@@ -34,6 +35,36 @@ async def motoman(cell: CellConfig, fake_client: FakeCellClient) -> AsyncIterato
     async with open_at_home(case, cell, fake_client) as robot:
         yield robot
         await case.heal(fake_client, robot)
+
+
+@pytest.mark.parametrize(
+    ("groups", "rows", "expected"),
+    [
+        ("1,63,0", ("1,5,1,-6,1,7,1,8", "1,9,1,10,0,0,0,0"), (5, -6, 7, 8, 9, 10)),
+        ("3,63,63,0", ("1,5,1,-6,1,7,1,8", "1,9,0,10,1,11,1,12", "1,1,1,2,1,3,1,4"), (5, -6, 7, 8, 9, None)),
+        ("7,127,127,1", ("1,5,1,6,1,7,1,8", "1,9,1,10,1,11,0,0", "1,0,1,1,1,2,1,3"), (5, 6, 7, 8, 9, 10, 11)),
+        ("2,0,63", ("1,5,1,6,1,7,1,8", "1,9,1,10,0,0,0,0"), ()),
+        ("1,63,0", ("1,5,1,6,1,7,1,8", "1,9,1"), ()),
+        ("1,63,0", (), ()),
+    ],
+)
+def test_absolute_data_are_those_of_the_axes_of_robot_1(groups: str, rows: tuple[str, ...], expected) -> None:
+    for head in ((), ("///CRC 123",)):
+        text = "\r\n".join(["//ABSO", *head, f"///RBPRM {groups},0,0", *rows, ""])
+        assert read_absolute_data(text) == expected
+
+
+async def test_a_home_position_made_anew_shows_in_the_position_data(
+    motoman: Any, fake_client: FakeCellClient
+) -> None:
+    async def homes() -> list[int]:
+        return [int(each.value) for each in await motoman.position_data() if each.name == "ABSO.DAT"]
+
+    before, pulses = await homes(), await motoman.encoder_counts()
+    await fake_client.inject_fault("make_home", device="motoman", axis="U")
+    after = await homes()
+    assert [now - then for now, then in zip(after, before, strict=True)] == [0, 0, pulses[2], 0, 0, 0]
+    await fake_client.inject_fault("confirm_positions", device="motoman")
 
 
 def test_a_status_request_has_the_octets_of_the_makers_example() -> None:
@@ -163,9 +194,10 @@ async def test_a_foreign_client_reads_what_our_driver_reads(
             return (
                 client.read_status(), client.read_position(1), client.read_axis_config(1),
                 client.read_alarm(1), files.list_files("*.CND"), files.read_file("TOOL.CND"),
+                files.read_file("ABSO.DAT"),
             )  # fmt: skip
 
-    status, position, axes, alarm, names, content = await asyncio.to_thread(ask)
+    status, position, axes, alarm, names, content, homes = await asyncio.to_thread(ask)
     truth = (await fake_client.read_truth())["robots"]["motoman"]
     assert "S" in str(axes)
     assert str(truth["pulses"][0]) in str(position)
@@ -174,6 +206,9 @@ async def test_a_foreign_client_reads_what_our_driver_reads(
     assert read_tools(content.decode())[1].mass_kg == truth["active"]["payload_kg"]
     assert status
     assert alarm is not None
+    shown = [int(each.value) for each in await motoman.position_data() if each.name == "ABSO.DAT"]
+    assert read_absolute_data(homes.decode()) == tuple(shown)
+    assert len(shown) == 6
 
 
 async def test_a_foreign_client_moves_and_holds_the_simulated_robot(

@@ -11,12 +11,13 @@ from cellcal.calibration.message import make_message
 from cellcal.drivers.abb.robot_web_services.event_log import read_position_events
 from cellcal.drivers.abb.robot_web_services.rapid_values import AXES, NO_AXIS, pose_of
 from cellcal.drivers.abb.robot_web_services.web_link import WebLink
-from cellcal.drivers.errors import WireProtocolError
+from cellcal.drivers.errors import RefusedError, WireProtocolError
 from cellcal.drivers.interfaces import Alarm, AlarmKind, Condition, Readiness
 from cellcal.drivers.wire.link_errors import unreadable_answer_error
 
 T = TypeVar("T")
 _UNIT = "/rw/motionsystem/mechunits/ROB_1"
+_MOTOR_CALIBRATION, _OFFSET = "/rw/cfg/MOC/MOTOR_CALIB/instances", "cal_offset"
 _SYNCHRONISED = "Synchronized"
 _COUNTER_LOST = "20032"
 
@@ -61,7 +62,7 @@ async def read_joints(link: WebLink) -> tuple[tuple[float, ...], Mapping[str, An
 
 
 async def read_position_data(link: WebLink) -> tuple[ShownValue, ...]:
-    """Return the joints and the states of the axes as they are shown; the service documents no resolver offsets."""
+    """Return joints, states of the axes and, where the controller gives its configuration, calibration offsets."""
     _, reply = await read_joints(link)
     joints = [
         ShownValue(f"rax_{axis + 1}", str(reply[f"rax_{axis + 1}"]), axis, "deg") for axis in range(AXES)
@@ -74,7 +75,26 @@ async def read_position_data(link: WebLink) -> tuple[ShownValue, ...]:
         )
         for axis in range(AXES)
     ]
-    return (*joints, *states)
+    return (*joints, *states, *await _read_calibration_offsets(link))
+
+
+async def _read_calibration_offsets(link: WebLink) -> tuple[ShownValue, ...]:
+    """Return the resolver's angle at the zero of each axis [rad]; none where the configuration is not given."""
+    found = []
+    for axis in range(AXES):
+        try:
+            state = await link.get_state(f"{_MOTOR_CALIBRATION}/rob1_{axis + 1}")
+        except (RefusedError, WireProtocolError):
+            return ()
+        rows = state.get("attrib")
+        values = (
+            {row.get("_title"): row.get("value") for row in rows if isinstance(row, dict)} if rows else {}
+        )
+        if not isinstance(values.get(_OFFSET), str):
+            return ()
+        valid = "" if values.get(f"valid_{_OFFSET}") == "true" else " (not valid)"
+        found.append(ShownValue(_OFFSET, f"{values[_OFFSET]}{valid}", axis, "rad", is_zero=True))
+    return tuple(found)
 
 
 async def read_flange_pose(link: WebLink) -> Pose:

@@ -20,14 +20,17 @@ from cellcal.drivers.fanuc.controller_files.report_text import (
 _LINE = re.compile(r'\s*(\d+)\s*"([^"]*)"\s*([^"]*?)\s*"(.*)\Z')
 _CODE = re.compile(r"([A-Z]{2,5}\d?)-\s?(\d{3})\b[ \t]*(.*)\Z")
 _ANY_CODE = re.compile(r"\b[A-Z]{4}-\d{3}\b")
-_AXIS = re.compile(r"\(?\s*G(?:roup)?\s*:\s*(\d+)[\s,]*A(?:xis)?\s*:\s*(\d+)", re.IGNORECASE)
+_AXIS = re.compile(
+    r"\b(?:G|GR[A-Z]*)\s*:\s*(\d+)(?:[\s,]*(?:A|AX[A-Z]*|AS[A-Z]*|AC[A-Z]*|EJ[A-Z]*)\s*:\s*(\d+))?",
+    re.IGNORECASE,
+)  # group alone, or group and axis, also in other languages
 _NAME = re.compile(r"ROBOT\s+NAME\s+(.*?)\s+\d{1,2}-[A-Z]{3}-\d{2}", re.IGNORECASE)
 _HEADING_LINES = 3
 
 
 @dataclass(frozen=True, slots=True)
 class ControllerAlarm:
-    """One active alarm; ``axis`` counts from 1, None where the alarm names none."""
+    """One active alarm; ``axis`` counts from 1. Group and axis are None where the alarm names none."""
 
     number: int
     raised: str
@@ -76,5 +79,5 @@ def _parse_line(line: str, file: str, number: int) -> ControllerAlarm:
         code="" if code is None else f"{code[1]}-{code[2]}",
         text=(found[3] if code is None else code[3]).strip(),
         group=int(axis[1]) if axis else None,
-        axis=int(axis[2]) if axis else None,
+        axis=int(axis[2]) if axis and axis[2] else None,
     )

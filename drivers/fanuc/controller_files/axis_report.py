@@ -42,14 +42,14 @@ class AxisReport:
     def split_by_groups(self, axes: tuple[int, ...]) -> tuple[tuple[int | None, ...], ...]:
         """Return the pulses of each group, where groups have that many axes; empty where they do not fit.
 
-        An axis that slides may follow those of a group.
+        Axes that no variable tells of may follow those of a group; where the groups are in one row, none may.
         """
         if len(self.pulses) == len(axes):
             pairs = list(zip(self.pulses, axes, strict=True))
             fits = all(len(row) >= count for row, count in pairs)
             return tuple(row[:count] for row, count in pairs) if fits else ()
         together = [pulse for row in self.pulses for pulse in row]
-        if len(self.pulses) != 1 or len(together) < sum(axes):
+        if len(self.pulses) != 1 or len(together) != sum(axes):
             return ()
         found, at = [], 0
         for count in axes:

@@ -1,13 +1,15 @@
 """What a controller's files say together at one moment: identity, counts, mastering, frames, alarms, programs."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from datetime import datetime, timedelta
 from typing import TypeVar
 
 from cellcal.drivers.fanuc.controller_files.alarm_report import AlarmReport, read_alarm_report
 from cellcal.drivers.fanuc.controller_files.axis_report import AxisReport, read_axis_report
+from cellcal.drivers.fanuc.controller_files.dcs_report import read_dcs_signatures
 from cellcal.drivers.fanuc.controller_files.file_sources import FileSource
+from cellcal.drivers.fanuc.controller_files.ftp_replies import FileNotGivenError
 from cellcal.drivers.fanuc.controller_files.position_report import PositionReport, read_position_report
 from cellcal.drivers.fanuc.controller_files.program_digests import read_program_digests
 from cellcal.drivers.fanuc.controller_files.version_report import VersionReport, read_version_report
@@ -20,7 +22,7 @@ from cellcal.drivers.fanuc.program_files.va_backup import (
 )
 from cellcal.drivers.fanuc.program_files.va_text import VaFile
 
-AXES, POSITION, ALARMS, VERSION = "AXIS.DG", "CURPOS.DG", "ERRACT.LS", "VERSION.DG"
+AXES, POSITION, ALARMS, VERSION, SAFETY = "AXIS.DG", "CURPOS.DG", "ERRACT.LS", "VERSION.DG", "DCSVRFY.DG"
 MOST_APART = timedelta(minutes=30)
 _MORE_LOOKS = 2
 _VARIABLES = (MASTERING, DRIVES, FRAMES)
@@ -39,8 +41,12 @@ class ControllerFiles:
     alarms: AlarmReport | None
     version: VersionReport | None
     variables: FanucBackup
+    safety: Mapping[str, int] | None  # signature numbers of DCS by name
     programs: Mapping[str, str] | None  # hash by name; None where they were not read, or nothing is listed
     missing: tuple[str, ...]
+    not_given: Mapping[str, str] = field(
+        default_factory=dict
+    )  # why, of those that it has and refuses for now
 
     @property
     def serial(self) -> str:
@@ -51,8 +57,10 @@ class ControllerFiles:
 
     @property
     def written(self) -> datetime | None:
-        """When the counts were written, by the controller's clock."""
-        return None if self.axes is None else self.axes.heading.written
+        """When the counts were written, by the controller's clock; of a backup without them, the other reports."""
+        reports = (self.axes, self.position, self.version)
+        dates = (report.heading.written for report in reports if report is not None)
+        return next((date for date in dates if date is not None), None)
 
     def list_contradictions(self) -> tuple[str, ...]:
         """Return why the files are not of one controller at one time, as sentences."""
@@ -85,9 +93,17 @@ def read_controller_files(source: FileSource, *, with_programs: bool = True) -> 
         A file is damaged.
     """
     missing: list[str] = []
+    not_given: dict[str, str] = {}
+
+    def read_file(name: str) -> bytes | None:
+        try:
+            return source.read_file(name)
+        except FileNotGivenError as error:
+            not_given[name] = error.vendor_text
+            return None
 
     def read_report(name: str, parse: Callable[[bytes], _Report]) -> _Report | None:
-        content = source.read_file(name)
+        content = read_file(name)
         if content is None:
             missing.append(name)
             return None
@@ -103,7 +119,11 @@ def read_controller_files(source: FileSource, *, with_programs: bool = True) -> 
         again = read_report(AXES, read_axis_report)
     alarms = read_report(ALARMS, read_alarm_report)
     version = read_report(VERSION, read_version_report)
-    files = {name: file for name in _VARIABLES if (file := _read_variables(source, name)) is not None}
+    safety = read_report(SAFETY, read_dcs_signatures)
+    contents = {name: read_file(name) for name in _VARIABLES}
+    files = {
+        name: VaFile.from_bytes(name, content) for name, content in contents.items() if content is not None
+    }
     missing += [name for name in _VARIABLES if name not in files]
     return ControllerFiles(
         device=source.device,
@@ -114,11 +134,8 @@ def read_controller_files(source: FileSource, *, with_programs: bool = True) -> 
         alarms=alarms,
         version=version,
         variables=assemble_backup(source.device, files),
+        safety=safety,
         programs=read_program_digests(source) if with_programs and source.list_names() else None,
         missing=tuple(dict.fromkeys(missing)),
+        not_given=not_given,
     )
-
-
-def _read_variables(source: FileSource, name: str) -> VaFile | None:
-    content = source.read_file(name)
-    return None if content is None else VaFile.from_bytes(name, content)

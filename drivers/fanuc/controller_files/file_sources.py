@@ -26,7 +26,13 @@ class FileSource(Protocol):
         ...
 
     def read_file(self, name: str) -> bytes | None:
-        """Return the bytes of a file; None where the controller has no such file."""
+        """Return the bytes of a file; None where the controller has no such file.
+
+        Raises
+        ------
+        FileNotGivenError
+            It refuses this one for now; others may be read.
+        """
         ...
 
     def list_names(self) -> tuple[str, ...]:

@@ -16,6 +16,13 @@ from cellcal.calibration.message import make_message
 from cellcal.drivers.errors import DeviceTimeoutError, RefusedError, UnreachableError, WireProtocolError
 from cellcal.drivers.fanuc.controller_files.controller_address import ControllerAddress
 from cellcal.drivers.fanuc.controller_files.file_sources import MAX_FILE_BYTES, MAX_NAMES
+from cellcal.drivers.fanuc.controller_files.ftp_replies import (
+    NOT_THERE,
+    FileNotGivenError,
+    lost_link_error,
+    name_refusal,
+    plain_reason,
+)
 
 READING_COMMANDS = frozenset(("USER", "PASS", "TYPE", "CWD", "PASV", "EPSV", "NLST", "RETR", "QUIT"))
 _CHUNK = 65_536
@@ -23,8 +30,8 @@ _FAILURES = (OSError, EOFError, ValueError, OverflowError)  # the last two of a 
 _MOST_REPLY_LINES = 500
 _CABLE = "Check the cable and the address, and that the controller's FTP server is on (SETUP > Host Comm)."
 _AGAIN = "Read it once more; if it happens again, look at the network."
-_NOT_THERE = "550"
-_WRONG_LOGIN = "530"
+_TRIES, _PAUSE_S = 3, 0.5  # of a file that is refused for now
+_EMPTY_LISTING = "450"
 _NAME_END = re.compile(r"[^/\\:]+\Z")
 # A server may list more than names: type and rights, size and date before each, as Unix or DOS writes them.
 _UNIX_LINE = re.compile(
@@ -106,7 +113,7 @@ class FtpSource:
         found = self._index_names().get(name.lower())
         candidates = (found,) if found is not None else (name.lower(), name.upper())
         for candidate in candidates:
-            content = self._retrieve(candidate)
+            content = self._retrieve_patiently(candidate)
             if content is not None:
                 return content
         return None
@@ -124,9 +131,13 @@ class FtpSource:
                 make_message("no FTP server answers within {timeout_s:g} s.", timeout_s=login.timeout_s),
                 remedy=_CABLE,
             ) from error
+        except ftplib.error_temp as error:
+            raise name_refusal(device, "connecting", error) from error
         except (*_FAILURES, ftplib.Error) as error:
             raise UnreachableError(
-                device, make_message("no FTP server answers: {reason}.", reason=_reason(error)), remedy=_CABLE
+                device,
+                make_message("no FTP server answers: {reason}.", reason=plain_reason(error)),
+                remedy=_CABLE,
             ) from error
         with self._named_failures("the login"):
             try:
@@ -137,14 +148,14 @@ class FtpSource:
                     make_message(
                         "the FTP login of {user!r} was refused: {reason}.",
                         user=login.user,
-                        reason=_reason(error),
+                        reason=plain_reason(error),
                     ),
                     remedy="Allow anonymous reading on the controller (SETUP > Host Comm > FTP), or give --user.",
                 ) from error
             try:
                 self._ftp.cwd("md:")
             except ftplib.error_perm as error:
-                if not str(error).startswith(_NOT_THERE):
+                if not str(error).startswith(NOT_THERE):
                     raise  # a server without devices, such as a copy of MD:, has its files at the root
 
     def _index_names(self) -> dict[str, str]:
@@ -165,11 +176,22 @@ class FtpSource:
             with self._named_failures("listing its files"):
                 try:
                     self._ftp.retrlines("NLST", take_name)
-                except ftplib.error_perm:
+                except (ftplib.error_perm, ftplib.error_temp) as error:
+                    if isinstance(error, ftplib.error_temp) and not str(error).startswith(_EMPTY_LISTING):
+                        raise
                     names.clear()  # an empty folder, or a server that lists nothing: names are tried one by one
             ends = [end[0] for name in map(_listed_name, names) if (end := _NAME_END.search(name))]
             self._names = {end.lower(): end for end in ends}
         return self._names
+
+    def _retrieve_patiently(self, name: str) -> bytes | None:
+        """Return a file; ask again for one that is refused for now."""
+        for _ in range(_TRIES - 1):
+            try:
+                return self._retrieve(name)
+            except FileNotGivenError:
+                time.sleep(_PAUSE_S)
+        return self._retrieve(name)
 
     def _retrieve(self, name: str) -> bytes | None:
         """Return a file's bytes once the controller has confirmed that they are all; None where it has none."""
@@ -180,7 +202,7 @@ class FtpSource:
                 self._ftp.voidcmd("TYPE I")
                 connection = self._ftp.transfercmd(f"RETR {name}")
             except ftplib.error_perm as error:
-                if str(error).startswith(_NOT_THERE):
+                if str(error).startswith(NOT_THERE):
                     return None
                 raise
             with connection:
@@ -217,7 +239,7 @@ class FtpSource:
         return b"".join(pieces)
 
     @contextmanager
-    def _named_failures(self, doing: str) -> Iterator[None]:
+    def _named_failures(self, doing: str, *, writes: bool = False) -> Iterator[None]:
         """Turn what the library raises into an error that names the device, the cause and what to do."""
         try:
             yield
@@ -233,26 +255,10 @@ class FtpSource:
                 ),
                 remedy=_AGAIN,
             ) from error
-        except ftplib.error_perm as error:
-            code = "login" if str(error).startswith(_WRONG_LOGIN) else "command"
-            raise RefusedError(
-                self.device,
-                make_message(
-                    "the FTP {code} was refused while {doing}: {reason}.",
-                    code=code,
-                    doing=doing,
-                    reason=_reason(error),
-                ),
-                remedy=_AGAIN,
-            ) from error
-        except (*_FAILURES, ftplib.Error) as error:
-            raise UnreachableError(
-                self.device,
-                make_message(
-                    "the FTP connection was lost while {doing}: {reason}.", doing=doing, reason=_reason(error)
-                ),
-                remedy=_AGAIN,
-            ) from error
+        except ftplib.Error as error:
+            raise name_refusal(self.device, doing, error, writes=writes) from error
+        except _FAILURES as error:
+            raise lost_link_error(self.device, doing, error) from error
 
 
 def _listed_name(line: str) -> str:
@@ -261,8 +267,3 @@ def _listed_name(line: str) -> str:
     if found is None:
         return line.strip()
     return "" if found["kind"] in ("d", "<DIR>") else str(found["name"])
-
-
-def _reason(error: BaseException) -> str:
-    text = getattr(error, "strerror", None) or str(error) or "it hung up"
-    return " ".join(text.split()).rstrip(".")[:200]

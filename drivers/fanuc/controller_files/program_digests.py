@@ -7,7 +7,9 @@ import hashlib
 import re
 
 from cellcal.drivers.fanuc.controller_files.file_sources import PROGRAM_SUFFIX, FileSource
+from cellcal.drivers.fanuc.controller_files.ftp_replies import FileNotGivenError
 
+UNREAD_DIGEST = "not read"
 _PROGRAM = re.compile(rb"\A\s*/PROG\s+(\S+)", re.IGNORECASE)
 _STATEMENTS = re.compile(rb"^/MN\b.*?(?=^/END\b)", re.MULTILINE | re.DOTALL)
 _LISTS_OF_ALARMS = frozenset(
@@ -44,15 +46,15 @@ def is_program_name(name: str) -> bool:
 def read_program_digests(source: FileSource) -> dict[str, str]:
     """Return the hash of each program by its name.
 
-    "damaged" stands for a listing that ends before its end, "not read" for one that is named and not given.
+    "damaged" stands for a listing that ends before its end, UNREAD_DIGEST for one that is named and not given.
     """
     found: dict[str, str] = {}
     for name in source.list_names():
         if not is_program_name(name):
             continue
-        content = source.read_file(name)
+        content = _read_or_none(source, name)
         if content is None:
-            found[name.removesuffix(PROGRAM_SUFFIX).upper()] = "not read"
+            found[name.removesuffix(PROGRAM_SUFFIX).upper()] = UNREAD_DIGEST
             continue
         head = _PROGRAM.match(content)
         if head is None:
@@ -61,3 +63,10 @@ def read_program_digests(source: FileSource) -> dict[str, str]:
         digest = "damaged" if statements is None else hashlib.sha256(statements).hexdigest()
         found[head[1].decode("cp437").upper()] = digest
     return found
+
+
+def _read_or_none(source: FileSource, name: str) -> bytes | None:
+    try:
+        return source.read_file(name)
+    except FileNotGivenError:
+        return None

@@ -20,6 +20,7 @@ MAX_LINE = 4096
 _MONTHS = ("JAN", "FEB", "MAR", "APR", "MAY", "JUN", "JUL", "AUG", "SEP", "OCT", "NOV", "DEC")
 _DATE = re.compile(r"(\d{1,2})-([A-Z]{3})-(\d{2}|\d{4})\s+(\d{1,2}):(\d{2})(?::(\d{2}))?", re.IGNORECASE)
 _HEADING = re.compile(r"\s*(F NUMBER|\$VERSION|VERSION|DATE)\s*:\s*(.*?)\s*\Z", re.IGNORECASE)
+_F_NUMBER = re.compile(r"\s*F NUMBER\s*:", re.IGNORECASE)
 _TAGS = re.compile(r"</?[A-Za-z][^<>]*>")  # what the controller's web server wraps around
 _HEADING_LINES = 20
 
@@ -59,9 +60,10 @@ def damaged_report_error(file: str, cause: str, line: int = 0) -> ProgramFileErr
 
 
 def read_heading(lines: list[str]) -> ReportHeading:
-    """Read the heading; what is not there stays empty."""
+    """Read the heading; what is not there stays empty. A page of the controller's web server may stand before it."""
     found: dict[str, str] = {}
-    for line in lines[:_HEADING_LINES]:
+    start = next((at for at, line in enumerate(lines) if _F_NUMBER.match(line)), 0)
+    for line in lines[start : start + _HEADING_LINES]:
         match = _HEADING.match(line)
         if match is not None:
             found.setdefault(match[1].upper(), match[2])

@@ -20,7 +20,9 @@ class VersionReport:
     heading: ReportHeading
     robot_number: str  # the F number of the robot
     software: str
-    robots: tuple[str, ...]  # names of the robots of the software, such as R-2000iC/165F
+    robots: tuple[
+        str, ...
+    ]  # names of the robots of the software, such as R-2000iC/165F; see read_version_report
     options: tuple[str, ...]  # order numbers
 
     @property
@@ -30,11 +32,15 @@ class VersionReport:
 
 
 def read_version_report(data: bytes, file: str = "version.dg") -> VersionReport:
-    """Read it; a report without these fields tells nothing, and is no fault."""
+    """Read it; a report without these fields tells nothing, and is no fault.
+
+    The line of the robot may name another motion group (``Independent Axes  V8.20P/A2``): then the robots are those
+    of the list of options (seen in five public backups).
+    """
     lines = decode_report(file, data)
     fields: dict[str, str] = {}
     robots: list[str] = []
-    options: list[str] = []
+    options: dict[str, str] = {}  # order number by name
     in_options = False
     for line in lines:
         if _SECTION.match(line):
@@ -42,7 +48,7 @@ def read_version_report(data: bytes, file: str = "version.dg") -> VersionReport:
             continue
         option, robot, pair = _OPTION.match(line), _ROBOT.match(line), _FIELD.match(line)
         if in_options and option is not None:
-            options.append(option[2])
+            options[option[1]] = option[2]
         elif robot is not None and _MAKES.match(robot[1]) and ":" not in robot[1]:
             robots.append(robot[1])
         elif pair is not None:
@@ -51,6 +57,6 @@ def read_version_report(data: bytes, file: str = "version.dg") -> VersionReport:
         heading=read_heading(lines),
         robot_number=fields.get("ROBOT NO", ""),
         software=fields.get("SOFTWARE EDITION NO", "") or read_heading(lines).software,
-        robots=tuple(dict.fromkeys(robots)),
-        options=tuple(options),
+        robots=tuple(dict.fromkeys(robots or filter(_MAKES.match, options))),
+        options=tuple(options.values()),
     )

@@ -3,7 +3,7 @@
 Source: FANUC B-84184EN/03. A command is answered at once, an instruction after it was executed; the controller also
 sends packets of its own accord. A reply is matched by its name, that of an instruction by its SequenceID. The name
 does not tell the answer to this question from a late one to the question before: a reply that is still due is passed
-over.
+over, and one that nothing asked for ends the connection.
 """
 
 import asyncio
@@ -245,12 +245,21 @@ class RmiLink:
             executed = self._instructions.get(sequence_id)
             if executed is not None and not executed.done():
                 executed.set_result(packet)
-        elif packet.get("Command") in self._due:
+        elif "Command" in packet:
+            self._hand_over_reply(packet)
+
+    def _hand_over_reply(self, packet: Packet) -> None:
+        if packet["Command"] in self._due:
             self._due.pop(packet["Command"]).set()
-        elif self._answer is not None and packet.get("Command") in (self._answer[0], "Unknown"):
+        elif self._answer is not None and packet["Command"] in (self._answer[0], "Unknown"):
             if not self._answer[1].done():
                 self._answer[1].set_result(packet)
             self._answer = None
+        elif packet["Command"] == "Unknown" and (open_ones := self._open_instructions()):
+            for executed in open_ones:  # a motion that the controller could not read
+                executed.set_result(packet)
+        else:  # a reply more than questions: the next one would answer another question
+            raise self._unreadable("a reply came that nothing had asked for")
 
     def _end_broken(self, error: Exception) -> None:
         """End a connection whose reading failed in a way that nothing foresees; the next question connects anew."""
@@ -264,11 +273,13 @@ class RmiLink:
             self._answer[1].set_exception(error)
         self._end_instructions(error)
 
+    def _open_instructions(self) -> "list[asyncio.Future[Packet]]":
+        return [executed for executed in self._instructions.values() if not executed.done()]
+
     def _end_instructions(self, error: DeviceError) -> None:
-        for executed in self._instructions.values():
-            if not executed.done():
-                executed.set_exception(error)
-                executed.exception()  # read here: the motion may have been given up meanwhile
+        for executed in self._open_instructions():
+            executed.set_exception(error)
+            executed.exception()  # read here: the motion may have been given up meanwhile
 
     def decode_packet(self, line: bytes) -> Packet:
         """Return the fields of a line; raise WireProtocolError where it is none."""

@@ -14,6 +14,7 @@ class ChangeKind(StrEnum):
     MASTERING = "mastering"
     FRAME = "frame"
     TOOL = "tool"
+    SAFETY = "DCS"
     PROGRAM = "program"
     SOFTWARE = "software"
     CLOCK = "clock"

@@ -8,7 +8,8 @@ import numpy as np
 from cellcal.calibration.mastering.counts import MasteringRecord
 from cellcal.calibration.message import make_message
 from cellcal.drivers.fanuc.controller_files.controller_files import ControllerFiles
-from cellcal.drivers.fanuc.program_files.va_backup import MASTERING
+from cellcal.drivers.fanuc.controller_files.program_digests import UNREAD_DIGEST
+from cellcal.drivers.fanuc.program_files.va_backup import FRAMES, MASTERING
 from cellcal.drivers.fanuc.program_files.va_mastering import GroupMastering
 from cellcal.service.engineering.controller_files.file_change import ChangeKind, FileChange
 from cellcal.service.engineering.controller_files.other_axes import compare_other_axes
@@ -29,6 +30,8 @@ from cellcal.service.engineering.controller_files.stored_records import (
 )
 
 _MOST_NAMES = 8
+_PARTS_OF_BASE = frozenset(("Mastering", "Robot", "Other"))  # not in older software
+_COVERED_BY_SIGNATURE = {"Pos./Speed": " (zones, models, tools and frames of the position and speed check)"}
 
 
 def compare_files(
@@ -58,8 +61,9 @@ def compare_files(
             set(recorded_groups) - {last.controller.group},
         ),
         *_find_contradiction(files, mastering, last),
-        *_compare_frames(ChangeKind.FRAME, last.controller.frames, now.frames),
-        *_compare_frames(ChangeKind.TOOL, last.controller.tools, now.tools),
+        *_compare_frames(ChangeKind.FRAME, last.controller.frames, now.frames, files),
+        *_compare_frames(ChangeKind.TOOL, last.controller.tools, now.tools, files),
+        *compare_safety(last.controller.safety, now.safety),
         *_compare_programs(last.controller.programs, now.programs),
         *_compare_rest(last.controller, now),
     ]
@@ -102,6 +106,17 @@ def _compare_counts(
         text = f"the mastering is that of {old.day} again, not the newest one of {last.day}: {shift}"
         return [FileChange(ChangeKind.OLD_BACKUP, text)]
     return [FileChange(ChangeKind.MASTERING, f"the mastering differs from the record of {last.day}: {shift}")]
+
+
+def list_unread_files(files: ControllerFiles, last: StoredRecord) -> tuple[str, ...]:
+    """Return what the record holds and this reading does not, as parts of a sentence; empty where nothing is."""
+    found = [f"{name} (refused: {reason})" for name, reason in files.not_given.items()]
+    if FRAMES in files.missing and FRAMES not in files.not_given and last.controller.frames:
+        found.append(f"frames and tools (no {FRAMES})")
+    programs = [name for name, digest in (files.programs or {}).items() if digest == UNREAD_DIGEST]
+    if programs:
+        found.append(f"programs that were not given: {_list_names(sorted(programs))}")
+    return tuple(found)
 
 
 def describe_uncompared_angles(files: ControllerFiles, last: StoredRecord) -> str:
@@ -149,9 +164,11 @@ def _angle_error(files: ControllerFiles, mastering: GroupMastering) -> Controlle
 
 
 def _compare_frames(
-    kind: ChangeKind, before: Mapping[str, Numbers], now: Mapping[str, Numbers]
+    kind: ChangeKind, before: Mapping[str, Numbers], now: Mapping[str, Numbers], files: ControllerFiles
 ) -> list[FileChange]:
-    found = []
+    found: list[FileChange] = []
+    if FRAMES in files.missing:
+        return found
     for number in sorted({*before, *now}, key=int):
         old, new = before.get(number), now.get(number)
         if old == new:
@@ -170,9 +187,31 @@ def _compare_frames(
     return found
 
 
+def compare_safety(before: Mapping[str, int] | None, now: Mapping[str, int] | None) -> list[FileChange]:
+    """Name what changed of the safety settings; a sum of others says nothing that they do not."""
+    if not before or not now:
+        return []
+    sums = {"Total", "Base"} if _PARTS_OF_BASE & before.keys() & now.keys() else {"Total"}
+    changed = [name for name in before if name not in sums and now.get(name, before[name]) != before[name]]
+    return [
+        FileChange(
+            ChangeKind.SAFETY,
+            f"signature of {name} {before[name]} is {now[name]} now{_COVERED_BY_SIGNATURE.get(name, '')}",
+        )
+        for name in changed
+    ]
+
+
 def _compare_programs(before: Mapping[str, str] | None, now: Mapping[str, str] | None) -> list[FileChange]:
     if before is None or now is None:
         return []
+    unread = {
+        name for programs in (before, now) for name, digest in programs.items() if digest == UNREAD_DIGEST
+    }
+    before, now = (
+        {name: digest for name, digest in programs.items() if name not in unread}
+        for programs in (before, now)
+    )
     groups = {
         "changed": sorted(name for name in before.keys() & now.keys() if before[name] != now[name]),
         "new": sorted(now.keys() - before.keys()),

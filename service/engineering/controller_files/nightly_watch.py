@@ -13,14 +13,17 @@ from cellcal.drivers.fanuc.controller_files.controller_address import parse_addr
 from cellcal.drivers.fanuc.controller_files.controller_files import ControllerFiles, read_controller_files
 from cellcal.drivers.fanuc.controller_files.file_sources import FileSource
 from cellcal.drivers.fanuc.controller_files.ftp_source import FtpLogin, FtpSource
+from cellcal.drivers.fanuc.program_files.va_backup import MASTERING
 from cellcal.drivers.programs.errors import ProgramFileError
 from cellcal.service.engineering.controller_files.backup_folder import open_backup_folder, refuse_file
 from cellcal.service.engineering.controller_files.file_change import ChangeKind, FileChange
 from cellcal.service.engineering.controller_files.file_changes import (
     compare_files,
     describe_uncompared_angles,
+    list_unread_files,
 )
 from cellcal.service.engineering.controller_files.other_axes import find_other_axes, name_axis
+from cellcal.service.engineering.controller_files.record_checks import position_alarms
 from cellcal.service.engineering.controller_files.stored_records import StoredRecord, list_records
 from cellcal.service.exit_codes import ExitCode
 
@@ -153,6 +156,10 @@ def compare_with_records(
     ours = _records_of(files, stored)
     if not ours:
         return WatchedController(address, WatchState.NO_RECORD, files.serial)
+    if MASTERING in files.not_given and not position_alarms(files):
+        reason = files.not_given[MASTERING]
+        error = f"{files.device}: the controller refuses {MASTERING} for now ({reason}). Read once more."
+        return WatchedController(address, WatchState.FAILED, files.serial, error=error, error_code="device")
     changes: list[FileChange] = []
     compared_with, not_compared, left_out = "", set[str](), list[str]()
     groups = {each.controller.group for each in ours}
@@ -160,7 +167,7 @@ def compare_with_records(
         *earlier, last = [each for each in ours if each.controller.group == group]
         changes += compare_files(files, last, earlier, groups)
         compared_with = max(compared_with, last.day)
-        left_out.append(describe_uncompared_angles(files, last))
+        left_out += [describe_uncompared_angles(files, last), *list_unread_files(files, last)]
         if last.controller.other_axes is None:
             others = find_other_axes(files, group)
             not_compared |= {name for name in others if int(name.partition(".")[0]) not in groups - {group}}

@@ -9,11 +9,11 @@ from cellcal.service.engineering.controller_files.file_change import ChangeKind,
 OtherAxis = tuple[int, bool]  # count at zero, and whether it was mastered
 
 
-def find_other_axes(files: ControllerFiles, group: int) -> dict[str, OtherAxis]:
-    """Return every axis that the record of a group leaves out: rails of its own, and the axes of other groups."""
+def find_other_axes(files: ControllerFiles, *groups: int) -> dict[str, OtherAxis]:
+    """Return every axis that the records of these groups leave out: their rails, and the axes of other groups."""
     found: dict[str, OtherAxis] = {}
     for number, each in files.variables.mastering.items():
-        states = zip(each.counts_at_zero, each.states, strict=True) if number != group else ()
+        states = zip(each.counts_at_zero, each.states, strict=True) if number not in groups else ()
         for axis, (count, state) in enumerate(states, 1):
             found[f"{number}.{axis}"] = (count, each.mastered and state == MASTERED)
         for rail in each.further_axes:

@@ -13,9 +13,11 @@ from cellcal.drivers.fanuc.controller_files.alarm_report import ControllerAlarm
 from cellcal.drivers.fanuc.controller_files.axis_report import AxisReport
 from cellcal.drivers.fanuc.controller_files.controller_files import AXES, POSITION, ControllerFiles
 from cellcal.drivers.fanuc.program_files.va_backup import DRIVES, MASTERING
-from cellcal.drivers.fanuc.program_files.va_mastering import GroupDrives, GroupMastering
+from cellcal.drivers.fanuc.program_files.va_drives import GroupDrives
+from cellcal.drivers.fanuc.program_files.va_mastering import GroupMastering
 from cellcal.drivers.wire.tables import CodeEntry, code_table
 from cellcal.service.engineering.controller_files.robot_models import name_model
+from cellcal.service.engineering.controller_files.sliding_axes import pulses_by_group
 
 TOLERANCE_DEG = 0.01  # the controller shows hundredths, rounded or cut off
 _DIGITS_DEG = 5e-4  # seven printed digits of a scale, over a whole turn
@@ -85,35 +87,30 @@ def describe_alarm(alarm: ControllerAlarm, entry: CodeEntry) -> str:
     return f"{alarm.code}{axis}: {entry.text}"
 
 
-def choose_mastering(files: ControllerFiles, group: int | None) -> GroupMastering:
-    """Return the mastering of the group that is meant.
+def choose_groups(files: ControllerFiles, group: int | None) -> tuple[GroupMastering, ...]:
+    """Return the mastering of the group that is meant, else of every group that turns.
 
     Raises
     ------
     ControllerRecordError
-        A file is missing, or which group is meant is not clear.
+        A file is missing, or there is no such group.
     """
     refuse_missing(files, MASTERING, DRIVES)
     groups = files.variables.mastering
     listed = ", ".join(
         f"group {number} with {len(each.counts_at_zero)} axes" for number, each in groups.items()
     )
-    if group is None and len(groups) > 1:
+    if group is None and groups:
+        turning = tuple(each for each in groups.values() if len(each.sliding) < len(each.counts_at_zero))
+        return turning or tuple(groups.values())
+    if group is None or group not in groups:
         raise ControllerRecordError(
             files.device,
-            f"the controller has several motion groups: {listed}.",
-            remedy="Say which one with --group; each gets a record of its own.",
-            code="usage",
-        )
-    chosen = next(iter(groups), 1) if group is None else group
-    if chosen not in groups:
-        raise ControllerRecordError(
-            files.device,
-            f"group {chosen} has no axes; there is {listed or 'none'}.",
+            f"group {group or 1} has no axes; there is {listed or 'none'}.",
             remedy="Give the number of a group that has axes with --group.",
             code="usage",
         )
-    return groups[chosen]
+    return (groups[group],)
 
 
 def refuse_missing(files: ControllerFiles, *names: str) -> None:
@@ -126,6 +123,15 @@ def refuse_missing(files: ControllerFiles, *names: str) -> None:
         if files.is_live
         else "Save a backup with all files (FILE > BACKUP > All of above), or read the controller by its address."
     )
+    refused = [f"{name} ({files.not_given[name]})" for name in absent if name in files.not_given]
+    if refused:
+        raise ControllerRecordError(
+            files.device,
+            make_message(
+                "the controller refuses {refused_files} for now.", refused_files=" and ".join(refused)
+            ),
+            remedy="Wait until the controller has done with it (a backup, an open editor), then read once more.",
+        )
     raise ControllerRecordError(
         files.device, make_message("there is no {unknown}.", unknown=" and no ".join(absent)), remedy=remedy
     )
@@ -247,6 +253,11 @@ def check_angles(
     return AngleCheck(convention, tuple(map(float, joints)), shown_deg, is_compared=True)
 
 
+def angles_untold(files: ControllerFiles, drives: GroupDrives) -> AngleCheck:
+    """Return the convention alone, of a backup that does not hold the present counts; as its variables state it."""
+    return AngleCheck(_convention_by_variables(files, drives), (), (), is_compared=False)
+
+
 def _is_sag(misses_deg: Sequence[float]) -> bool:
     """Tell whether J2 and J3 alone are off, and by little."""
     return all(
@@ -271,8 +282,7 @@ def _is_undecided(matching: Sequence[JointConvention]) -> bool:
 def _pulses_of_group(
     files: ControllerFiles, report: AxisReport, mastering: GroupMastering
 ) -> tuple[int, ...]:
-    groups = files.variables.mastering
-    rows = report.split_by_groups(tuple(len(each.counts_at_zero) for each in groups.values()))
+    rows = pulses_by_group(files, report)
     if not rows:
         found = " and ".join(str(len(row)) for row in report.pulses)
         raise ControllerRecordError(
@@ -280,7 +290,7 @@ def _pulses_of_group(
             f"{AXES} shows {found} axes, which do not fit the motion groups of {MASTERING}.",
             remedy="Give the files of one backup, whole. Where they are, send both to us: this form is not known.",
         )
-    row = rows[list(groups).index(mastering.group)]
+    row = rows[mastering.group][: len(mastering.counts_at_zero)]
     pulses = [pulse for pulse in row if pulse is not None]
     if len(pulses) != len(row):
         axes = ", ".join(f"J{axis}" for axis, pulse in enumerate(row, 1) if pulse is None)

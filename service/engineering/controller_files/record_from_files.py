@@ -1,5 +1,6 @@
 """``cellcal mastering record``: a mastering record from a FANUC controller's files, once they agree."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from cellcal.calibration.mastering.counts import MasteringRecord
@@ -7,6 +8,7 @@ from cellcal.drivers.fanuc.controller_files.controller_files import (
     ALARMS,
     AXES,
     POSITION,
+    SAFETY,
     VERSION,
     ControllerFiles,
 )
@@ -18,15 +20,19 @@ from cellcal.service.engineering.controller_files.record_checks import (
     AngleCheck,
     ControllerRecordError,
     alarm_meaning,
+    angles_untold,
     check_angles,
-    choose_mastering,
+    choose_groups,
     describe_alarm,
     read_pulses,
     refuse_unhealthy,
     require_drives,
 )
 from cellcal.service.engineering.controller_files.robot_models import name_model
+from cellcal.service.engineering.controller_files.sliding_axes import SlidingAxis, find_sliding_axes
 
+_FEWEST_OF_ARM = 4  # axes
+_FLICKER_COUNTS = 2  # one was seen, in the files of a robot that stood
 TAKEN_BY = "controller files 1"
 _NEVER_CHECKED = (
     "lengths and places: lost turns cannot be found with this record alone",
@@ -41,10 +47,10 @@ class AxisRow:
     """One axis of the table."""
 
     axis: int
-    pulse: int
+    pulse: int | None  # None where the files hold no present counts
     count_at_zero: int
     mastered: bool
-    angle_rad: float
+    angle_rad: float | None
     shown_deg: float | None
 
 
@@ -60,24 +66,67 @@ class FilesRecord:
     checked: tuple[str, ...]
     not_checked: tuple[str, ...]
     findings: tuple[str, ...]
+    sliding: tuple[SlidingAxis, ...] = ()  # of this group, and of groups without a record
 
 
-def make_record(
+@dataclass(frozen=True, slots=True)
+class FilesRecords:
+    """The records of a controller's groups, and why others have none."""
+
+    records: tuple[FilesRecord, ...]
+    refused: tuple[ControllerRecordError, ...]
+
+
+def make_records(
     files: ControllerFiles, *, group: int | None = None, model: str | None = None, serial: str | None = None
-) -> FilesRecord:
-    """Make a mastering record; nothing is made where the files disagree.
+) -> FilesRecords:
+    """Make a mastering record of one motion group, or of each whose axes turn; none where the files disagree.
 
     Raises
     ------
     ControllerRecordError
-        A file is missing, the robot is not mastered or moved, or the files disagree.
+        No record can be made: a file is missing, the robot is not mastered or moved, or the files disagree.
     """
-    mastering = choose_mastering(files, group)
+    chosen = choose_groups(files, group)
+    if model is not None and len(chosen) > 1:
+        listed = ", ".join(str(each.group) for each in chosen)
+        raise ControllerRecordError(
+            files.device,
+            f"--model names one robot, and groups {listed} get a record each.",
+            remedy="Say with --group whose model it is.",
+            code="usage",
+        )
+    records: list[FilesRecord] = []
+    refused: list[ControllerRecordError] = []
+    own = [each.group for each in chosen]
+    for mastering in chosen:
+        try:
+            records.append(_make_record(files, mastering, RecordNames(model, serial, own)))
+        except ControllerRecordError as error:
+            refused.append(error)
+    if not records:
+        raise refused[0]
+    return FilesRecords(tuple(records), tuple(refused))
+
+
+@dataclass(frozen=True, slots=True)
+class RecordNames:
+    """What a caller says of a robot, and the groups that have records of their own."""
+
+    model: str | None
+    serial: str | None
+    groups: Sequence[int]
+
+
+def _make_record(files: ControllerFiles, mastering: GroupMastering, names: RecordNames) -> FilesRecord:
     refuse_unhealthy(files, mastering)
     drives = require_drives(files, mastering)
-    pulses = read_pulses(files, mastering)
-    angles = check_angles(files, mastering, drives, pulses)
-    number = serial or files.serial
+    is_without_counts = AXES in files.missing and not files.is_live  # as in backups of older software
+    pulses = () if is_without_counts else read_pulses(files, mastering)
+    angles = (
+        angles_untold(files, drives) if is_without_counts else check_angles(files, mastering, drives, pulses)
+    )
+    number = names.serial or files.serial
     if not number:
         raise ControllerRecordError(
             files.device,
@@ -85,11 +134,11 @@ def make_record(
             remedy="Give it with --serial, as on the plate of the controller.",
             code="usage",
         )
-    names = () if files.version is None else files.version.robots
-    robot = names[0] if len(names) == 1 or (names and mastering.group == 1) else ""
+    robot = _name_robot(files, mastering)
+    others = [each for each in names.groups if each != mastering.group]
     record = MasteringRecord(
         robot_serial=number,
-        model=model or name_model(robot) or robot or "unknown",
+        model=names.model or name_model(robot) or robot or "unknown",
         epoch=0,
         drive=drives.to_shown_drive_train(angles.convention),
         counts_at_zero=mastering.counts_at_zero,
@@ -101,27 +150,49 @@ def make_record(
         taken_by=TAKEN_BY,
         sha256="",
     )
+    sliding = find_sliding_axes(files, [each for each in files.variables.mastering if each not in others])
     return FilesRecord(
         device=files.device,
         group=mastering.group,
         robot=robot,
         rows=_table_rows(mastering, pulses, angles),
         record=seal_record(record),
-        checked=_list_checked(files, mastering, pulses, angles),
-        not_checked=(*_list_not_checked(files, angles), *_NEVER_CHECKED),
-        findings=_list_findings(files, mastering, pulses),
+        checked=(*_list_checked(files, mastering, pulses, angles), *_sentences(sliding, agrees=True)),
+        not_checked=(
+            *_list_not_checked(files, angles),
+            *_sentences(sliding, agrees=None),
+            *_NEVER_CHECKED,
+        ),
+        findings=(*_sentences(sliding, agrees=False), *_list_findings(files, mastering, pulses, others)),
+        sliding=sliding,
     )
+
+
+def _name_robot(files: ControllerFiles, mastering: GroupMastering) -> str:
+    """Return the maker's name of a group's robot; "" for a positioner, and where it is not told which one it is."""
+    names = () if files.version is None else files.version.robots
+    if mastering.group != 1 and (len(names) != 1 or len(mastering.counts_at_zero) < _FEWEST_OF_ARM):
+        return ""
+    return names[0] if names else ""
+
+
+def _sentences(sliding: Sequence[SlidingAxis], *, agrees: bool | None) -> tuple[str, ...]:
+    return tuple(each.sentence for each in sliding if each.agrees is agrees)
 
 
 def _table_rows(
     mastering: GroupMastering, pulses: tuple[int, ...], angles: AngleCheck
 ) -> tuple[AxisRow, ...]:
-    shown: tuple[float | None, ...] = angles.shown_deg or (None,) * len(pulses)
+    nothing = (None,) * len(mastering.counts_at_zero)
+    columns = (
+        pulses or nothing,
+        mastering.counts_at_zero,
+        angles.joints_rad or nothing,
+        angles.shown_deg or nothing,
+    )
     return tuple(
         AxisRow(axis, pulse, zero, mastered=True, angle_rad=angle, shown_deg=shown_deg)
-        for axis, (pulse, zero, angle, shown_deg) in enumerate(
-            zip(pulses, mastering.counts_at_zero, angles.joints_rad, shown, strict=True), 1
-        )
+        for axis, (pulse, zero, angle, shown_deg) in enumerate(zip(*columns, strict=True), 1)
     )
 
 
@@ -145,28 +216,36 @@ def _list_checked(
         found.append(f"the angles from the counts are those that {POSITION} shows, within 0.01 deg{coupled}")
     if mastering.pulse_counts == pulses:
         found.append(f"{MASTERING} holds the same counts as {AXES} ($SPC_COUNT)")
+    elif _is_flicker(mastering, pulses):
+        found.append(f"{MASTERING} holds the counts of {AXES} within {_FLICKER_COUNTS} ($SPC_COUNT)")
     return tuple(found)
+
+
+def _is_flicker(mastering: GroupMastering, pulses: tuple[int, ...]) -> bool:
+    """Tell whether two files hold the same counts but for the last digit of an encoder that stands."""
+    pairs = zip(mastering.pulse_counts, pulses, strict=False)
+    return bool(mastering.pulse_counts and pulses) and all(abs(a - b) <= _FLICKER_COUNTS for a, b in pairs)
 
 
 def _list_not_checked(files: ControllerFiles, angles: AngleCheck) -> tuple[str, ...]:
-    found = []
-    if not angles.is_compared:
-        found.append(f"the angles: {POSITION} does not show the joints of this group")
-    if files.axes_again is None:
-        found.append("whether the robot stood still: a backup holds its counts once")
-    if files.alarms is None:
-        found.append(f"the alarms: there is no {ALARMS}")
-    if FRAMES in files.missing:
-        found.append(f"frames and tools: there is no {FRAMES}")
-    if VERSION in files.missing:
-        found.append(f"robot and software: there is no {VERSION}")
-    if files.written is None:
-        found.append("the age of the files: their date cannot be read")
-    return tuple(found)
+    has_counts = AXES not in files.missing
+    gaps = {
+        f"where the robot stood, and the angles from its counts: there is no {AXES}": not has_counts,
+        f"the angles: {POSITION} does not show the joints of this group": has_counts
+        and not angles.is_compared,
+        "whether the robot stood still: a backup holds its counts once": has_counts
+        and files.axes_again is None,
+        f"the alarms: there is no {ALARMS}": files.alarms is None,
+        f"frames and tools: there is no {FRAMES}": FRAMES in files.missing,
+        f"the safety settings (DCS): there is no {SAFETY}, or it holds no signature numbers": not files.safety,
+        f"robot and software: there is no {VERSION}": VERSION in files.missing,
+        "the age of the files: their date cannot be read": files.written is None,
+    }
+    return tuple(sentence for sentence, is_open in gaps.items() if is_open)
 
 
 def _list_findings(
-    files: ControllerFiles, mastering: GroupMastering, pulses: tuple[int, ...]
+    files: ControllerFiles, mastering: GroupMastering, pulses: tuple[int, ...], others: Sequence[int]
 ) -> tuple[str, ...]:
     alarms = () if files.alarms is None else files.alarms.alarms
     low = [
@@ -175,10 +254,13 @@ def _list_findings(
         if (entry := alarm_meaning(alarm)) is not None and entry.kind == "battery_low"
     ]
     found = [*(f"{describe_alarm(*pair)}. {pair[1].remedy}".rstrip(".") for pair in low), *mastering.findings]
-    differs = bool(mastering.pulse_counts) and mastering.pulse_counts != pulses
+    differs = bool(mastering.pulse_counts and pulses) and not _is_flicker(mastering, pulses)
     if differs and files.axes is not None and files.axes.servo_ready is False:
         found.append(f"{MASTERING} holds other counts than {AXES} ($SPC_COUNT), although the drives are off")
-    if other := find_other_axes(files, mastering.group):
-        counts = [f"{name_axis(name)} ({count})" for name, (count, _) in other.items()]
+    if other := find_other_axes(files, mastering.group, *others):
+        counts = [
+            f"{name_axis(name)} ({count}{'' if mastered else ', not mastered'})"
+            for name, (count, mastered) in other.items()
+        ]
         found.append(f"not in this record, the watch compares their master counts alone: {', '.join(counts)}")
     return tuple(found)

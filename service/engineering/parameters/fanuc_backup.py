@@ -17,8 +17,9 @@ from cellcal.drivers.fanuc.backup_file import read_report_in
 from cellcal.drivers.fanuc.controller_files.controller_files import VERSION
 from cellcal.drivers.fanuc.controller_files.version_report import read_version_report
 from cellcal.drivers.fanuc.program_files.va_backup import DRIVES, MASTERING, FanucBackup, read_backup
+from cellcal.drivers.fanuc.program_files.va_drives import GroupDrives
 from cellcal.drivers.fanuc.program_files.va_edits import count_edits, edit_instructions
-from cellcal.drivers.fanuc.program_files.va_mastering import GroupDrives, GroupMastering
+from cellcal.drivers.fanuc.program_files.va_mastering import GroupMastering
 from cellcal.procedures.recovery.record_seal import seal_record
 from cellcal.service.configuration.cell_file import CellConfig
 from cellcal.service.engineering.parameters.mastering_files import RecordFileError, store_in_force
@@ -120,7 +121,9 @@ def _require_valid(backup: FanucBackup, group: int) -> tuple[GroupMastering, Gro
     if mastering.drives is None or not mastering.is_valid:
         raise RecordFileError(
             f"{backup.folder} was not imported: {'; '.join(mastering.findings)}.",
-            remedy="Take a backup from a time when the robot was mastered on every axis.",
+            remedy="Take a backup from a time when the robot was mastered on every axis."
+            if mastering.drives is not None
+            else "A record is possible of turning axes only; look at $ENCSCALES, $GEAR_RATIO and $INTERACTION.",
         )
     return mastering, mastering.drives
 

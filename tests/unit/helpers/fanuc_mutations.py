@@ -9,7 +9,7 @@ from cellcal.calibration.errors import CellError
 from cellcal.drivers.fanuc.controller_files.controller_files import read_controller_files
 from cellcal.drivers.fanuc.controller_files.file_sources import FolderSource
 from cellcal.fake_devices.fanuc_files.cabinet import FanucCabinet
-from cellcal.service.engineering.controller_files.record_from_files import make_record
+from cellcal.service.engineering.controller_files.record_from_files import make_records
 from tests.wire.fanuc_ftp import save_backup
 
 NAMES = (
@@ -50,7 +50,7 @@ def judge_damage(folder: Path, seed: int) -> str:
     path = folder / rng.choice(NAMES)
     path.write_bytes(damage_bytes(path.read_bytes(), rng))
     try:
-        done = make_record(read_controller_files(FolderSource(folder)), serial="F1")
+        (done,) = make_records(read_controller_files(FolderSource(folder)), serial="F1").records
     except CellError:
         return "refused"
     except Exception as error:
