@@ -22,10 +22,10 @@ _SIMULATED_ROWS = 10_000
 
 def write_simulated(folder: Path) -> Path:
     """Write positions of a simulated UR10 as an instrument would."""
-    seen = tracker_points("ur10", _SIMULATED_ROWS, seed=11).observations
+    rows = tracker_points("ur10", _SIMULATED_ROWS, seed=11).observations
     path = folder / "simulated.csv"
     head = ",".join([*(f"q{k}_deg" for k in range(1, 7)), "x_mm", "y_mm", "z_mm"])
-    table = np.hstack([np.rad2deg(seen.joints_rad), 1e3 * seen.positions_m])
+    table = np.hstack([np.rad2deg(rows.joints_rad), 1e3 * rows.positions_m])
     np.savetxt(path, table, fmt="%.5f", delimiter=",", header=head, comments="")
     return path
 

@@ -362,21 +362,21 @@ async def test_a_link_that_failed_is_shown_for_a_while_and_then_reported_as_gone
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(supervision, "SHOWN_S", 0.2)
-    register, told = Supervisor(), list[list[str]]()
+    register, shown_tasks = Supervisor(), list[list[str]]()
     unlisten = register.add_listener(
-        lambda: told.append([trouble.task for trouble in register.list_troubles()])
+        lambda: shown_tasks.append([trouble.task for trouble in register.list_troubles()])
     )
     register.note_start("CAN receiver of x")
     register.broke("CAN receiver of x", InjectedHereError())
     assert register.holder_of("CAN receiver of x") is None
-    await poll_until(lambda: told and told[0] == ["CAN receiver of x"])
-    await poll_until(lambda: told[-1] == [])  # without a request: listeners are notified
+    await poll_until(lambda: shown_tasks and shown_tasks[0] == ["CAN receiver of x"])
+    await poll_until(lambda: shown_tasks[-1] == [])  # without a request: listeners are notified
     assert register.task_names() == []
     register.note_start("CAN receiver of x")
     register.broke("CAN receiver of x", InjectedHereError())
     register.note_start("CAN receiver of x")  # connected anew
     assert [trouble.running for trouble in register.list_troubles()] == [True]
-    await poll_until(lambda: told[-1] == [])
+    await poll_until(lambda: shown_tasks[-1] == [])
     assert register.task_names() == ["CAN receiver of x"]
     assert register.holder_of("CAN receiver of x") is not None
     unlisten()
