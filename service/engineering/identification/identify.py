@@ -1,7 +1,7 @@
 """The use case behind ``cellcal identify``: read, sharpen, fit, cross-validate, check. Prints nothing."""
 
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
@@ -14,7 +14,7 @@ from cellcal.calibration.identification.effect_lint import without_play
 from cellcal.calibration.identification.free_parameters import PartLayout, parameter_values
 from cellcal.calibration.identification.identify import Identification, identify_arm
 from cellcal.calibration.identification.last_joint import DIRECTION, last_joint_note
-from cellcal.calibration.identification.lints import Lint
+from cellcal.calibration.identification.lints import Lint, find_calculated_positions
 from cellcal.calibration.identification.misfit import refuse_gross_misfit, refuse_misfit
 from cellcal.calibration.identification.observations import Observations, Rows, with_mounting
 from cellcal.calibration.identification.parameters import LEVEL_NAMES
@@ -216,7 +216,7 @@ def identify_file(
     )
     breaks = [int(train[item.row]) for item in found.breaks]
     judged = _judge_held_out(prepared, found, (train, held_out), breaks)
-    refuse_gross_misfit(model, prepared.observations, judged.held_out_m, prepared.measurements.targets[0])
+    calculated = _refuse_judged(model, prepared, judged)
     checked = None
     if options.check is not None:
         checked = check_file(options.check, options.read, found, prepared)
@@ -228,7 +228,7 @@ def identify_file(
     noticed += _lints_of_rows(chain, prepared.observations.select_rows(train), scale)
     of_fit = lints_of_fit(found, judged.before_m, prepared, train)
     noticed += without_play(of_fit) if any(lint.code == DIRECTION for lint in noticed) else of_fit
-    noticed += lints_of_start(found, start)
+    noticed += [*lints_of_start(found, start), *(calculated if not _say_calculated(noticed) else [])]
     noticed += _lints_of_free(start, judged)
     return IdentifyReport(
         robot=model.name,
@@ -255,6 +255,38 @@ def identify_file(
         verdicts=_build_verdicts(options.limits, found, judged, checked),
         dh=None if model.dh is None else hayati_table(found.robust.fit),
     )
+
+
+def _refuse_judged(model: RobotModel, prepared: PreparedMeasurements, judged: "_HeldOutErrors") -> list[Lint]:
+    """Refuse what does not fit, and places that a controller calculated beside others; name those that stand alone.
+
+    Raises
+    ------
+    MeasurementError
+        The places are calculated, and the rows hold others that may be measured.
+    """
+    measured = prepared.measurements
+    refuse_gross_misfit(model, prepared.observations, judged.held_out_m, measured.targets[0])
+    calculated = find_calculated_positions(judged.held_out_m, measured.value_step_m)
+    layout = measured.layout
+    if calculated and layout.further and not layout.is_named:
+        raise MeasurementError(
+            make_message(
+                "{columns} are calculated by a controller, not measured: a model of its own fits them to "
+                "{left_mm:.4f} mm, closer than an arm repeats.",
+                columns=", ".join(layout.position),
+                left_mm=float(np.median(judged.held_out_m)) * 1e3,
+            ),
+            remedy=make_message(
+                "Name the columns that the device read: `--columns position={columns}`.",
+                columns=",".join(layout.further[0]),
+            ),
+        )
+    return calculated
+
+
+def _say_calculated(noticed: Sequence[Lint]) -> bool:
+    return any(lint.code == "not_measured" for lint in noticed)
 
 
 def _lints_of_rows(chain: RobotModel, observations: Observations, scale: PositionScale | None) -> list[Lint]:
