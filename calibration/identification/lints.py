@@ -20,6 +20,9 @@ _SHARE = 0.3  # of the floor, above which a resolution is named
 _ENOUGH_ROWS = 20_000  # for a mean
 _UNIFORM = 1 / np.sqrt(12.0)
 _BEYOND_RAD = float(np.deg2rad(10.0))  # limits of descriptions are rounded, and robots overrun theirs
+_UNREPEATABLE_M = 2e-6
+_FINE_STEP_M = 1e-5
+_ROUNDED_PLACE = 0.7  # of a step: what rounding of three coordinates leaves, and a fit adds
 _BEYOND_TRAVEL = 0.05  # of a joint that slides
 
 
@@ -204,6 +207,25 @@ def find_nominal_positions(errors_m: Array, step_m: float) -> list[Lint]:
         Lint(
             "not_measured",
             "the measured values equal the nominal forward kinematics: they look computed, not measured.",
+        )
+    ]
+
+
+def find_calculated_positions(held_out_m: Array, step_m: float) -> list[Lint]:
+    """Warn if rows that were not fitted are predicted closer than an arm repeats: its own controller calculated them.
+
+    A controller with a model of its own, an identified one, is not the nominal arm. Values rounded beyond 0.01 mm do
+    not tell.
+    """
+    left_m = float(np.median(held_out_m)) if len(held_out_m) else np.inf
+    closest = max(_UNREPEATABLE_M, _ROUNDED_PLACE * step_m if step_m <= _FINE_STEP_M else 0.0)
+    if left_m > closest:
+        return []
+    return [
+        Lint(
+            "not_measured",
+            f"held-out rows are predicted to {left_m * 1e3:.4f} mm, closer than an arm repeats: the values look "
+            "calculated by a controller with a model of its own, not measured.",
         )
     ]
 

@@ -12,7 +12,7 @@ from tests.unit.helpers.simulated_arm import random_joints
 SCARA = load_model("mitsubishi_rh6frh5520")
 
 
-def said(model, joints):
+def limit_messages(model, joints):
     return [lint.message for lint in beyond_limits(model, joints)]
 
 
@@ -21,8 +21,8 @@ def test_joints_within_their_limits_and_a_little_beyond_are_not_named(name: str)
     model = load_model(name)
     joints = random_joints(model, np.random.default_rng(1), 30, reach=9.0)
     overrun = np.where(model.upper_rad > 1.0, np.deg2rad(5.0), 0.0)
-    assert said(model, joints) == []
-    assert said(model, np.stack([model.upper_rad + overrun, model.lower_rad - overrun])) == []
+    assert limit_messages(model, joints) == []
+    assert limit_messages(model, np.stack([model.upper_rad + overrun, model.lower_rad - overrun])) == []
 
 
 def test_a_last_joint_with_another_zero_is_named_with_its_rows() -> None:
@@ -36,7 +36,7 @@ def test_a_last_joint_with_another_zero_is_named_with_its_rows() -> None:
 
 def test_a_slide_beyond_its_travel_is_named_in_millimetres() -> None:
     joints = np.tile([0.0, 0.0, 0.4, 0.0], (5, 1))
-    (message,) = said(SCARA, joints)
+    (message,) = limit_messages(SCARA, joints)
     assert "400.0 mm" in message
     assert "133.0 and 333.0" in message
 
@@ -45,5 +45,5 @@ def test_coupled_joints_are_not_judged() -> None:
     model = load_model("fanuc_m6ib")
     joints = np.zeros((4, 6))
     joints[:, 2] = 6.0
-    assert said(model, joints) == []
-    assert said(replace(model, joint_coupling=np.eye(6)), joints) != []
+    assert limit_messages(model, joints) == []
+    assert limit_messages(replace(model, joint_coupling=np.eye(6)), joints) != []

@@ -42,23 +42,23 @@ def test_coarsely_measured_attitudes_stay(noise_deg: float) -> None:
 @pytest.mark.parametrize("count", [8, 40])
 def test_attitudes_that_the_nominal_arm_calculates_are_left_out(count: int) -> None:
     poses = tracker_poses(NAME, count).observations
-    (note,) = notes(replace(poses, rotations=nominal_turns(poses)))
-    assert "the nominal arm calculates them" in note
+    (message,) = notes(replace(poses, rotations=nominal_turns(poses)))
+    assert "the nominal arm calculates them" in message
 
 
 def test_attitudes_calculated_before_rounding_are_left_out() -> None:
     poses, step = tracker_poses(NAME, 40).observations, float(np.deg2rad(0.01))
     joints = np.round(poses.joints_rad / step) * step
     rounded = replace(poses, joints_rad=joints, rotations=nominal_turns(poses))
-    (note,) = notes(rounded, AttitudeSteps(np.full(MODEL.axis_count, step), 0.0))
-    assert "the nominal arm calculates them" in note
+    (message,) = notes(rounded, AttitudeSteps(np.full(MODEL.axis_count, step), 0.0))
+    assert "the nominal arm calculates them" in message
 
 
 def test_attitudes_of_an_arm_with_other_errors_are_left_out() -> None:
     poses, other = (tracker_poses(NAME, 40, seed=seed) for seed in (1, 7))
     turns = other.truth.seen_from(0).base_flange(poses.observations.joints_rad)[:, :3, :3]
-    (note,) = notes(replace(poses.observations, rotations=turns))
-    assert "contradict the places" in note
+    (message,) = notes(replace(poses.observations, rotations=turns))
+    assert "contradict the places" in message
 
 
 def test_a_file_with_the_controllers_attitudes_is_fitted_to_its_places(tmp_path: Path) -> None:

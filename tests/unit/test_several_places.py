@@ -7,8 +7,11 @@ import pytest
 
 from cellcal.calibration.arm.kinematics import load_model
 from cellcal.calibration.geometry import Array
+from cellcal.calibration.identification.lints import find_calculated_positions
 from cellcal.calibration.orientation import values_from
-from cellcal.service.engineering.measured.measurements import Measurements, read_measurements
+from cellcal.service.engineering.identification.identify import IdentifyOptions, identify_file
+from cellcal.service.engineering.measured.errors import MeasurementError
+from cellcal.service.engineering.measured.measurements import Measurements, ReadOptions, read_measurements
 from tests.unit.helpers.simulated_arm import tracker_poses
 
 MODEL = load_model("abb_irb120")
@@ -181,3 +184,38 @@ def test_a_matrix_beside_euler_angles_does_not_replace_them(tmp_path: Path) -> N
     noise = np.random.default_rng(0).normal(size=(len(MM), 9))
     found = read_columns(tmp_path, names, MM, angles, noise)
     assert found.layout.turn == ("Rx", "Ry", "Rz")
+
+
+OWN_MODEL_MM = (
+    tracker_poses("abb_irb120", 4, seed=7)
+    .truth.seen_from(0)
+    .base_flange(POSES.observations.joints_rad)[:, :3, 3]
+    * 1e3
+)
+
+
+def test_what_a_controller_calculates_with_its_own_model_is_refused_beside_another_place(
+    tmp_path: Path,
+) -> None:
+    read_columns(tmp_path, ["X", "Y", "Z", "X1", "Y1", "Z1"], OWN_MODEL_MM, MM)
+    with pytest.raises(MeasurementError, match="calculated by a controller") as refused:
+        identify_file(tmp_path / "rows.csv", MODEL.name, IdentifyOptions(level=2))
+    assert "position=X1,Y1,Z1" in refused.value.remedy
+    named = IdentifyOptions(level=2, read=ReadOptions(columns={"position": ("X1", "Y1", "Z1")}))
+    found = identify_file(tmp_path / "rows.csv", MODEL.name, named)
+    assert "not_measured" not in [lint.code for lint in found.lints]
+
+
+def test_what_a_controller_calculates_with_its_own_model_is_named_alone(tmp_path: Path) -> None:
+    read_columns(tmp_path, ["X", "Y", "Z"], OWN_MODEL_MM)
+    found = identify_file(tmp_path / "rows.csv", MODEL.name, IdentifyOptions(level=2))
+    assert "not_measured" in [lint.code for lint in found.lints]
+    assert find_calculated_positions(np.full(10, 6e-6), 1e-5)
+    assert not find_calculated_positions(np.full(10, 6e-6), 1e-6)
+    assert not find_calculated_positions(np.full(10, 5e-5), 1e-4)
+
+
+def test_what_was_measured_coarsely_is_not_called_calculated(tmp_path: Path) -> None:
+    read_columns(tmp_path, ["X", "Y", "Z"], OWN_MODEL_MM, digits=1)
+    found = identify_file(tmp_path / "rows.csv", MODEL.name, IdentifyOptions(level=2))
+    assert "not_measured" not in [lint.code for lint in found.lints]

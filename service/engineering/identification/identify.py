@@ -7,14 +7,14 @@ from pathlib import Path
 
 import numpy as np
 
-from cellcal.calibration.arm.kinematics import load_model
+from cellcal.calibration.arm.kinematics import RobotModel, load_model
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.identification.cross_validation import ErrorSummary
 from cellcal.calibration.identification.effect_lint import without_play
 from cellcal.calibration.identification.free_parameters import PartLayout, parameter_values
 from cellcal.calibration.identification.identify import Identification
 from cellcal.calibration.identification.last_joint import DIRECTION, last_joint_note
-from cellcal.calibration.identification.lints import Lint
+from cellcal.calibration.identification.lints import Lint, find_calculated_positions
 from cellcal.calibration.identification.misfit import refuse_gross_misfit
 from cellcal.calibration.identification.observations import Observations, Rows, with_mounting
 from cellcal.calibration.identification.parameters import LEVEL_NAMES
@@ -50,6 +50,7 @@ from cellcal.service.engineering.identification.identify_verdicts import (
 )
 from cellcal.service.engineering.identification.row_fit import FittedRows, IdentifyOptions, fit_rows
 from cellcal.service.engineering.measured.measurements import OUTLIER, Measurements, RejectedRow
+from cellcal.service.engineering.measured.table import MeasurementError
 from cellcal.service.engineering.parameters.identified_parameter import IdentifiedParameter
 
 
@@ -166,7 +167,7 @@ def identify_file(
     prepared, (train, held_out), found = fitted.prepared, fitted.split, fitted.found
     breaks = [int(train[item.row]) for item in found.breaks]
     judged = _judge_held_out(prepared, found, (train, held_out), breaks)
-    refuse_gross_misfit(model, prepared.observations, judged.held_out_m, prepared.measurements.targets[0])
+    calculated = _refuse_judged(model, prepared, judged)
     checked = None
     if options.check is not None:
         checked = check_file(options.check, options.read, found, prepared)
@@ -175,6 +176,8 @@ def identify_file(
     if len(held_out):
         noticed += lint_repeated_postures(measurements, train, held_out)
     noticed += _lints_of_rows(fitted, lints_of_fit(found, judged.before_m, prepared, train))
+    if not _say_calculated(noticed):
+        noticed += calculated
     return IdentifyReport(
         robot=model.name,
         rows=measurements.read,
@@ -200,6 +203,38 @@ def identify_file(
         verdicts=_build_verdicts(options.limits, found, judged, checked),
         dh=None if model.dh is None else hayati_table(found.robust.fit),
     )
+
+
+def _refuse_judged(model: RobotModel, prepared: PreparedMeasurements, judged: "_HeldOutErrors") -> list[Lint]:
+    """Refuse what does not fit, and places that a controller calculated beside others; name those that stand alone.
+
+    Raises
+    ------
+    MeasurementError
+        The places are calculated, and the rows hold others that may be measured.
+    """
+    measured = prepared.measurements
+    refuse_gross_misfit(model, prepared.observations, judged.held_out_m, measured.targets[0])
+    calculated = find_calculated_positions(judged.held_out_m, measured.value_step_m)
+    layout = measured.layout
+    if calculated and layout.further and not layout.is_named:
+        raise MeasurementError(
+            make_message(
+                "{columns} are calculated by a controller, not measured: a model of its own fits them to "
+                "{left_mm:.4f} mm, closer than an arm repeats.",
+                columns=", ".join(layout.position),
+                left_mm=float(np.median(judged.held_out_m)) * 1e3,
+            ),
+            remedy=make_message(
+                "Name the columns that the device read: `--columns position={columns}`.",
+                columns=",".join(layout.further[0]),
+            ),
+        )
+    return calculated
+
+
+def _say_calculated(noticed: Sequence[Lint]) -> bool:
+    return any(lint.code == "not_measured" for lint in noticed)
 
 
 def _lints_of_rows(fitted: FittedRows, of_fit: Sequence[Lint]) -> list[Lint]:
