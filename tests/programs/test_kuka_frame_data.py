@@ -54,6 +54,7 @@ def block(data: str, *segments: str) -> tuple[str, ...]:
         ((*CIRCLE, *P1, "LIN XP2"), "XP2", "different tools or frames"),
         (("BAS(#INITMOV,0)", "BAS(#TOOL,1)", "LIN XP1"), "XP1", "taught with another tool or frame"),
         (("BAS(#INITMOV,0)", "BAS(#TOOL,1)", "LIN XP0"), "XP0", ("1", "0")),
+        (("BAS(#INITMOV,0)", "INIT_CELL()", "LIN XP1"), "XP1", ("1", "2")),  # it may set both
         (("BAS(#INITMOV,0)", "BAS(#TOOL,1)", "XP4=XP1", "LIN XP4"), "XP1", "taught in another frame"),
         (
             ("BAS(#INITMOV,0)", "XP4=XP1", "BAS(#TOOL,1)", "LIN XP4", *CIRCLE),

@@ -125,7 +125,7 @@ def copies_in_other_frames(
     if _OF_FRAME.any_way.search(data) or (frames_left and _CALLED.search(data)):
         taught = _numbers_taught(positions, positions.user_frames)
         yield from _copies_elsewhere(_CopiedFrames(_OF_FRAME, taught, frames_left), data)
-    if _OF_TOOL.any_way.search(data):
+    if b"PR[" in data and _OF_TOOL.any_way.search(data):
         of_tools = _CopiedFrames(_OF_TOOL, _numbers_taught(positions, positions.tools), {})
         yield from (
             (position, shift) for position, shift in _copies_elsewhere(of_tools, data) if position != START

@@ -1,7 +1,7 @@
 """Position registers that a listing uses: as places to go to, and in any other way."""
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple, TypeAlias
 
@@ -130,7 +130,8 @@ class _SelectionFlow:
 
     def find_all(self, which: str) -> list[str | None]:
         """Return the one number in force at each statement, None for that of before the program, or UNSURE."""
-        changes = [self._change_at(which, each) for each in self.statements]
+        taught = self._numbers_taught(which)
+        changes = [self._change_at(which, each, taught) for each in self.statements]
         if not any(change.chosen or change.taught for change in changes):
             return [None] * len(self.statements)
         numbers = {each for change in changes for each in change.chosen}
@@ -156,9 +157,10 @@ class _SelectionFlow:
                         open_.append(goal)
         return before
 
-    def _change_at(self, which: str, statement: Statement) -> "_Change":
+    def _change_at(self, which: str, statement: Statement, taught: Mapping[int, str]) -> "_Change":
         """Return what a statement does to the frame or the tool in force."""
         text, condition = statement.text, b""
+        targets = motion_of(statement).targets if taught and statement.is_motion else ()
         if (behind := _CONDITION.match(text)) is not None:
             condition, text = behind[0], text[behind.end() :]
         settings = [
@@ -173,7 +175,7 @@ class _SelectionFlow:
             bool(condition),
             frozenset(left),
             is_open,
-            self._taught(which, statement),
+            taught.get(targets[-1]) if targets else None,
         )
 
     def _left_by(self, which: str, name: str) -> Numbers:
@@ -187,15 +189,15 @@ class _SelectionFlow:
         uses = self.external_uses
         return uses is None or name not in uses.given or name in uses.open_calls
 
-    def _taught(self, which: str, statement: Statement) -> str | None:
-        """Return with what the last position of a motion was taught: the controller stops at it with any other."""
-        targets = motion_of(statement).targets[-1:] if statement.is_motion else ()
-        if self.positions is None or not targets:
-            return None
-        names = self.positions.user_frames if which == "frame" else self.positions.tools
-        try:
-            row = self.positions.names.index(f"P[{targets[0]}]")
-        except ValueError:
-            return None
-        number = names[row] if self.positions.kinds[row] == CARTESIAN else None
-        return number if number is not None and number.isdigit() else None
+    def _numbers_taught(self, which: str) -> dict[int, str]:
+        """Return with what each position was taught: the controller stops at a motion to it with any other."""
+        if self.positions is None:
+            return {}
+        positions = self.positions
+        numbers = positions.user_frames if which == "frame" else positions.tools
+        rows = zip(positions.names, positions.kinds, numbers, positions.groups.tolist(), strict=True)
+        return {
+            int(name[2:-1]): number
+            for name, kind, number, group in rows
+            if kind == CARTESIAN and group == 1 and number is not None and number.isdigit()
+        }

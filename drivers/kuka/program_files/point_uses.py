@@ -233,9 +233,13 @@ class PointUses:
         return uses_by_name
 
     def _with_reset(self, used: PointMove, move_frames: MoveFrames) -> MoveFrames:
-        """Return the tool and base of a move, marked where the routine reset them before it and set no others."""
-        reset = self.routines[used.routine].reset_from
-        if move_frames.why or used.data or reset is None or used.place < reset:
+        """Return the tool and base of a move, marked where the routine reset them before it and set no others.
+
+        A routine of another file that it calls may set others, as may an initialisation of the cell.
+        """
+        routine = self.routines[used.routine]
+        reset, here = routine.reset_from, {one.name for one in self.routines}
+        if move_frames.why or used.data or reset is None or used.place < reset or routine.calls - here:
             return move_frames
         return move_frames._replace(tool=move_frames.tool or RESET, frame=move_frames.frame or RESET)
 
