@@ -10,7 +10,8 @@ export PYTHONDONTWRITEBYTECODE :=
 PAGES := service/web/dist/index.html
 NODE_CLIENTS := tests/node_clients/node_modules/.package-lock.json
 RUST_CLIENTS := tests/rust_clients/target/.built
-WORKERS ?= 2
+# Tests at once: with two of them two processors are a third idle.
+WORKERS ?= 3
 
 .PHONY: demo test run-tests check lint type-check soak bench lock pages types clean
 
