@@ -35,6 +35,7 @@ _TOOLS = {
     "tGripper": ([10.0, -5.0, 180.0], [0.9961947, 0.0, 0.0871557, 0.0], 3.5),
     "tPin": ([0.0, 0.0, 95.0], [0.9659258, 0.0, 0.0, 0.258819], 1.25),
 }
+_CALIBRATION_OFFSETS_RAD = (5.81034, 2.31177, 5.20941, 0.66128, 4.41203, 2.70586)  # of each resolver
 
 
 class AbbController:
@@ -48,14 +49,7 @@ class AbbController:
         self.title = arm.model.name.removeprefix("abb_").upper()
         self.mode, self.motors, self.speed_percent = "AUTO", "motoron", 100
         self.axis_states = ["Synchronized"] * 6
-        self.calibration_offsets = [
-            5.81034,
-            2.31177,
-            5.20941,
-            0.66128,
-            4.41203,
-            2.70586,
-        ]  # of each resolver [rad]
+        self.calibration_offsets = list(_CALIBRATION_OFFSETS_RAD)
         self.tool_name, self.work_object = "tGripper", "wobj0"
         self.program_runs, self.state = True, WAITING
         self.numbers = {"NREQ": 0, "NACK": 0, "NHEART": 0, "NLIFE": 0, "NSTOP": 0}
@@ -233,14 +227,7 @@ class AbbController:
         """Set everything right at the pendant, and let the program run."""
         self.mode, self.motors, self.program_runs = "AUTO", "motoron", True
         self.axis_states = ["Synchronized"] * 6
-        self.calibration_offsets = [
-            5.81034,
-            2.31177,
-            5.20941,
-            0.66128,
-            4.41203,
-            2.70586,
-        ]  # of each resolver [rad]
+        self.calibration_offsets = list(_CALIBRATION_OFFSETS_RAD)
         self.counters.mend()
 
 

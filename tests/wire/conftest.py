@@ -55,6 +55,15 @@ async def fake_client(fake_process: tuple[Path, FakeCellClient]) -> FakeCellClie
     return fake_process[1]
 
 
+@pytest.fixture
+async def motoman(cell: CellConfig, fake_client: FakeCellClient) -> AsyncIterator[Any]:
+    """The Yaskawa robot, healthy and at home."""
+    case = ROBOTS["yaskawa"]
+    async with open_at_home(case, cell, fake_client) as robot:
+        yield robot
+        await case.heal(fake_client, robot)
+
+
 @pytest.fixture(params=sorted(ROBOTS))
 def robot_case(request: pytest.FixtureRequest) -> RobotCase:
     return ROBOTS[request.param]

@@ -1,6 +1,5 @@
 """The simulated OPC UA server against node-opcua, a client of others: state, joints, name plate, a stop."""
 
-import asyncio
 import json
 import math
 import os
@@ -12,6 +11,7 @@ from typing import Any
 import pytest
 
 from tests.machine_speed import stretched_s
+from tests.wire.client_program import print_of_client
 from tests.wire.opc_ua_server import SERIAL, believed, fake_server
 
 CLIENTS = Path(__file__).parents[1] / "node_clients"
@@ -30,18 +30,10 @@ pytestmark = [
 async def read_with_node_opcua(address: str, home: Path) -> dict[str, Any]:
     """Return what the client prints; its certificates go to a folder of the test."""
     assert NODE is not None
-    process = await asyncio.create_subprocess_exec(
+    out = await print_of_client(
         NODE, "read_robot.mjs", f"opc.tcp://{address}:4840", cwd=CLIENTS, env={**os.environ, "HOME": str(home)},
-        stdout=asyncio.subprocess.PIPE, stderr=asyncio.subprocess.PIPE,
+        deadline_s=DEADLINE_S,
     )  # fmt: skip
-    try:
-        async with asyncio.timeout(DEADLINE_S):
-            out, complaints = await process.communicate()
-    finally:
-        if process.returncode is None:
-            process.kill()
-            await process.wait()
-    assert process.returncode == 0, complaints.decode()
     (answer,) = [
         line for line in out.splitlines() if line.startswith(b"{")
     ]  # beside lines of the library's log

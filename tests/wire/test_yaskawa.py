@@ -3,7 +3,6 @@
 import asyncio
 import math
 import struct
-from collections.abc import AsyncIterator
 from pathlib import Path
 from typing import Any
 
@@ -23,18 +22,9 @@ from cellcal.drivers.yaskawa.state import AlarmEntry, ControllerStatus, text_of
 from cellcal.drivers.yaskawa.tool_file import read_tools
 from cellcal.service.configuration.cell_file import CellConfig
 from cellcal.service.demo.fake_cell_client import FakeCellClient
-from tests.wire.driver_cases import ROBOTS, open_at_home, wait_until
+from tests.wire.driver_cases import ROBOTS, wait_until
 
 READY = ControllerStatus(0xC2, 0x40)
-
-
-@pytest.fixture
-async def motoman(cell: CellConfig, fake_client: FakeCellClient) -> AsyncIterator[Any]:
-    """The Yaskawa robot, healthy and at home."""
-    case = ROBOTS["yaskawa"]
-    async with open_at_home(case, cell, fake_client) as robot:
-        yield robot
-        await case.heal(fake_client, robot)
 
 
 @pytest.mark.parametrize(

@@ -1,8 +1,6 @@
 """The simulated Yaskawa controller against moto-hses-client, a Rust client of others: status, pulses, alarm, files."""
 
-import asyncio
 import json
-from collections.abc import AsyncIterator
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +10,7 @@ from cellcal.drivers.yaskawa.absolute_data import read_absolute_data
 from cellcal.service.configuration.cell_file import CellConfig
 from cellcal.service.demo.fake_cell_client import FakeCellClient
 from tests.machine_speed import stretched_s
-from tests.wire.driver_cases import ROBOTS, open_at_home
+from tests.wire.client_program import print_of_client
 
 CLIENT = Path(__file__).parents[1] / "rust_clients" / "target" / "debug" / "read-yaskawa"
 DEADLINE_S = stretched_s(30.0)
@@ -22,28 +20,9 @@ pytestmark = pytest.mark.skipif(
 )
 
 
-@pytest.fixture
-async def motoman(cell: CellConfig, fake_client: FakeCellClient) -> AsyncIterator[Any]:
-    case = ROBOTS["yaskawa"]
-    async with open_at_home(case, cell, fake_client) as robot:
-        yield robot
-        await case.heal(fake_client, robot)
-
-
 async def read_with_moto_hses(address: str) -> dict[str, Any]:
     """Return what the client prints."""
-    process = await asyncio.create_subprocess_exec(
-        CLIENT, address, stdout=asyncio.subprocess.PIPE, stderr=asyncio.subprocess.PIPE
-    )
-    try:
-        async with asyncio.timeout(DEADLINE_S):
-            out, complaints = await process.communicate()
-    finally:
-        if process.returncode is None:
-            process.kill()
-            await process.wait()
-    assert process.returncode == 0, complaints.decode()
-    found: dict[str, Any] = json.loads(out)
+    found: dict[str, Any] = json.loads(await print_of_client(CLIENT, address, deadline_s=DEADLINE_S))
     return found
 
 
