@@ -86,6 +86,11 @@ class LevelTask:
             layout = decorrelate_layout(layout, EarlierPosterior(start.names, start.covariance))
         return layout, state
 
+    def fit(self, observations: Observations) -> RobustFit:
+        """Fit the level robustly."""
+        layout, state = self.prepare(observations)
+        return fit_robustly(layout, state, FitProblem.from_observations(state, observations))
+
     def refit(self, whole: RobustFit, rows: Rows) -> RobustFit:
         """Fit some of the rows (K,) of a fit of this level robustly, from where that one ended."""
         layout, state = self.prepare(whole.problem.observations.select_rows(rows))
@@ -108,6 +113,4 @@ def fit_level(
     start: StartingPoint | None = None,
 ) -> RobustFit:
     """Fit one level robustly, from the places of devices and tool that any state of the same arm has."""
-    task = LevelTask(model, places, level, priors, start or StartingPoint())
-    layout, state = task.prepare(observations)
-    return fit_robustly(layout, state, FitProblem.from_observations(state, observations))
+    return LevelTask(model, places, level, priors, start or StartingPoint()).fit(observations)

@@ -148,6 +148,10 @@ class _LevelTrial:
     options: IdentificationOptions
     fits: dict[int, RobustFit] = field(default_factory=dict)  # of all rows, by level
 
+    def task_of(self, level: int) -> LevelTask:
+        """Return what the fits of a level start from."""
+        return LevelTask(self.model, self.places, level, self.options.priors, self.options.start)
+
     def unknown_count(self, level: int) -> int:
         """Return how many unknowns a level has."""
         terms = terms_of_level(self.model, self.observations.joints_rad, level)
@@ -183,15 +187,13 @@ class _LevelTrial:
 
 
 def _fit_whole(trial: _LevelTrial, level: int) -> RobustFit:
-    options = trial.options
-    return fit_level(trial.model, trial.observations, trial.places, level, options.priors, options.start)
+    return trial.task_of(level).fit(trial.observations)
 
 
 def _errors_of_fold(trial: _LevelTrial, level: int, whole: RobustFit, fold: int) -> Array:
     """Return the errors of a fold's rows, predicted by a fit of the others."""
     training, held_rows = np.flatnonzero(trial.folds != fold), np.flatnonzero(trial.folds == fold)
-    task = LevelTask(trial.model, trial.places, level, trial.options.priors, trial.options.start)
-    state = task.refit(whole, training).fit.state
+    state = trial.task_of(level).refit(whole, training).fit.state
     return errors_m(state, FitProblem.from_observations(state, trial.observations.select_rows(held_rows)))
 
 
