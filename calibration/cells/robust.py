@@ -181,9 +181,7 @@ def _rescale_problem(
         ]
         freedom = standardised.size - float(fit.learnt[number].sum())
         before = _scale_of(first, rows)
-        scaled = _scale_stated_sigmas(
-            first, rows, _limit_factors(np.sqrt(np.array(medians)) * before, freedom)
-        )
+        scaled = _scale_sigmas(first, _limit_factors(np.sqrt(np.array(medians)) * before, freedom))
         for group, factor in zip(groups, _scale_of(first, scaled) / before, strict=True):
             standardised[group] /= factor
         series.append(scaled)
@@ -220,11 +218,8 @@ def _scaled_by_chi_square(
             squares = np.array([float((fit_residuals[group] ** 2).sum()) for group in groups])
             before = _scale_of(first, rows)
             freedom.append(float(redundant.sum()))
-            series.append(
-                _scale_stated_sigmas(
-                    first, rows, _limit_factors(np.sqrt(squares / redundant) * before, freedom[-1])
-                )
-            )
+            factors = _limit_factors(np.sqrt(squares / redundant) * before, freedom[-1])
+            series.append(_scale_sigmas(first, factors))
             change = max(change, float(np.abs(_scale_of(first, series[-1]) / before - 1.0).max()))
         problem = CellProblem(tuple(series))
         fit = estimate_cell(fit.layout, fit.state, problem, weights)
@@ -239,13 +234,16 @@ def _limit_factors(factors: Array, freedom: float) -> Array:
     return factors if freedom >= _FEW_FREEDOM else np.maximum(factors, 1.0)
 
 
-def _scale_stated_sigmas(stated: SeriesRows, rows: SeriesRows, factors: Array) -> SeriesRows:
-    """Return rows with the stated sigmas times factors."""
+def _scale_sigmas(stated: SeriesRows, factors: Array) -> SeriesRows:
+    """Return rows with the stated sigmas times factors.
+
+    From the stated ones every time: products of ratios would round a scale of one to a little less.
+    """
     observations = stated.observations
     smallest = [_SMALLEST_M / float(np.median(observations.sigma_m))]
     if isinstance(observations, PoseObservations):
         smallest.append(_SMALLEST_RAD / float(np.median(observations.sigma_rad)))
-    return rows.scale_sigmas(np.maximum(factors, smallest) / _scale_of(stated, rows))
+    return stated.scale_sigmas(np.maximum(factors, smallest))
 
 
 def _scale_of(stated: SeriesRows, rows: SeriesRows) -> Array:

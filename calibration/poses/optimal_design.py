@@ -146,8 +146,8 @@ def design_efficiency(task: DesignTask, choice: DesignChoice, *, rank: int) -> f
     """Return how good a choice is against the bound, at most 1: ratio of det^(1/rank), or of traces."""
     bound = upper_bound(task, len(choice.indices))
     if task.interest is None:
-        return float(np.exp((choice.value - bound) / rank))
-    return bound / choice.value
+        return min(1.0, float(np.exp((choice.value - bound) / rank)))
+    return min(1.0, bound / choice.value)
 
 
 @dataclass(frozen=True, eq=False)
