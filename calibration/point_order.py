@@ -1,6 +1,8 @@
 """Points that were taken in another order than the drawing's: found by trying the others."""
 
+import math
 from collections.abc import Iterator
+from dataclasses import dataclass
 from itertools import combinations, permutations
 
 import numpy as np
@@ -15,6 +17,33 @@ _BETTER = 20.0
 _ALL_ORDERS = 7  # points; of more, two that changed places, runs from another end, and what distances tell
 _MOST_MATCHED = 60  # points whose order is looked for by their distances
 _ALIKE_SHARE = 0.25  # of the present misfit: how far the distances of a better order may differ
+_AS_GOOD = 3.0  # times the misfit: an order that fits within this cannot be told from the one that was taken
+_AS_GOOD_M = 1e-4  # … and where the misfit is smaller than touches repeat
+
+
+@dataclass(frozen=True, slots=True)
+class AlikeOrder:
+    """Another order in which points fit as well as in their own: the pattern is symmetric."""
+
+    order: tuple[int, ...]  # which target point stands where each one should, counted from 0
+    turn_rad: float  # between the frames that both orders give
+
+
+def find_alike_order(source: Array, target: Array) -> AlikeOrder | None:
+    """Return the other order of the targets that fits best, if points (n, 3) [m] cannot tell it from their own.
+
+    A square's corners fit in eight orders: an exchange of names turns the frame, and no residual shows it.
+    """
+    a, b = source - source.mean(axis=0), target - target.mean(axis=0)
+    orders = np.array(list(_list_orders(len(a))))
+    scores = _order_scores(a, b[orders])
+    best = int(np.argmin(scores))
+    plain_m = float(_order_scores(a, b[None])[0])
+    if scores[best] > max(_AS_GOOD * plain_m, _AS_GOOD_M):
+        return None
+    turn = _best_rotation(a, b).T @ _best_rotation(a, b[orders[best]])
+    cosine = (float(np.trace(turn)) - 1.0) / 2.0
+    return AlikeOrder(tuple(orders[best].tolist()), math.acos(min(max(cosine, -1.0), 1.0)))
 
 
 def refuse_other_order(source: Array, target: Array, residuals: Array) -> None:
@@ -92,10 +121,15 @@ def _widest_triangle(points: Array) -> Array:
 def _placed_on(points: Array, three: Array, onto: Array) -> Array:
     """Return points (n, 3) moved with the rigid motion that brings three of them onto three others."""
     centre, goal = three.mean(axis=0), onto.mean(axis=0)
-    left, _, right = np.linalg.svd((onto - goal).T @ (three - centre))
-    left[:, 2] *= np.linalg.det(left) * np.linalg.det(right)
-    moved: Array = (points - centre) @ (left @ right).T + goal
+    moved: Array = (points - centre) @ _best_rotation(three - centre, onto - goal).T + goal
     return moved
+
+
+def _best_rotation(source: Array, target: Array) -> Array:
+    """Return the rotation (3, 3) that carries centred points onto others."""
+    left, _, right = np.linalg.svd(target.T @ source)
+    left[:, 2] *= np.linalg.det(left) * np.linalg.det(right)
+    return np.asarray(left @ right)
 
 
 def _order_scores(source: Array, targets: Array) -> Array:

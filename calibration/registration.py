@@ -12,6 +12,7 @@ from cellcal.calibration.metres import MOST_OF_HALL_M, refuse_not_metres
 from cellcal.calibration.point_order import refuse_other_order
 
 Triple = tuple[float, float, float]
+_LEAST_FOR_SCALE = 4  # points: of three, the residuals of a scale are too few to judge it by
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,6 +32,14 @@ class RigidFit:
         """Return the standard uncertainty (3-D, root of the trace) [m] of a point carried through the fit."""
         jacobian = np.hstack([np.eye(3), -skew_matrix(np.array(point_in_source_m, dtype=float))])
         return float(np.sqrt(np.trace(jacobian @ np.array(self.covariance) @ jacobian.T)))
+
+
+@dataclass(frozen=True, slots=True)
+class PointScale:
+    """How much larger one set of points is than another, and the standard uncertainty of that from the residuals."""
+
+    value: float
+    sigma: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,6 +118,23 @@ def best_fit_transform(
         sigma_m=sigma,
         covariance=tuple(tuple(float(v) for v in row) for row in twist_covariance),
     )
+
+
+def scale_of_points(source_m: Array, target_m: Array) -> PointScale | None:
+    """Return by how much the target is larger than the source (n, 3 each) [m]; None with fewer than four points.
+
+    References
+    ----------
+    S. Umeyama, IEEE Trans. PAMI 13 (1991) 376: the scale of the least-squares similarity.
+    """
+    freedom = 3 * len(source_m) - 7
+    if len(source_m) < _LEAST_FOR_SCALE:
+        return None
+    a, b = source_m - source_m.mean(axis=0), target_m - target_m.mean(axis=0)
+    turned = a @ nearest_rotation(b.T @ a).T
+    square = float((a**2).sum())
+    value = float((b * turned).sum()) / square
+    return PointScale(value, math.sqrt(float(((b - value * turned) ** 2).sum()) / freedom / square))
 
 
 def trilaterate_point(

@@ -42,6 +42,7 @@ from cellcal.procedures.refit import Refit, values_of
 from cellcal.procedures.run import Run
 from cellcal.procedures.run_history import Finding
 from cellcal.procedures.setting_texts import OWN_LIMITS, describe_setting
+from cellcal.procedures.teaching.point_remarks import point_remarks
 from cellcal.procedures.teaching.simulation_refit import refit_place, refit_robot
 from cellcal.procedures.teaching.simulation_verdict import placed_verdict, robot_verdict
 from cellcal.procedures.verdict import NOTHING_MEASURED, ProcedureVerdict
@@ -323,7 +324,15 @@ def verdict_on_part(spec: SimulationCell, result: CalibratedPart) -> ProcedureVe
         verdict = placed_verdict(
             result.found, limits, limits_text(spec.accuracy_class, spec.limits), spec.sigma_m
         )
+        verdict = replace(verdict, remarks=(*verdict.remarks, *_point_remarks(spec, result.found)))
     return replace(verdict, remarks=(*verdict.remarks, NOTHING_MEASURED))
+
+
+def _point_remarks(spec: SimulationCell, found: PlacedTags) -> tuple[str, ...]:
+    if found.method == "six_points":  # touched anywhere on the same faces
+        return ()
+    pairs = match_tags(spec.simulated, spec.measured)
+    return point_remarks(found.tags, pairs.one.to_positions(), pairs.other.to_positions())
 
 
 def _forecast_run(spec: SimulationCell, knowledge: Knowledge) -> Forecast:

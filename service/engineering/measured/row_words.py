@@ -78,7 +78,7 @@ def _dividing_columns(
         if name in used or plain_name(name) not in plain_names:
             continue
         cells = table.column_texts(name)
-        counts = Counter(word.removesuffix(".0") for row in rows if (word := cells[row].strip()))
+        counts = Counter(word for row in rows if (word := cells[row].strip()))
         if len(counts) > 1 and min(counts.values()) >= _FEWEST_ROWS:
             found.append((name, tuple(sorted(counts))))
     return found

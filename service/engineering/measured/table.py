@@ -113,10 +113,10 @@ class MeasurementTable:
         return tuple(name for name, numeric in zip(self.names, often, strict=True) if numeric)
 
     def column_texts(self, name: str) -> list[str]:
-        """Return the cells of a column as text."""
+        """Return the cells of a column as text, whole numbers without a point."""
         at = self.names.index(name)
         return [
-            self.texts.get((row, at), "" if math.isnan(number) else str(number))
+            self.texts.get((row, at), "" if math.isnan(number) else f"{number:.15g}")
             for row, number in enumerate(self.numbers[:, at].tolist())
         ]
 
