@@ -1,6 +1,5 @@
 """Points that were taken in another order than the drawing's: found by trying the others."""
 
-import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import combinations, permutations
@@ -21,29 +20,25 @@ _AS_GOOD = 3.0  # times the misfit: an order that fits within this cannot be tol
 _AS_GOOD_M = 1e-4  # … and where the misfit is smaller than touches repeat
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, eq=False)
 class AlikeOrder:
     """Another order in which points fit as well as in their own: the pattern is symmetric."""
 
     order: tuple[int, ...]  # which target point stands where each one should, counted from 0
-    turn_rad: float  # between the frames that both orders give
+    target_source: Array  # (3, 3): the rotation that this order gives
 
 
-def find_alike_order(source: Array, target: Array) -> AlikeOrder | None:
-    """Return the other order of the targets that fits best, if points (n, 3) [m] cannot tell it from their own.
+def find_alike_orders(source: Array, target: Array) -> list[AlikeOrder]:
+    """Return other orders of the targets that points (n, 3) [m] cannot tell from their own, the best fit first.
 
     A square's corners fit in eight orders: an exchange of names turns the frame, and no residual shows it.
     """
     a, b = source - source.mean(axis=0), target - target.mean(axis=0)
     orders = np.array(list(_list_orders(len(a))))
     scores = _order_scores(a, b[orders])
-    best = int(np.argmin(scores))
-    plain_m = float(_order_scores(a, b[None])[0])
-    if scores[best] > max(_AS_GOOD * plain_m, _AS_GOOD_M):
-        return None
-    turn = _best_rotation(a, b).T @ _best_rotation(a, b[orders[best]])
-    cosine = (float(np.trace(turn)) - 1.0) / 2.0
-    return AlikeOrder(tuple(orders[best].tolist()), math.acos(min(max(cosine, -1.0), 1.0)))
+    most_m = max(_AS_GOOD * float(_order_scores(a, b[None])[0]), _AS_GOOD_M)
+    alike = [int(at) for at in np.argsort(scores) if scores[at] <= most_m]
+    return [AlikeOrder(tuple(orders[at].tolist()), _best_rotation(a, b[orders[at]])) for at in alike]
 
 
 def refuse_other_order(source: Array, target: Array, residuals: Array) -> None:

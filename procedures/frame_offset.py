@@ -43,6 +43,7 @@ from cellcal.procedures.teaching.moved_frame import (
     FoundFrameOffset,
     FrameOffset,
     PointTouch,
+    exchange_remarks,
     find_offset,
     further_touches,
     points_in_frame,
@@ -239,6 +240,10 @@ def _result_instruction(spec: FrameOffset, found: FoundFrameOffset, verdict: Pro
             angle_u_deg=math.degrees(found.placed.angle_u_rad),
         ),
     )
+    if remarks := exchange_remarks(spec, found):
+        shown = replace(
+            shown, text=make_message("{text} Beware: {remark}.", text=shown.text, remark=remarks[0])
+        )
     question = "Write it to the controller? Every point recorded in this frame goes along."
     instruction = with_verdict(shown, verdict, question, spec.write_anyway, writes=True)
     changed = frame_changes(found.base_frame_old, found.base_frame_new)
@@ -293,7 +298,7 @@ def _judge_result(spec: FrameOffset, found: FoundFrameOffset) -> ProcedureVerdic
         ),
         limits_from="limits of the settings",
         not_verified=("the workpiece's other points: only those touched were looked at",),
-        remarks=(saving_text(spec, found),) if found.touches else (),
+        remarks=(*((saving_text(spec, found),) if found.touches else ()), *exchange_remarks(spec, found)),
     )
 
 

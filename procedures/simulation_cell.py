@@ -42,9 +42,8 @@ from cellcal.procedures.refit import Refit, values_of
 from cellcal.procedures.run import Run
 from cellcal.procedures.run_history import Finding
 from cellcal.procedures.setting_texts import OWN_LIMITS, describe_setting
-from cellcal.procedures.teaching.point_remarks import point_remarks
 from cellcal.procedures.teaching.simulation_refit import refit_place, refit_robot
-from cellcal.procedures.teaching.simulation_verdict import placed_verdict, robot_verdict
+from cellcal.procedures.teaching.simulation_verdict import placed_verdict, robot_verdict, tag_remarks
 from cellcal.procedures.verdict import NOTHING_MEASURED, ProcedureVerdict
 
 Part = Literal["robot", "base", "workpiece"]
@@ -207,7 +206,7 @@ async def simulation_cell(run: Run, spec: SimulationCell) -> CalibratedPart:
         found = await run.solve("calibrate the robot", calibrate_robot, spec, model, pairs)
     else:
         found = await run.solve("place the tags", place_part, spec, pairs)
-    shown, sha256 = _result_instruction(spec.part, found), sha256_of(to_jsonable_python(found))
+    shown, sha256 = _result_instruction(spec, found), sha256_of(to_jsonable_python(found))
     await run.step("accept the result", ask_acceptance, shown, sha256)
     return CalibratedPart(spec.part, found)
 
@@ -273,7 +272,7 @@ def _least_tags(spec: SimulationCell) -> int:
     return LEAST_TAGS if spec.part == "robot" else 3
 
 
-def _result_instruction(part: Part, found: CalibratedRobot | PlacedTags) -> Instruction:
+def _result_instruction(spec: SimulationCell, found: CalibratedRobot | PlacedTags) -> Instruction:
     if isinstance(found, CalibratedRobot):
         robot = found.found
         text = make_message(
@@ -285,7 +284,9 @@ def _result_instruction(part: Part, found: CalibratedRobot | PlacedTags) -> Inst
         )
     else:
         x, y, z = (value * 1e3 for value in found.outer_inner.position_m)
-        what = "The robot's base in the fixture" if part == "base" else "The workpiece in the robot's base"
+        what = (
+            "The robot's base in the fixture" if spec.part == "base" else "The workpiece in the robot's base"
+        )
         text = make_message(
             "{what}: x {x:.3f}, y {y:.3f}, z {z:.3f} mm, within {position_u_mm:.3f} mm and "
             "{angle_u_deg:.4f} degrees (95 %).",
@@ -296,6 +297,8 @@ def _result_instruction(part: Part, found: CalibratedRobot | PlacedTags) -> Inst
             position_u_mm=found.origin_uncertainty.expanded_uncertainty * 1000.0,
             angle_u_deg=math.degrees(found.angle_uncertainty.expanded_uncertainty),
         )
+        for remark in tag_remarks(found, match_tags(spec.simulated, spec.measured)):
+            text = make_message("{text} Beware: {remark}.", text=text, remark=remark)
     return Instruction("accept_part", make_message("{text} Take it over into the simulation?", text=text))
 
 
@@ -324,15 +327,11 @@ def verdict_on_part(spec: SimulationCell, result: CalibratedPart) -> ProcedureVe
         verdict = placed_verdict(
             result.found, limits, limits_text(spec.accuracy_class, spec.limits), spec.sigma_m
         )
-        verdict = replace(verdict, remarks=(*verdict.remarks, *_point_remarks(spec, result.found)))
+        verdict = replace(
+            verdict,
+            remarks=(*verdict.remarks, *tag_remarks(result.found, match_tags(spec.simulated, spec.measured))),
+        )
     return replace(verdict, remarks=(*verdict.remarks, NOTHING_MEASURED))
-
-
-def _point_remarks(spec: SimulationCell, found: PlacedTags) -> tuple[str, ...]:
-    if found.method == "six_points":  # touched anywhere on the same faces
-        return ()
-    pairs = match_tags(spec.simulated, spec.measured)
-    return point_remarks(found.tags, pairs.one.to_positions(), pairs.other.to_positions())
 
 
 def _forecast_run(spec: SimulationCell, knowledge: Knowledge) -> Forecast:

@@ -29,6 +29,7 @@ from cellcal.procedures.setting_texts import (
     describe_setting,
 )
 from cellcal.procedures.steps.meters import tip_in_base
+from cellcal.procedures.teaching.point_remarks import smaller_turn_remarks
 from cellcal.procedures.write_review import WriteAnyway
 
 
@@ -186,6 +187,18 @@ def find_offset(
         far_shift_m=float(np.linalg.norm(moved)),
         placed=placed,
         touches=counts,
+    )
+
+
+def exchange_remarks(spec: FrameOffset, found: FoundFrameOffset) -> tuple[str, ...]:
+    """Return what another order of the points would have given, where it is likelier."""
+    points = np.array(points_in_frame(spec, found.base_frame_old))
+    fitted = points @ found.base_frame_new.rotation_matrix().T + np.array(found.base_frame_new.position_m)
+    return smaller_turn_remarks(
+        [str(number) for number in range(1, len(points) + 1)],
+        points,
+        fitted + np.array(found.placed.residuals_m),
+        found.base_frame_old.rotation_matrix(),
     )
 
 

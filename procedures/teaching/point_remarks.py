@@ -3,24 +3,28 @@
 import math
 from collections.abc import Sequence
 
-from cellcal.calibration.geometry import Array
+import numpy as np
+
+from cellcal.calibration.geometry import Array, log_rotation, nearest_rotation
 from cellcal.calibration.message import make_message
-from cellcal.calibration.point_order import find_alike_order
+from cellcal.calibration.point_order import find_alike_orders
 from cellcal.calibration.registration import scale_of_points
 
+_CORNER_DEG = 20.0  # a smaller turn comes of no exchange of a pattern's points
 _SURE = 5.0  # standard deviations: a scale so far from one is no chance
 
 
 def point_remarks(labels: Sequence[str], drawn_m: Array, found_m: Array) -> tuple[str, ...]:
     """Return remarks on pairs of points (n, 3) [m]: another order fits as well, or one set is larger."""
     remarks: list[str] = []
-    if (alike := find_alike_order(drawn_m, found_m)) is not None:
+    if alike := find_alike_orders(drawn_m, found_m):
+        rotation = nearest_rotation((found_m - found_m.mean(axis=0)).T @ (drawn_m - drawn_m.mean(axis=0)))
         remarks.append(
             make_message(
                 "nothing here tells whether points were exchanged: in the order {order} they fit as well, and the "
                 "frame would be turned by {turn_deg:.0f} deg; a further point off the pattern would tell",
-                order=", ".join(labels[index] for index in alike.order),
-                turn_deg=math.degrees(alike.turn_rad),
+                order=", ".join(labels[index] for index in alike[0].order),
+                turn_deg=_turn_deg(rotation, alike[0].target_source),
             )
         )
     scale = scale_of_points(drawn_m, found_m)
@@ -33,3 +37,35 @@ def point_remarks(labels: Sequence[str], drawn_m: Array, found_m: Array) -> tupl
             )
         )
     return tuple(remarks)
+
+
+def smaller_turn_remarks(
+    labels: Sequence[str], in_frame_m: Array, found_m: Array, base_old: Array
+) -> tuple[str, ...]:
+    """Return a remark where another order of points (n, 3) [m] fits as well and turns the frame much less.
+
+    ``base_old`` (3, 3) is the attitude of the frame before: a workpiece that moved seldom turned by a whole corner.
+    """
+    rotation = nearest_rotation((found_m - found_m.mean(axis=0)).T @ (in_frame_m - in_frame_m.mean(axis=0)))
+    turned_deg = _turn_deg(base_old, rotation)
+    alike = find_alike_orders(in_frame_m, found_m)
+    least = min(alike, key=lambda each: _turn_deg(base_old, each.target_source), default=None)
+    if (
+        least is None
+        or _turn_deg(base_old, least.target_source) > turned_deg / 2.0
+        or turned_deg < _CORNER_DEG
+    ):
+        return ()
+    return (
+        make_message(
+            "in the order {order} the points fit as well, and the workpiece turned by {least_deg:.1f} deg, not by "
+            "{turned_deg:.1f} deg: see that none were exchanged",
+            order=", ".join(labels[index] for index in least.order),
+            least_deg=_turn_deg(base_old, least.target_source),
+            turned_deg=turned_deg,
+        ),
+    )
+
+
+def _turn_deg(one: Array, other: Array) -> float:
+    return math.degrees(float(np.linalg.norm(log_rotation(one.T @ other))))

@@ -4,8 +4,10 @@ import math
 
 from cellcal.calibration.message import make_message
 from cellcal.calibration.points.tag_placement import PlacedTags, SpatialUncertainty
+from cellcal.calibration.points.tag_points import TagPairs
 from cellcal.calibration.points.tag_robot import SimulatedRobot
 from cellcal.procedures.accuracy_limits import CheckLimits, FrameLimits, ToolLimits
+from cellcal.procedures.teaching.point_remarks import point_remarks
 from cellcal.procedures.verdict import (
     PASS,
     UNDECIDED,
@@ -117,6 +119,13 @@ def placed_verdict(
         else (),
         changes=(ValueChange("RMS distance of the tags", before, after, "m"),),
     )
+
+
+def tag_remarks(found: PlacedTags, pairs: TagPairs) -> tuple[str, ...]:
+    """Return what the distances of the tags do not show by themselves."""
+    if found.method == "six_points":  # touched anywhere on the same faces
+        return ()
+    return point_remarks(found.tags, pairs.one.to_positions(), pairs.other.to_positions())
 
 
 def _uncertainty_figure(name: str, how: SpatialUncertainty, unit: str, limit: float) -> Characteristic:

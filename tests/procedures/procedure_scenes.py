@@ -1,6 +1,6 @@
 """Cells for tests: for each procedure of the catalogue a cell in which it can succeed, and its spec."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -265,16 +265,18 @@ def hook_scene(points: tuple[Triple, ...] = TARGETS, **more: Any) -> ProcedureSc
     return made
 
 
-def moved_workpiece_scene(old: Pose = FRAME, old_new: Pose | None = None) -> ProcedureScene:
-    """Return a cell whose workpiece moved, and whose technician touches four of its points again."""
+def moved_workpiece_scene(
+    old: Pose = FRAME, old_new: Pose | None = None, points: Sequence[Triple] = OFFSET_POINTS
+) -> ProcedureScene:
+    """Return a cell whose workpiece moved, and whose technician touches its points again."""
     old_new = old_new or Pose.from_matrix(
         homogeneous_matrix(_turned_rotation(2, 0.02), np.array([0.03, -0.02, 0.004]))
     )
-    spec = FrameOffset(2, TIP, points_in_frame_m=OFFSET_POINTS, check_above=True)
+    spec = FrameOffset(2, TIP, points_in_frame_m=tuple(points), check_above=True)
     made = healthy_scene(spec)
     made.arm.frames[2] = old
     attitude = np.diag([1.0, -1.0, -1.0])
-    places = {f"touch_point_{k}": point for k, point in enumerate(OFFSET_POINTS, 1)} | {
+    places = {f"touch_point_{k}": point for k, point in enumerate(points, 1)} | {
         "touch_above": (0.1, 0.1, 0.2)
     }
     for key, point in places.items():

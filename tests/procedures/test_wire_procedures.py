@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from cellcal.calibration.errors import CalibrationError, DegenerateDataError
-from cellcal.calibration.geometry import Pose, homogeneous_matrix
+from cellcal.calibration.geometry import Pose, exp_rotation, homogeneous_matrix
 from cellcal.calibration.points.frames import base_to_base as chained_frames
 from cellcal.drivers.interfaces import MasteringData
 from cellcal.procedures.accuracy_limits import FrameLimits
@@ -16,6 +16,7 @@ from cellcal.procedures.catalogue import CATALOGUE
 from cellcal.procedures.end_effector_points import MeasuredTool, end_effector_points
 from cellcal.procedures.fixture_alignment import fixture_alignment, plan_alignment
 from cellcal.procedures.forecast import Knowledge
+from cellcal.procedures.frame_offset import DEFINITION as OFFSET
 from cellcal.procedures.frame_offset import OffsetResult, frame_offset
 from cellcal.procedures.motion.active_frames import is_same_pose
 from cellcal.procedures.procedure_definition import with_planned_counts
@@ -264,6 +265,21 @@ async def test_a_moved_workpiece_takes_its_frame_along() -> None:
     far = np.array(result.found.far_point_in_frame_m)
     moved = old_new.rotation_matrix() @ far + np.array(old_new.position_m) - far
     assert result.found.far_shift_m == pytest.approx(float(np.linalg.norm(moved)))
+
+
+@pytest.mark.parametrize(("turn_deg", "warns"), [(90.0, True), (1.0, False)])
+async def test_corners_of_a_square_that_may_be_exchanged_are_named_before_the_write(
+    turn_deg: float, warns: bool
+) -> None:
+    square = ((0.0, 0.0, 0.0), (0.4, 0.0, 0.0), (0.4, 0.4, 0.0), (0.0, 0.4, 0.0))
+    turn = exp_rotation(np.array([0.0, 0.0, math.radians(turn_deg)]))
+    middle = np.array([0.2, 0.2, 0.0])
+    old_new = Pose.from_matrix(homogeneous_matrix(turn, middle - turn @ middle + [0.003, 0.001, 0.0]))
+    made = moved_workpiece_scene(FRAME, old_new, square)
+    result = await _run_frame_offset(made)
+    remarks = OFFSET.verdict(made.spec, result).remarks  # type: ignore[misc]
+    for text in (made.technician.read["accept_offset"], " ".join(remarks)):
+        assert ("turned by 0.0 deg, not by 90.0 deg: see that none were exchanged" in text) == warns
 
 
 async def test_points_touched_before_the_move_serve_as_well_as_a_drawing() -> None:
