@@ -69,10 +69,11 @@ type-check: $(VENV)/.dev
 soak: $(VENV)/.dev
 	@$(BIN)/python -m tests.soak $(ARGS)
 
-bench: $(VENV)/.dev
+bench: $(VENV)/.dev service/web/dist/index.html
 	@$(BIN)/cellcal bench $(ARGS)
 	@test -n "$(ARGS)" || $(BIN)/python -m tests.benchmarks.bench_commands
 	@test -n "$(ARGS)" || $(BIN)/python -m tests.benchmarks.bench_routes
+	@test -n "$(ARGS)" || $(BIN)/python -m tests.benchmarks.bench_pages
 
 # Types and names of the pages are written from what the service and the procedures say of themselves.
 types: $(VENV)/.runtime
