@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from cellcal.calibration.arm.kinematics import RobotModel
 from cellcal.calibration.geometry import Array
+from cellcal.calibration.identification.break_choice import errors_in_both_mountings
 from cellcal.calibration.identification.cross_validation import Grouping, assign_folds
 from cellcal.calibration.identification.estimator import ArmFit, FitProblem, errors_m, place_columns
 from cellcal.calibration.identification.observations import Observations, Rows, with_mounting
@@ -20,7 +21,6 @@ from cellcal.calibration.identification.residual_model import errors_with, resid
 from cellcal.calibration.identification.selection import (
     IdentificationOptions,
     LevelSelection,
-    errors_in_both_mountings,
     evenly_spaced,
     select_level,
 )

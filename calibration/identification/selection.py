@@ -8,15 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cellcal.calibration.arm.kinematics import RobotModel
-from cellcal.calibration.errors import DegenerateDataError
 from cellcal.calibration.geometry import Array
+from cellcal.calibration.identification.break_choice import choose_breaks, refine_breaks
 from cellcal.calibration.identification.cross_validation import (
     Grouping,
     assign_folds,
     compare_models,
-    held_out_errors,
 )
-from cellcal.calibration.identification.estimator import FitProblem, errors_m, estimate_arm
+from cellcal.calibration.identification.estimator import FitProblem, errors_m
 from cellcal.calibration.identification.free_parameters import StartingPoint, all_joint_terms, level_of
 from cellcal.calibration.identification.layouts import make_layout
 from cellcal.calibration.identification.level_fit import LevelTask, fit_level, terms_of_level
@@ -37,8 +36,6 @@ from cellcal.calibration.identification.robust import RobustFit
 from cellcal.calibration.identification.series_breaks import (
     FrameFits,
     SeriesBreak,
-    candidate_breaks,
-    change_between,
     fit_frames,
     mounting_of,
 )
@@ -48,9 +45,6 @@ from cellcal.calibration.message import make_message
 LEVELS = (FRAMES, OFFSETS, GEOMETRY, GRAVITY, RIPPLE, GEAR)
 _QUICK_UNKNOWNS = 100
 _FOLDS = 10
-_FOLDS_FOR_BREAKS = 5
-_BREAK_GAIN = 0.1  # of the held-out RMSE: a mounting costs more trust than a parameter
-_PATIENCE = 2
 _BELIEVABLE = 8.0  # times the median error
 FEW_ROWS = 60  # up to here priors speak beside the rows
 _FEW_GAIN = 0.75
@@ -118,8 +112,9 @@ def select_level(
         chain = options.start.rigid_arm(model)
         runner.show_stage("looking for rows at which the device was moved")
         fits = FrameFits(chain, some)
-        coarse, break_reasons = _choose_breaks(fits, groups, options)
-        breaks = _refine_breaks(chain, observations, rows, coarse)
+        if options.find_breaks:
+            coarse, break_reasons = choose_breaks(fits, groups, options.seed)
+            breaks = refine_breaks(chain, observations, rows, coarse)
         at = [found.row for found in breaks]
         every = len(rows) == len(observations)
         places = (fits.fit_breaks(at) if every else fit_frames(chain, observations, at)).state
@@ -311,91 +306,12 @@ def _compare_levels(
     return best, notes
 
 
-def _choose_breaks(
-    fits: FrameFits, grouping: Grouping, options: IdentificationOptions
-) -> tuple[tuple[SeriesBreak, ...], tuple[str, ...]]:
-    """Return the breaks that make unseen groups more predictable, and why the search stopped."""
-    if not options.find_breaks:
-        return (), ()
-    folds = assign_folds(grouping, _FOLDS_FOR_BREAKS, options.seed)
-    chosen: tuple[SeriesBreak, ...] = ()
-    best, reasons, waited = None, [], 0
-    for candidate in candidate_breaks(fits.model, fits.observations, fits=fits):
-        if best is None:
-            best = _errors_with_breaks(fits, folds, ())
-        errors = _errors_with_breaks(fits, folds, candidate)
-        comparison = compare_models(
-            (make_message("{break_count} breaks", break_count=len(chosen)), best),
-            (make_message("{break_count} breaks", break_count=len(candidate)), errors),
-            grouping.groups,
-            least_gain=_BREAK_GAIN,
-        )
-        reasons.append(comparison.reason)
-        waited = 0 if comparison.better else waited + 1
-        if comparison.better:
-            chosen, best = candidate, errors
-        if waited == _PATIENCE:
-            break
-    return chosen, tuple(reasons)
-
-
-def _errors_with_breaks(fits: FrameFits, folds: Rows, breaks: Sequence[SeriesBreak]) -> Array:
-    """Return held-out errors of plain fits of the geometry: quick, and good enough to compare mountings."""
-    rows, observations = [found.row for found in breaks], fits.observations
-    frames = fits.fit_breaks(rows).state
-    mounted = with_mounting(observations, mounting_of(len(observations), rows))
-    layout = make_layout(fits.model, mounted.kind, len(rows) + 1, level=GEOMETRY)
-
-    def errors_without(training: Rows, held_rows: Rows) -> Array:
-        state = estimate_arm(
-            layout, frames, FitProblem.from_observations(frames, mounted.select_rows(training))
-        ).state
-        return errors_m(state, FitProblem.from_observations(state, mounted.select_rows(held_rows)))
-
-    try:
-        return held_out_errors(folds, errors_without)
-    except DegenerateDataError:
-        return np.full(len(mounted), np.inf)
-
-
-def _refine_breaks(
-    model: RobotModel, observations: Observations, rows: Rows, breaks: tuple[SeriesBreak, ...]
-) -> tuple[SeriesBreak, ...]:
-    """Return breaks of every k-th row as breaks of all rows: where the rows between fit better."""
-    if not breaks or len(rows) == len(observations):
-        return breaks
-    state = fit_frames(model, observations.select_rows(rows), [found.row for found in breaks]).state
-    placed = []
-    for mounting, found in enumerate(breaks):
-        between = np.arange(rows[found.row - 1] + 1, rows[found.row])
-        row = between[0] + change_between(
-            *errors_in_both_mountings(state, observations.select_rows(between), mounting)
-        )
-        placed.append(SeriesBreak(int(row), found.bic_gain))
-    return tuple(placed)
-
-
-def errors_in_both_mountings(
-    state: ArmState, observations: Observations, mounting: int
-) -> tuple[Array, Array]:
-    """Return the errors (N,) of rows in this mounting and in the one after it."""
-    first, second = (
-        errors_m(
-            state,
-            FitProblem.from_observations(state, with_mounting(observations, np.full(len(observations), m))),
-        )
-        for m in (mounting, mounting + 1)
-    )
-    return first, second
-
-
 __all__ = [
     "FEW_ROWS",
     "LEVELS",
     "IdentificationOptions",
     "LevelSelection",
     "best_level",
-    "errors_in_both_mountings",
     "evenly_spaced",
     "fit_level",
     "possible_levels",
