@@ -7,6 +7,7 @@ every length is about its nominal value and the pose is the same.
 """
 
 import ast
+import itertools
 import math
 import re
 from dataclasses import dataclass
@@ -19,6 +20,7 @@ from cellcal.calibration.geometry import Array, inverse_transform
 
 Six = tuple[float, float, float, float, float, float]
 _MASK = (1 << 64) - 1
+_NEARLY_PARALLEL = 0.1  # sine of the angle between two axes
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,7 +116,7 @@ def to_well_conditioned(table: DhTable, nominal: DhTable) -> DhTable:
     for i, (theta, d, a, alpha) in enumerate(table.to_rows()[:, :4]):
         row = np.array([theta + turn, d + travel, a, alpha, 0.0])
         turn = travel = 0.0
-        parallel = abs(math.sin(nominal.alpha_rad[i])) < 0.1 and i + 1 < len(rows)
+        parallel = abs(math.sin(nominal.alpha_rad[i])) < _NEARLY_PARALLEL and i + 1 < len(rows)
         if parallel:
             row, turn, travel = _to_hayati(row, backwards=bool(nominal.a_m[i] < 0))
         row[0] = nominal.theta_rad[i] + _wrap_angle(row[0] - nominal.theta_rad[i])
@@ -130,6 +132,27 @@ def calibration_hash(absolute: DhTable) -> str:
     """
     text = "".join(f"{value:g}" for value in absolute.to_rows()[:, :4].ravel())
     return f"calib_{_libstdcxx_hash(text.encode())}"
+
+
+def table_of_hash(table: DhTable, wanted: str) -> DhTable | None:
+    """Return the same arm's table written so that its hash is the one wanted; None where no way of writing has it.
+
+    A table has many forms: where axes are nearly parallel theta may be half a turn on, with a and alpha of the
+    other sign, or whole turns. A controller keeps the form in which its factory's optimisation ended.
+    """
+    parallel = [i for i, row in enumerate(table.to_rows()[:-1]) if abs(math.sin(row[3])) < _NEARLY_PARALLEL]
+    for halves in itertools.product((False, True), repeat=len(parallel)):
+        rows = table.to_rows()[:, :4]
+        for i in itertools.compress(parallel, halves):
+            rows[i] *= (1.0, 1.0, -1.0, -1.0)
+            rows[i : i + 2, 0] -= math.pi
+        turning = sorted({j for i in parallel for j in (i, i + 1)})
+        for turns in itertools.product((0, -1, 1), repeat=len(turning)):
+            written = rows.copy()
+            written[turning, 0] += 2.0 * math.pi * np.array(turns)
+            if calibration_hash(found := DhTable.from_rows(written)) == wanted:
+                return found
+    return None
 
 
 def _to_hayati(row: Array, *, backwards: bool) -> tuple[Array, float, float]:

@@ -25,6 +25,7 @@ from cellcal.service.engineering.parameters.ur_files import (
     write_ros_kinematics,
 )
 from tests.unit.test_ur_factory import ABSOLUTE
+from tests.unit.test_ur_files import DEFAULT_UR10E
 
 UR = load_model("ur10e")
 ARM = factory_model(UR, ABSOLUTE)
@@ -106,6 +107,24 @@ def test_each_form_of_a_factory_table_goes_in_and_comes_out_in_each(run_cli, con
         "urdf": lambda: read_urdf(out.read_text(), tip_link="flange").model,
     }[kind]()
     assert np.allclose(arm_reach_m(back), arm_reach_m(ARM), rtol=0, atol=1e-10)
+
+
+@pytest.mark.parametrize(
+    ("change_m", "says"), [(0.0, ""), (1e-5, "its hash is not that of its numbers")], ids=["own", "changed"]
+)
+def test_a_ros_file_whose_numbers_were_changed_is_noticed_by_its_hash(run_cli, change_m, says):
+    frames = ros_frames(ARM)
+    frames[0, 2, 3] += change_m
+    text = write_ros_kinematics(RosKinematics(frames, FACTORY.factory_hash))
+    file = write_text(run_cli.tmp / "file", text)
+    note = run_cli("import", file, "--robot", "ur10e", "--serial", "17", "--by", "Ada").err
+    assert ("note:" in note) == bool(says)
+    assert says in " ".join(note.split())
+
+
+def test_a_ros_file_of_the_arm_as_drawn_needs_no_note(run_cli):
+    file = write_text(run_cli.tmp / "file", DEFAULT_UR10E)
+    assert "note:" not in run_cli("import", file, "--robot", "ur10e", "--serial", "17", "--by", "Ada").err
 
 
 def test_an_identification_goes_in_with_its_uncertainties(run_cli):

@@ -7,7 +7,7 @@ import pytest
 
 from cellcal.calibration.arm.kinematics import DhTable, RobotModel, load_model
 from cellcal.calibration.arm.standard_dh import standard_dh
-from cellcal.calibration.arm.ur_factory import factory_model
+from cellcal.calibration.arm.ur_factory import factory_model, table_of_hash
 from cellcal.calibration.errors import CalibrationError
 from cellcal.service.engineering.parameters.ur_files import (
     RosKinematics,
@@ -196,6 +196,26 @@ def test_the_well_conditioned_arm_goes_back_to_the_factorys_own_table():
     table = standard_dh(ARM, NOMINAL).table
     assert np.allclose(table.to_rows(), ABSOLUTE.to_rows(), rtol=1e-9, atol=1e-9)
     assert UrKinematics(table).factory_hash == UrKinematics(ABSOLUTE).factory_hash
+
+
+@pytest.mark.parametrize(("half_turn", "whole_turn"), [(1, None), (2, 2), (1, 3), (None, 1)])
+def test_a_hash_tells_in_which_form_the_controller_keeps_its_table(half_turn, whole_turn):
+    rows = ABSOLUTE.to_rows()[:, :4]
+    if half_turn is not None:
+        rows[half_turn, [2, 3]] *= -1.0
+        rows[half_turn : half_turn + 2, 0] -= np.pi
+    if whole_turn is not None:
+        rows[whole_turn, 0] += 2.0 * np.pi
+    own = UrKinematics(DhTable.from_rows(rows))
+    found = table_of_hash(standard_dh(factory_model(NOMINAL, own.table), NOMINAL).table, own.factory_hash)
+    assert found is not None
+    assert np.allclose(found.to_rows(), own.table.to_rows(), rtol=1e-9, atol=1e-9)
+
+
+def test_a_hash_of_other_numbers_is_found_in_no_form():
+    rows = ABSOLUTE.to_rows()[:, :4]
+    rows[0, 1] += 1e-5
+    assert table_of_hash(ABSOLUTE, UrKinematics(DhTable.from_rows(rows)).factory_hash) is None
 
 
 @pytest.mark.parametrize("name", ["ur3", "ur5", "ur20", "abb_irb120", "kuka_kr6_r900"])

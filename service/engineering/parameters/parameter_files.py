@@ -11,7 +11,7 @@ import numpy as np
 
 from cellcal.calibration.arm.kinematics import RobotModel
 from cellcal.calibration.arm.standard_dh import standard_dh
-from cellcal.calibration.arm.ur_factory import factory_model
+from cellcal.calibration.arm.ur_factory import factory_model, table_of_hash
 from cellcal.calibration.arm.urdf import bare_urdf
 from cellcal.calibration.documents.json_text import parse_json
 from cellcal.calibration.documents.plain_files import read_plain_bytes
@@ -48,6 +48,7 @@ from cellcal.service.engineering.parameters.ur_files import (
 )
 
 _REST_WORTH_SAYING = 1e-9  # m and rad
+_ROUNDED = 1e-8  # m and rad: files of arms as drawn hold ten digits
 
 
 class FileKind(StrEnum):
@@ -187,8 +188,7 @@ def _read_content(data: bytes, nominal: RobotModel) -> _FileContent:
     if "[[parameter]]" in text:
         return _of_set(parse_set(text), nominal)
     if "kinematics:" in text:
-        ros = read_ros_kinematics(text)
-        return _FileContent(values_of_model(nominal, model_of_ros(ros, nominal)), "ur_calibration", ros.hash)
+        return _of_ros(read_ros_kinematics(text), nominal)
     return _of_table(read_primary_kinematics(data), nominal, "primary interface")
 
 
@@ -200,6 +200,19 @@ def _of_table(kinematics: UrKinematics, nominal: RobotModel, what: str) -> _File
         )
     model = factory_model(nominal, kinematics.table)
     return _FileContent(values_of_model(nominal, model), what, kinematics.factory_hash, notes)
+
+
+def _of_ros(ros: RosKinematics, nominal: RobotModel) -> _FileContent:
+    model = model_of_ros(ros, nominal)
+    is_nominal = np.allclose(model.placements, nominal.placements, rtol=0, atol=_ROUNDED)
+    table = nominal.dh if is_nominal and nominal.dh is not None else standard_dh(model, nominal).table
+    notes: tuple[str, ...] = ()
+    if table_of_hash(table, ros.hash) is None:
+        notes = (
+            "its hash is not that of its numbers: they were rounded or changed since they were read from the "
+            "controller; compare with its calibration.conf",
+        )
+    return _FileContent(values_of_model(nominal, model), "ur_calibration", ros.hash, notes)
 
 
 def _of_set(item: ParameterSet, nominal: RobotModel) -> _FileContent:
@@ -234,20 +247,25 @@ def _read_parameter(entry: dict[str, Any]) -> IdentifiedParameter:
     return found
 
 
-def _write_conf(model: RobotModel, nominal: RobotModel, _: str) -> tuple[bytes, tuple[str, ...]]:
-    kinematics, notes = _controller_table(model, nominal)
+def _write_conf(model: RobotModel, nominal: RobotModel, factory_hash: str) -> tuple[bytes, tuple[str, ...]]:
+    kinematics, notes = _controller_table(model, nominal, factory_hash)
     return write_calibration_conf(kinematics, nominal).encode(), notes
 
 
-def _write_primary(model: RobotModel, nominal: RobotModel, _: str) -> tuple[bytes, tuple[str, ...]]:
-    kinematics, notes = _controller_table(model, nominal)
+def _write_primary(
+    model: RobotModel, nominal: RobotModel, factory_hash: str
+) -> tuple[bytes, tuple[str, ...]]:
+    kinematics, notes = _controller_table(model, nominal, factory_hash)
     return write_primary_kinematics(kinematics), notes
 
 
-def _controller_table(model: RobotModel, nominal: RobotModel) -> tuple[UrKinematics, tuple[str, ...]]:
+def _controller_table(
+    model: RobotModel, nominal: RobotModel, factory_hash: str
+) -> tuple[UrKinematics, tuple[str, ...]]:
+    """Return the table as its controller writes it, where the hash tells that, and what it cannot hold."""
     found = standard_dh(model, nominal)
     rest = log_transform(found.flange_rest)
-    return UrKinematics(found.table), _flange_notes(rest)
+    return UrKinematics(table_of_hash(found.table, factory_hash) or found.table), _flange_notes(rest)
 
 
 def _write_ros(model: RobotModel, nominal: RobotModel, factory_hash: str) -> tuple[bytes, tuple[str, ...]]:
