@@ -182,8 +182,8 @@ def identify(  # noqa: PLR0913  # a command's options are its arguments
     begin = StartOptions(start, save, serial, free)
     options = IdentifyOptions(level, check, train_rows, seed, read, begin, residual_model, limits)
     report = _identify_on_all_processors(measurements, robot, options)
-    outputs.write_files(report, measurements)
     _print_identification(report, _ReportViews(plot, at_options, at_csv, dh=dh), as_json=as_json)
+    outputs.write_files(report, measurements)  # at last: what cannot be written loses no result
     return _exit_code(report)
 
 

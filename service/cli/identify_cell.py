@@ -59,7 +59,7 @@ def refuse_for_a_cell(options: Mapping[str, object]) -> None:
 
 
 def identify_cell(command: CellCommand, options: "CellOptions") -> int:
-    """Fit, write what was asked for, and show the report."""
+    """Fit, show the report, and write what was asked for."""
     from rich.console import Console
 
     from cellcal.service.cli.cell_report import print_cell_report, print_tables
@@ -70,7 +70,6 @@ def identify_cell(command: CellCommand, options: "CellOptions") -> int:
     from cellcal.service.exit_codes import ExitCode
 
     report = identify_cell_file(command.measurements, command.layout, command.robot, options, command.limits)
-    _write_outputs(command, report)
     tips = {} if command.at is None else cell_tips(command.at, report)
     if command.at_csv is not None:
         _write_tips(tips, command.at_csv)
@@ -84,6 +83,7 @@ def identify_cell(command: CellCommand, options: "CellOptions") -> int:
             print_tables(console, report)
         for name, found in tips.items():
             print_tips(console, found, name)
+    _write_outputs(command, report)  # at last: what cannot be written loses no result
     return ExitCode.PASS if report.is_proved else ExitCode.OUT_OF_TOLERANCE
 
 

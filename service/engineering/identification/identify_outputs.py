@@ -7,6 +7,7 @@ from cellcal.calibration.arm.model_references import parse_reference
 from cellcal.calibration.arm.urdf import bare_urdf
 from cellcal.calibration.documents.plain_files import read_plain_bytes
 from cellcal.calibration.identification.parameters import FRAMES
+from cellcal.calibration.message import make_message
 from cellcal.service.engineering.identification.identify import IdentifyReport
 from cellcal.service.engineering.measured.table import MeasurementError
 from cellcal.service.engineering.parameters.calibrated_models import nominal_sha256, values_of_identification
@@ -87,6 +88,11 @@ def refuse_saving(save: Path | None, urdf: Path | None) -> None:
 def _refuse_frames(report: IdentifyReport) -> None:
     if report.level == FRAMES:
         raise MeasurementError(
-            "no parameter of the arm predicts unseen rows better than its nominal one: there is nothing to save.",
+            "no parameter of the arm predicts unseen rows better than its nominal one: there is nothing to save."
+            if report.start == "nominal"
+            else make_message(
+                "no parameter of the arm predicts unseen rows better than {start}: that stays as it is.",
+                start=report.start,
+            ),
             remedy="Measure more postures and more exactly, or ask for a `--level`.",
         )
