@@ -18,6 +18,7 @@ _TYPES: dict[str, tuple[type, ...]] = {
     "integer": (int,), "number": (int, float),
 }  # fmt: skip
 _SAID_BESIDE = {"title", "description", "default", "discriminator", "examples", "format", "contentMediaType"}
+_DESCRIPTIONS: dict[tuple[str, tuple[str, ...]], dict[str, Any]] = {}
 
 
 @dataclass
@@ -28,8 +29,12 @@ class DescribedApi:
 
     @cached_property
     def api_description(self) -> dict[str, Any]:
-        """The app's description."""
-        return self.app.openapi()
+        """The app's description, made once for all apps of the same routers: it takes longer than most tests."""
+        own_paths = tuple(getattr(route, "path", "") for route in self.app.routes)
+        kind = (self.app.title, own_paths)  # a router that was included has no path of its own
+        if kind not in _DESCRIPTIONS:
+            _DESCRIPTIONS[kind] = self.app.openapi()
+        return _DESCRIPTIONS[kind]
 
     @cached_property
     def described_paths(self) -> list[tuple[re.Pattern[str], dict[str, Any]]]:
