@@ -79,10 +79,9 @@ def remarks_of(package: str) -> Iterator[tuple[str, str]]:
 @pytest.mark.parametrize("package", PACKAGES)
 def test_names_in_docstrings_and_comments_are_in_the_code(package: str) -> None:
     found = [(place, name) for place, remark in remarks_of(package) for name in QUOTED_NAME.findall(remark)]
+    known_words = words_of_the_code() | OTHER_WORDS
     unknown = [
-        f"{place} {name}"
-        for place, name in found
-        if not {name, name.rpartition(".")[2]} & (words_of_the_code() | OTHER_WORDS)
+        f"{place} {name}" for place, name in found if not {name, name.rpartition(".")[2]} & known_words
     ]
     assert found
     assert not unknown

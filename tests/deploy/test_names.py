@@ -3,7 +3,7 @@
 import ast
 import re
 from collections import defaultdict
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from functools import cache
 from pathlib import Path
 from typing import NamedTuple
@@ -61,18 +61,18 @@ def names_of(package: str) -> PackageNames:
     """Return the names of a package."""
     found, functions, classes = list[str](), list[str](), set[str]()
     for file in sorted((ROOT / package).rglob("*.py")):
-        tree = ast.parse(file.read_text(encoding="utf-8"))
-        found += identifiers(tree)
-        functions += function_names(tree)
-        classes |= {node.name for node in ast.walk(tree) if isinstance(node, ast.ClassDef)}
+        nodes = list(ast.walk(ast.parse(file.read_text(encoding="utf-8"))))
+        found += identifiers(nodes)
+        functions += function_names(nodes)
+        classes |= {node.name for node in nodes if isinstance(node, ast.ClassDef)}
     return PackageNames(
         tuple(found), tuple(functions), frozenset(name for name in classes if not name.startswith("_"))
     )
 
 
-def identifiers(tree: ast.AST) -> Iterator[str]:
-    """Yield the names that a file defines: functions, classes, parameters, variables, attributes."""
-    for node in ast.walk(tree):
+def identifiers(nodes: Iterable[ast.AST]) -> Iterator[str]:
+    """Yield the names that a file's nodes define: functions, classes, parameters, variables, attributes."""
+    for node in nodes:
         match node:
             case ast.FunctionDef(name=name) | ast.AsyncFunctionDef(name=name) | ast.ClassDef(name=name):
                 yield name
@@ -82,9 +82,9 @@ def identifiers(tree: ast.AST) -> Iterator[str]:
                 yield name
 
 
-def function_names(tree: ast.AST) -> Iterator[str]:
+def function_names(nodes: Iterable[ast.AST]) -> Iterator[str]:
     """Yield the names of functions and methods, special methods excluded."""
-    for node in ast.walk(tree):
+    for node in nodes:
         if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef) and not node.name.startswith("__"):
             yield node.name
 
