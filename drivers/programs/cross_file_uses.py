@@ -18,6 +18,7 @@ from cellcal.drivers.programs.declared_poses import DeclaredPoses
 from cellcal.drivers.programs.file_declarations import (
     COPIED,
     NO_MOTION,
+    OPEN_COPY,
     BatchReasons,
     ExternalUses,
     FileDeclarations,
@@ -249,7 +250,16 @@ class BatchDeclarations:
             self._add_uses(owner, declared + name[len(bare) :], uses)
 
     def _add_uses(self, owner: str, name: str, uses: list[tuple[MoveFrames, str]]) -> None:
-        self._uses[owner][name] += [(self._local.seen_from(owner, each, file), file) for each, file in uses]
+        self._uses[owner][name] += [
+            (self._local.seen_from(owner, self._settle_open_copy(each, file), file), file)
+            for each, file in uses
+        ]
+
+    def _settle_open_copy(self, use: MoveFrames, file: str) -> MoveFrames:
+        """Return a move to a copy with why the position is left, where callers of its routine set a frame."""
+        if use.why != OPEN_COPY:
+            return use
+        return use._replace(why=self._why_reached(file, use.routine) or COPIED)
 
     def _own_files(self, file: str) -> tuple[list[str], Imports]:
         """Return the other files that declare for a file's module, and what all of them import."""
@@ -297,6 +307,8 @@ class BatchDeclarations:
             return self._name_text(_UNGIVEN if value == _NOT_GIVEN else _CALLED, subject)
         above = [subject for (_, marks), has in effects if not has for value, subject in marks[number]
                  if value != _NOT_GIVEN]  # fmt: skip
+        if not above and not own.resets:
+            above = [subject for _, subject in self._resets_around[1][number]]
         return self._name_text(_CALLER, above[0]) if above else ""
 
     @cached_property
@@ -314,11 +326,16 @@ class BatchDeclarations:
     @cached_property
     def _resets_below(self) -> list[Marks]:
         """Return by routine those that it calls and that reset."""
+        resets = self._resets_around[0]
+        return [tuple(mark for called in some for mark in resets[called]) for some in self._calls]
+
+    @cached_property
+    def _resets_around(self) -> "_Around":
+        """Return by routine those that reset: it and those that it calls, and those around it."""
         routines = [self._by_file[file].routines[name] for file, name in self._names]
-        resets, _ = reached_settings(
+        return reached_settings(
             self._calls, [frozenset([""]) if one.resets else frozenset() for one in routines]
         )
-        return [tuple(mark for called in some for mark in resets[called]) for some in self._calls]
 
     @cached_property
     def _effects_around(self) -> "tuple[_Around, _Around]":

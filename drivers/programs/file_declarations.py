@@ -16,7 +16,8 @@ Derived = TypeVar("Derived")
 COPIED = "the program copies it, and only the copy is moved to"
 COMPONENT_SET = "the program sets a component of it while it runs"
 VALUES_GIVEN = frozenset((OVERWRITTEN, COMPONENT_SET))
-NO_MOTION = VALUES_GIVEN | {COPIED}  # what is done to a position without going there
+OPEN_COPY = "the program moves to a copy of it, in the frame that holds where its routine is called"
+NO_MOTION = VALUES_GIVEN | {COPIED, OPEN_COPY}  # what is done to a position without going there
 
 
 class MoveFrames(NamedTuple):
