@@ -83,6 +83,8 @@ class BatchDeclarations:
         tools, bases = self._local.with_local(file, tools, bases)
         computed, given = self._computed_beside(file) if one.flat else ({}, frozenset[str]())
         open_calls, running = self._open_beside(file) if one.flat else ({}, {})
+        tools_left, frames_left = (left.get(self._folders[file], {}) for left in self._numbers_left)
+        tools_before, frames_before = self._numbers_before(file) if one.flat else (frozenset(), frozenset())
         return ExternalUses(
             uses,
             self._doubtful,
@@ -96,7 +98,10 @@ class BatchDeclarations:
             computed=computed,
             given=given,
             open_calls=open_calls,
-            frames_left=self._frames_left.get(self._folders[file], {}) if one.flat else {},
+            frames_left=frames_left if one.flat else {},
+            tools_left=tools_left if one.flat else {},
+            frames_before=frames_before,
+            tools_before=tools_before,
             running=running,
             other_task=other_moving_task(file, self._moving_tasks),
         )
@@ -138,17 +143,27 @@ class BatchDeclarations:
         return computing, given
 
     @cached_property
-    def _frames_left(self) -> dict[str, dict[str, frozenset[str]]]:
-        """Return by folder and routine the frames that it, or a routine that it calls, chooses."""
-        found: dict[str, dict[str, frozenset[str]]] = defaultdict(dict)
-        _, (below, _) = self._effects_around
+    def _numbers_left(self) -> "tuple[_NumbersLeft, _NumbersLeft]":
+        """Return by folder and routine the tools that it, or a routine that it calls, chooses, and the frames."""
+        found: tuple[_NumbersLeft, _NumbersLeft] = (defaultdict(dict), defaultdict(dict))
         for number, (file, name) in enumerate(self._names):
-            left = self._by_file[file].routines[name].frame_left
-            chosen = {value for value, _ in below[number] if value != _NOT_GIVEN}
-            frames = frozenset(chosen if left is None else {left} - {""})
-            if self._by_file[file].flat and frames:
-                found[self._folders[file]][name] = frames
+            routine = self._by_file[file].routines[name]
+            lefts = (routine.tool_left, routine.frame_left)
+            for some, (below, _), left in zip(found, self._effects_around, lefts, strict=True):
+                chosen = {value for value, _ in below[number] if value != _NOT_GIVEN}
+                numbers = frozenset(chosen if left is None else {left} - {""})
+                if self._by_file[file].flat and numbers:
+                    some[self._folders[file]][name] = numbers
         return found
+
+    def _numbers_before(self, file: str) -> tuple[frozenset[str], frozenset[str]]:
+        """Return the tools that callers of a file's routines, and what these call, choose, and the frames."""
+        numbers = [self._numbers[file, name] for name in self._by_file[file].routines]
+        tools, frames = (
+            frozenset(value for number in numbers for value, _ in above[number] if value != _NOT_GIVEN)
+            for _, above in self._effects_around
+        )
+        return tools, frames
 
     def _open_beside(self, file: str) -> tuple[Mapping[str, str], dict[str, str]]:
         """Return which routines of a folder reach one that was not given, and which of those run beside all."""
@@ -375,4 +390,5 @@ class BatchDeclarations:
         return [other for other in others if self._folders[other] == folder] or list(others)
 
 
+_NumbersLeft: TypeAlias = dict[str, dict[str, frozenset[str]]]
 _Around: TypeAlias = tuple[list[Marks], list[Marks]]  # by routine: of those it calls, and around it

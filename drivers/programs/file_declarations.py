@@ -40,6 +40,7 @@ class RoutineEffects:
     resets: bool = False  # it sets tool and frame to what the controller begins with
     computes: frozenset[str] = frozenset()  # global places that it computes, as the brand names them
     frame_left: str | None = None  # chosen when it ends, "" for the one that it began with; None: not certain
+    tool_left: str | None = None  # the same of the tool
     beside: frozenset[str] = frozenset()  # routines of its calls that go on while it and its callers run
 
 
@@ -136,6 +137,9 @@ class ExternalUses:
     frames_left: Mapping[str, frozenset[str]] = field(
         default_factory=dict
     )  # by routine beside it: the frames that it, or one that it calls, chooses
+    tools_left: Mapping[str, frozenset[str]] = field(default_factory=dict)  # and the tools
+    frames_before: frozenset[str] = frozenset()  # that callers of its routines choose, or may
+    tools_before: frozenset[str] = frozenset()
     running: Mapping[str, str] = field(
         default_factory=dict
     )  # routines not given that other files start to run beside all others, and the file
