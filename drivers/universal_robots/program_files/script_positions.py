@@ -213,7 +213,7 @@ class PositionFinder:
         return found[1] if found else ""
 
     def _is_posture(self, literal: ScriptLiteral) -> bool:
-        """Tell whether six numbers without p are joints of a list or a copy, or given to a function of this script."""
+        """Tell whether six numbers without p are joints of a list or copy, or given to a function of this script."""
         if literal.role == "other":
             return self._in_list(literal.start) or self._function_at(literal.call) in self.functions
         if literal.role != "value" or literal.name in self.reached or literal.name in self.near:
