@@ -19,6 +19,7 @@ from cellcal.drivers.programs.file_declarations import (
     COPIED,
     NO_MOTION,
     OPEN_COPY,
+    VALUES_GIVEN,
     BatchReasons,
     ExternalUses,
     FileDeclarations,
@@ -241,18 +242,58 @@ class BatchDeclarations:
         for file, one in self._by_file.items():
             for name, frames_of_moves in one.uses.items():
                 self._give_use(file, name, [(each, file) for each in frames_of_moves])
-            for name, move_frames, there in passed.uses_by(file):
-                if name.startswith(OWN):
-                    self._add_uses(file, name.removeprefix(OWN), [(move_frames, there)])
-                else:
-                    self._give_use(file, name, [(move_frames, there)])
-            for name, use in passed.uses_stated_by(file):
-                if name.startswith(OWN):
-                    self._add_uses(file, name.removeprefix(OWN), [(use, file)])
-                    continue
-                for owner in self.find_declarations(file, array_name_of(name))[0]:
-                    self._add_uses(owner, name, [(use, file)])
+            self._give_passed_uses(file, passed)
             self._doubtful |= dict.fromkeys(passed.frames_set_by(file), COMPUTED)
+        if any(one.copies for one in self._by_file.values()):
+            self._give_uses_of_copies()
+
+    def _give_passed_uses(self, file: str, passed: PassedPlaces) -> None:
+        """Give what routines do to the places that a file's calls pass."""
+        for name, move_frames, there in passed.uses_by(file):
+            if name.startswith(OWN):
+                self._add_uses(file, name.removeprefix(OWN), [(move_frames, there)])
+            else:
+                self._give_use(file, name, [(move_frames, there)])
+        for name, use in passed.uses_stated_by(file):
+            if name.startswith(OWN):
+                self._add_uses(file, name.removeprefix(OWN), [(use, file)])
+                continue
+            for owner in self.find_declarations(file, array_name_of(name))[0]:
+                self._add_uses(owner, name, [(use, file)])
+
+    def _give_uses_of_copies(self) -> None:
+        """Give the moves to copies that several files see to what they are copies of."""
+        arrays: dict[tuple[str, str], list[tuple[MoveFrames, str]]] = defaultdict(list)
+        for owner, its_uses in self._uses.items():
+            for name, some in its_uses.items():
+                arrays[owner, array_name_of(name)] += some
+        for file, one in self._by_file.items():
+            for name, own in one.own_uses.items():
+                arrays[file, name] += [(use, file) for use in own]
+        deciding = {array: self._deciding_uses(some) for array, some in arrays.items()}
+        for file, one in self._by_file.items():
+            for name, copy in one.copies:
+                self._give_copied_uses(file, name, array_name_of(copy), deciding)
+
+    def _give_copied_uses(
+        self,
+        file: str,
+        name: str,
+        copy: str,
+        arrays: Mapping[tuple[str, str], Sequence[tuple[MoveFrames, str]]],
+    ) -> None:
+        """Give the uses that other files make of a copy to the position that it is made of."""
+        owners, there = self.find_declarations(file, copy)
+        for owner in owners:
+            uses = [
+                (use._replace(why=use.why or (COPIED if use.frame else OPEN_COPY)), by)
+                for use, by in arrays.get((owner, there), ())
+                if use.why not in VALUES_GIVEN and by != file
+            ]
+            if name.startswith(OWN):
+                self._add_uses(file, name.removeprefix(OWN), uses)
+            elif uses:
+                self._give_use(file, name, uses)
 
     def _give_use(self, file: str, name: str, uses: list[tuple[MoveFrames, str]]) -> None:
         """Give uses of a name that a file sees to whose declaration it means."""

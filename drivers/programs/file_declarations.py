@@ -92,6 +92,8 @@ class FileDeclarations:
     imports: Imports = field(default_factory=dict)  # for all files of its module
     routine_targets: Mapping[str, RoutineTargets] = field(default_factory=dict)  # routines that get places
     calls: tuple[RoutineCall, ...] = ()  # of routines that other files declare
+    copies: tuple[tuple[str, str], ...] = ()  # names, and to what other files may move in their place
+    own_uses: Mapping[str, frozenset[MoveFrames]] = field(default_factory=dict)  # of names declared here
     named_tools: frozenset[str] = frozenset()  # what others see and this file declares, or moves, as a tool
     capitals: bool = False  # the one case of its names
     moves: bool = False  # its routines move a robot

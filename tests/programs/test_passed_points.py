@@ -109,6 +109,29 @@ def test_a_copy_is_followed_into_the_routines_of_other_files(
 
 
 @pytest.mark.parametrize(
+    ("main", "sub", "expected"),
+    [
+        (("XG=XP1",), (*frames_set(3), "LIN XG"), "taught in another frame than sub.src"),
+        (("XG=XP1",), (*frames_set(2), "LIN XG"), ("1", "2")),
+        (("XH=XP1", "XG=XH"), (*frames_set(3), "DECL E6POS H", "H=XG", "LIN H"), "taught in another frame"),
+        (("XA[1]=XP1",), (*frames_set(3), "LIN XA[I]"), "taught in another frame than sub.src"),
+        (("XG=XP1",), ("LIN XG",), TOLD),
+    ],
+)
+def test_a_copy_that_all_files_see_is_followed_to_the_moves_of_others(
+    tmp_path: Path, main: tuple[str, ...], sub: tuple[str, ...], expected: object
+) -> None:
+    files = {
+        "a.dat": dat_file("A", *POINTS),
+        "a.src": src_file("A", *frames_set(2), *main, "SUB()"),
+        "sub.src": routine("SUB", "", *sub),
+        "$config.dat": dat_file("$CONFIG", "E6POS XG", "E6POS XH", "E6POS XA[3]"),
+    }
+    found = frames_of_position(read_programs(tmp_path, files)["a.dat"], "XP1")
+    assert found == expected if isinstance(expected, tuple) else str(expected) in found
+
+
+@pytest.mark.parametrize(
     ("line", "name", "expected"),
     [
         ('RET=EKI_GetFrame("C","S/F",XP1)', "XP1", OVERWRITTEN),

@@ -116,6 +116,14 @@ def calls_of_file(points: PointUses) -> tuple[RoutineCall, ...]:
     )
 
 
+def copies_of_file(points: PointUses) -> tuple[tuple[str, str], ...]:
+    """Return the names of which copies are made that other files may move to, and those of the copies."""
+    own = {name for routine in points.routines for name in routine.declared}
+    copies = {copy for some in points.copies.values() for copy in some if copy.partition("[")[0] not in own}
+    pairs = ((source.removesuffix("[]"), copy) for copy in copies for source in points.copied_into(copy))
+    return tuple(sorted(pairs))
+
+
 def _calls_with_sources(points: PointUses, call: RoutineCall) -> Iterator[RoutineCall]:
     """Yield a call as if it passed the points themselves of which it passes copies."""
     for at, name in enumerate(call.arguments):
