@@ -252,6 +252,7 @@ COPY = ("PR[5]=P[1]", "L PR[5] 100mm/sec FINE")
         (("UFRAME_NUM=2", "CALL B"), ("UFRAME_NUM=1", *COPY), []),
         (("UFRAME_NUM=2", "CALL B"), ("L P[2] 100mm/sec FINE", *COPY), []),  # the controller would stop there
         (("UFRAME_NUM=R[1]", "CALL B"), COPY, [("P[1]", "PR[5]")]),
+        (("UFRAME_NUM=2", "CALL B", "UFRAME_NUM=1", "CALL B"), ("PR[5]=LPOS", COPY[1]), []),
     ],
 )
 def test_a_called_program_goes_to_its_copies_in_the_frame_of_its_caller(

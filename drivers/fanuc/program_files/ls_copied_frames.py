@@ -99,7 +99,7 @@ class _CopiedFrames:
         positions, registers = places_named(value)
         some = {(each, self.taught[each]) for each in positions if each in self.taught}
         some |= {each for other in registers for each in self.copies.get(other, ())}
-        if _STANDS.search(value):
+        if _STANDS.search(value) and not self.are_callers:  # in the callers' frame it goes there again, too
             some |= {(each, frame) for each, taught in self.last for frame in self.frames or (taught,)}
             some |= {(START, frame) for frame in self.frames if not self.last}
         self.copies[register] = frozenset(some)
