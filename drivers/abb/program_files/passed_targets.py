@@ -145,7 +145,8 @@ def _calls_abroad(
         taken = set(map(id, some))
         waiting = [one for one in waiting if id(one) not in taken]
         new = [seen for one in some if (seen := _call_abroad(uses, one)) is not None]
-        new += [copied for one in some for copied in _calls_with_sources(uses, one)]
+        alike = {(one.scope, one.routine, one.arguments): one for one in some}
+        new += [copied for one in alike.values() for copied in _calls_with_sources(uses, one)]
         parameters.passing_on |= {one.scope for one in new if one.passes_on}
         found += new
 

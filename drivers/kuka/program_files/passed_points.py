@@ -106,7 +106,8 @@ def routine_targets_of(points: PointUses) -> dict[str, RoutineTargets]:
 def calls_of_file(points: PointUses) -> tuple[RoutineCall, ...]:
     """Return the calls of a program, with what they pass as other files name it."""
     by_name = {routine.name: routine for routine in points.routines}
-    abroad = [call for call in points.calls if call.routine not in by_name]
+    alike = {(call.scope, call.routine, call.arguments): call for call in points.calls}
+    abroad = [call for call in alike.values() if call.routine not in by_name]
     return tuple(
         call._replace(
             arguments=tuple(_key_abroad(name, by_name[call.scope]) for name in call.arguments),

@@ -269,7 +269,7 @@ class PointUses:
                 for copy in copies:
                     self.sources.setdefault(array_name_of(copy), set()).add(source)
         waiting, found = [name], set[str]()
-        while waiting and len(found) < _MOST_COPIES:
+        while waiting:
             more = self.sources.get(array_name_of(waiting.pop()), set()) - found
             waiting += more
             found |= more
