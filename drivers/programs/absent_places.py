@@ -9,6 +9,12 @@ from cellcal.drivers.programs.shifts import ProgramShift, ShiftAxes
 from cellcal.drivers.programs.spans import ProgramText
 
 _WORD_BEGINS = r"(?<![\w.$])"
+_WORD = re.compile(rf"{_WORD_BEGINS}([A-Za-z_$]\w*+)")
+_FILLED = re.compile(
+    rf"{_WORD_BEGINS}([A-Za-z_$]\w*+)[ \t]*\("
+    r"|^[ \t]*([A-Za-z_$]\w*+)[ \t]*(?:\[[^\]\n]*\]|\{[^}\n]*\})?[ \t]*:?=(?!=)",
+    re.MULTILINE,
+)
 _GIVE_IT = "Give the file that declares it, too, or teach it there."
 
 
@@ -28,14 +34,17 @@ def absent_places(
     uses: dict[str, set[MoveFrames]] = {}
     for name, some in absent.items():
         uses.setdefault(array_name_of(name), set()).update(some)
-    code = _without_comments(source.text, comment) if uses else ""
+    if not uses:
+        return
+    code = _without_comments(source.text, comment)
     motion = rf"{_WORD_BEGINS}(?:{'|'.join(sorted(words))})[\s(][^{re.escape(statement_end)}]*?"
+    index = _WordIndex(code, motion)
     for name, moves in sorted(uses.items()):
-        found = _first_place(code, motion, name)
+        found = index.first_moved_to(name)
         if found is None and all(each.why == OVERWRITTEN for each in moves):
             continue
-        place, written = found or _first_place(code, "", name) or (0, name)
-        if _is_filled(code, written):
+        place, written = found or index.first_place(name) or (0, name)
+        if index.is_filled(written):
             continue
         frames = {
             None if each.why or (each.frame or "").startswith("FDAT ") else each.frame for each in moves
@@ -71,6 +80,39 @@ def _decode(written: str) -> str:
         return written.encode("latin-1").decode()
     except UnicodeError:
         return written
+
+
+class _WordIndex:
+    """The words of a text, found in one pass: where each stands and is moved to first, and whether it is filled."""
+
+    def __init__(self, code: str, motion: str) -> None:
+        self._code, self._motion = code, motion
+        self._first: dict[str, tuple[int, str]] = {}
+        self._moved_to: dict[str, tuple[int, str]] = {}
+        self._filled = {
+            (found[1] or found[2]).lower() for found in _FILLED.finditer(code) if found[1] or found[2]
+        }
+        for found in _WORD.finditer(code):
+            self._first.setdefault(found[1].lower(), (found.start(1), found[1]))
+        for statement in re.finditer(motion.removesuffix("?"), code, re.IGNORECASE):
+            for found in _WORD.finditer(code, statement.start() + 1, statement.end()):
+                self._moved_to.setdefault(found[1].lower(), (found.start(1), found[1]))
+
+    def first_moved_to(self, name: str) -> tuple[int, str] | None:
+        """Return where a motion first goes to a name, and how it is written; None for nowhere."""
+        return (
+            self._moved_to.get(name.lower())
+            if name.isascii()
+            else _first_place(self._code, self._motion, name)
+        )
+
+    def first_place(self, name: str) -> tuple[int, str] | None:
+        """Return where a name first stands, and how it is written; None for nowhere."""
+        return self._first.get(name.lower()) if name.isascii() else _first_place(self._code, "", name)
+
+    def is_filled(self, name: str) -> bool:
+        """Tell whether a name is a function's, or gets a whole value in this file: that says where it comes from."""
+        return name.lower() in self._filled if name.isascii() else _is_filled(self._code, name)
 
 
 def _is_filled(code: str, name: str) -> bool:

@@ -18,6 +18,8 @@ from cellcal.drivers.programs.declared_poses import DeclaredPoses
 from cellcal.drivers.programs.file_declarations import (
     COPIED,
     NO_MOTION,
+    OPEN_COPY,
+    VALUES_GIVEN,
     BatchReasons,
     ExternalUses,
     FileDeclarations,
@@ -82,6 +84,8 @@ class BatchDeclarations:
         tools, bases = self._local.with_local(file, tools, bases)
         computed, given = self._computed_beside(file) if one.flat else ({}, frozenset[str]())
         open_calls, running = self._open_beside(file) if one.flat else ({}, {})
+        tools_left, frames_left = (left.get(self._folders[file], {}) for left in self._numbers_left)
+        tools_before, frames_before = self._numbers_before(file) if one.flat else (frozenset(), frozenset())
         return ExternalUses(
             uses,
             self._doubtful,
@@ -95,7 +99,10 @@ class BatchDeclarations:
             computed=computed,
             given=given,
             open_calls=open_calls,
-            frames_left=self._frames_left.get(self._folders[file], {}) if one.flat else {},
+            frames_left=frames_left if one.flat else {},
+            tools_left=tools_left if one.flat else {},
+            frames_before=frames_before,
+            tools_before=tools_before,
             running=running,
             other_task=other_moving_task(file, self._moving_tasks),
         )
@@ -137,17 +144,27 @@ class BatchDeclarations:
         return computing, given
 
     @cached_property
-    def _frames_left(self) -> dict[str, dict[str, frozenset[str]]]:
-        """Return by folder and routine the frames that it, or a routine that it calls, chooses."""
-        found: dict[str, dict[str, frozenset[str]]] = defaultdict(dict)
-        _, (below, _) = self._effects_around
+    def _numbers_left(self) -> "tuple[_NumbersLeft, _NumbersLeft]":
+        """Return by folder and routine the tools that it, or a routine that it calls, chooses, and the frames."""
+        found: tuple[_NumbersLeft, _NumbersLeft] = (defaultdict(dict), defaultdict(dict))
         for number, (file, name) in enumerate(self._names):
-            left = self._by_file[file].routines[name].frame_left
-            chosen = {value for value, _ in below[number] if value != _NOT_GIVEN}
-            frames = frozenset(chosen if left is None else {left} - {""})
-            if self._by_file[file].flat and frames:
-                found[self._folders[file]][name] = frames
+            routine = self._by_file[file].routines[name]
+            lefts = (routine.tool_left, routine.frame_left)
+            for some, (below, _), left in zip(found, self._effects_around, lefts, strict=True):
+                chosen = {value for value, _ in below[number] if value != _NOT_GIVEN}
+                numbers = frozenset(chosen if left is None else {left} - {""})
+                if self._by_file[file].flat and numbers:
+                    some[self._folders[file]][name] = numbers
         return found
+
+    def _numbers_before(self, file: str) -> tuple[frozenset[str], frozenset[str]]:
+        """Return the tools that callers of a file's routines, and what these call, choose, and the frames."""
+        numbers = [self._numbers[file, name] for name in self._by_file[file].routines]
+        tools, frames = (
+            frozenset(value for number in numbers for value, _ in above[number] if value != _NOT_GIVEN)
+            for _, above in self._effects_around
+        )
+        return tools, frames
 
     def _open_beside(self, file: str) -> tuple[Mapping[str, str], dict[str, str]]:
         """Return which routines of a folder reach one that was not given, and which of those run beside all."""
@@ -225,18 +242,58 @@ class BatchDeclarations:
         for file, one in self._by_file.items():
             for name, frames_of_moves in one.uses.items():
                 self._give_use(file, name, [(each, file) for each in frames_of_moves])
-            for name, move_frames, there in passed.uses_by(file):
-                if name.startswith(OWN):
-                    self._add_uses(file, name.removeprefix(OWN), [(move_frames, there)])
-                else:
-                    self._give_use(file, name, [(move_frames, there)])
-            for name, use in passed.uses_stated_by(file):
-                if name.startswith(OWN):
-                    self._add_uses(file, name.removeprefix(OWN), [(use, file)])
-                    continue
-                for owner in self.find_declarations(file, array_name_of(name))[0]:
-                    self._add_uses(owner, name, [(use, file)])
+            self._give_passed_uses(file, passed)
             self._doubtful |= dict.fromkeys(passed.frames_set_by(file), COMPUTED)
+        if any(one.copies for one in self._by_file.values()):
+            self._give_uses_of_copies()
+
+    def _give_passed_uses(self, file: str, passed: PassedPlaces) -> None:
+        """Give what routines do to the places that a file's calls pass."""
+        for name, move_frames, there in passed.uses_by(file):
+            if name.startswith(OWN):
+                self._add_uses(file, name.removeprefix(OWN), [(move_frames, there)])
+            else:
+                self._give_use(file, name, [(move_frames, there)])
+        for name, use in passed.uses_stated_by(file):
+            if name.startswith(OWN):
+                self._add_uses(file, name.removeprefix(OWN), [(use, file)])
+                continue
+            for owner in self.find_declarations(file, array_name_of(name))[0]:
+                self._add_uses(owner, name, [(use, file)])
+
+    def _give_uses_of_copies(self) -> None:
+        """Give the moves to copies that several files see to what they are copies of."""
+        arrays: dict[tuple[str, str], list[tuple[MoveFrames, str]]] = defaultdict(list)
+        for owner, its_uses in self._uses.items():
+            for name, some in its_uses.items():
+                arrays[owner, array_name_of(name)] += some
+        for file, one in self._by_file.items():
+            for name, own in one.own_uses.items():
+                arrays[file, name] += [(use, file) for use in own]
+        deciding = {array: self._deciding_uses(some) for array, some in arrays.items()}
+        for file, one in self._by_file.items():
+            for name, copy in one.copies:
+                self._give_copied_uses(file, name, array_name_of(copy), deciding)
+
+    def _give_copied_uses(
+        self,
+        file: str,
+        name: str,
+        copy: str,
+        arrays: Mapping[tuple[str, str], Sequence[tuple[MoveFrames, str]]],
+    ) -> None:
+        """Give the uses that other files make of a copy to the position that it is made of."""
+        owners, there = self.find_declarations(file, copy)
+        for owner in owners:
+            uses = [
+                (use._replace(why=use.why or (COPIED if use.frame else OPEN_COPY)), by)
+                for use, by in arrays.get((owner, there), ())
+                if use.why not in VALUES_GIVEN and by != file
+            ]
+            if name.startswith(OWN):
+                self._add_uses(file, name.removeprefix(OWN), uses)
+            elif uses:
+                self._give_use(file, name, uses)
 
     def _give_use(self, file: str, name: str, uses: list[tuple[MoveFrames, str]]) -> None:
         """Give uses of a name that a file sees to whose declaration it means."""
@@ -249,7 +306,16 @@ class BatchDeclarations:
             self._add_uses(owner, declared + name[len(bare) :], uses)
 
     def _add_uses(self, owner: str, name: str, uses: list[tuple[MoveFrames, str]]) -> None:
-        self._uses[owner][name] += [(self._local.seen_from(owner, each, file), file) for each, file in uses]
+        self._uses[owner][name] += [
+            (self._local.seen_from(owner, self._settle_open_copy(each, file), file), file)
+            for each, file in uses
+        ]
+
+    def _settle_open_copy(self, use: MoveFrames, file: str) -> MoveFrames:
+        """Return a move to a copy with why the position is left, where callers of its routine set a frame."""
+        if use.why != OPEN_COPY:
+            return use
+        return use._replace(why=self._why_reached(file, use.routine) or COPIED)
 
     def _own_files(self, file: str) -> tuple[list[str], Imports]:
         """Return the other files that declare for a file's module, and what all of them import."""
@@ -297,6 +363,8 @@ class BatchDeclarations:
             return self._name_text(_UNGIVEN if value == _NOT_GIVEN else _CALLED, subject)
         above = [subject for (_, marks), has in effects if not has for value, subject in marks[number]
                  if value != _NOT_GIVEN]  # fmt: skip
+        if not above and not own.resets:
+            above = [subject for _, subject in self._resets_around[1][number]]
         return self._name_text(_CALLER, above[0]) if above else ""
 
     @cached_property
@@ -314,11 +382,16 @@ class BatchDeclarations:
     @cached_property
     def _resets_below(self) -> list[Marks]:
         """Return by routine those that it calls and that reset."""
+        resets = self._resets_around[0]
+        return [tuple(mark for called in some for mark in resets[called]) for some in self._calls]
+
+    @cached_property
+    def _resets_around(self) -> "_Around":
+        """Return by routine those that reset: it and those that it calls, and those around it."""
         routines = [self._by_file[file].routines[name] for file, name in self._names]
-        resets, _ = reached_settings(
+        return reached_settings(
             self._calls, [frozenset([""]) if one.resets else frozenset() for one in routines]
         )
-        return [tuple(mark for called in some for mark in resets[called]) for some in self._calls]
 
     @cached_property
     def _effects_around(self) -> "tuple[_Around, _Around]":
@@ -358,4 +431,5 @@ class BatchDeclarations:
         return [other for other in others if self._folders[other] == folder] or list(others)
 
 
+_NumbersLeft: TypeAlias = dict[str, dict[str, frozenset[str]]]
 _Around: TypeAlias = tuple[list[Marks], list[Marks]]  # by routine: of those it calls, and around it

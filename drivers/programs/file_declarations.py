@@ -16,7 +16,8 @@ Derived = TypeVar("Derived")
 COPIED = "the program copies it, and only the copy is moved to"
 COMPONENT_SET = "the program sets a component of it while it runs"
 VALUES_GIVEN = frozenset((OVERWRITTEN, COMPONENT_SET))
-NO_MOTION = VALUES_GIVEN | {COPIED}  # what is done to a position without going there
+OPEN_COPY = "the program moves to a copy of it, in the frame that holds where its routine is called"
+NO_MOTION = VALUES_GIVEN | {COPIED, OPEN_COPY}  # what is done to a position without going there
 
 
 class MoveFrames(NamedTuple):
@@ -39,6 +40,7 @@ class RoutineEffects:
     resets: bool = False  # it sets tool and frame to what the controller begins with
     computes: frozenset[str] = frozenset()  # global places that it computes, as the brand names them
     frame_left: str | None = None  # chosen when it ends, "" for the one that it began with; None: not certain
+    tool_left: str | None = None  # the same of the tool
     beside: frozenset[str] = frozenset()  # routines of its calls that go on while it and its callers run
 
 
@@ -90,6 +92,8 @@ class FileDeclarations:
     imports: Imports = field(default_factory=dict)  # for all files of its module
     routine_targets: Mapping[str, RoutineTargets] = field(default_factory=dict)  # routines that get places
     calls: tuple[RoutineCall, ...] = ()  # of routines that other files declare
+    copies: tuple[tuple[str, str], ...] = ()  # names, and to what other files may move in their place
+    own_uses: Mapping[str, frozenset[MoveFrames]] = field(default_factory=dict)  # of names declared here
     named_tools: frozenset[str] = frozenset()  # what others see and this file declares, or moves, as a tool
     capitals: bool = False  # the one case of its names
     moves: bool = False  # its routines move a robot
@@ -135,6 +139,9 @@ class ExternalUses:
     frames_left: Mapping[str, frozenset[str]] = field(
         default_factory=dict
     )  # by routine beside it: the frames that it, or one that it calls, chooses
+    tools_left: Mapping[str, frozenset[str]] = field(default_factory=dict)  # and the tools
+    frames_before: frozenset[str] = frozenset()  # that callers of its routines choose, or may
+    tools_before: frozenset[str] = frozenset()
     running: Mapping[str, str] = field(
         default_factory=dict
     )  # routines not given that other files start to run beside all others, and the file

@@ -4,7 +4,13 @@ from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
 
 from cellcal.drivers.programs.barred import COMPUTED, ONLY_SEEN_THERE, OVERWRITTEN
-from cellcal.drivers.programs.file_declarations import FileDeclarations, MoveFrames, lower_name
+from cellcal.drivers.programs.file_declarations import (
+    COPIED,
+    OPEN_COPY,
+    FileDeclarations,
+    MoveFrames,
+    lower_name,
+)
 from cellcal.drivers.programs.routine_calls import (
     OWN,
     PARAMETER,
@@ -47,7 +53,7 @@ class PassedPlaces:
             if own is None:
                 continue
             uses = {name: set(some) for name, some in own.uses.items()}
-            for name, use in routine.passed_uses(call):
+            for name, use in _passed_uses(call, routine):
                 if name.startswith(PARAMETER):
                     further = use._replace(file=use.file or other)
                     uses.setdefault(name.removeprefix(PARAMETER), set()).add(further)
@@ -64,7 +70,7 @@ class PassedPlaces:
     def uses_by(self, file: str) -> Iterator[tuple[str, MoveFrames, str]]:
         """Yield the places that a file's calls pass, what routines do to them, and the file that does."""
         for call, routine, other in self._answered_calls(file):
-            for name, use in routine.passed_uses(call):
+            for name, use in _passed_uses(call, routine):
                 why = use.why or ("" if use.tool and use.frame else COMPUTED)
                 if not name.startswith(PARAMETER):
                     there = use.file or other
@@ -113,3 +119,11 @@ class PassedPlaces:
         if name.startswith(OWN):
             return name
         return name.upper() if self._by_file[file].capitals else name.lower()
+
+
+def _passed_uses(call: RoutineCall, routine: RoutineTargets) -> Iterator[tuple[str, ParameterUse]]:
+    """Yield the names that a call passes, and how the routine goes there, or to a copy that the call passes."""
+    for name, use in routine.passed_uses(call):
+        if call.of_copy and not use.why:
+            use = use._replace(why=COPIED if use.frame else OPEN_COPY)  # noqa: PLW2901
+        yield name, use

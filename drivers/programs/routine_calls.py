@@ -37,6 +37,7 @@ class RoutineCall(NamedTuple):
     options: Mapping[str, str]  # for optional ones, by name in small letters
     parts: tuple[str, ...] = ()  # for the arguments that are a component of data: the name of the data
     stated: ParameterUse | None = None  # the tool and frame that the call itself names beside places
+    of_copy: bool = False  # it passes a copy of the named data: what is done to it counts for moves only
 
     @property
     def passes_on(self) -> bool:
@@ -89,6 +90,6 @@ class RoutineTargets(NamedTuple):
 
     def passed_values(self, call: RoutineCall) -> Iterator[str]:
         """Yield the names of data that the routine gives a value, or a component's, where it is called so."""
-        for name in sorted(self.written):
+        for name in () if call.of_copy else sorted(self.written):
             if passed := call.data_for(self.parameters, name):
                 yield passed

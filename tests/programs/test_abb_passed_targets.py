@@ -210,3 +210,48 @@ def test_a_displacement_between_places_that_go_along_goes_along(
     moved = move(tmp_path, BOTH + before + "\n" + DISPLACED, more, offset=offset)
     assert {one["point"] for one in moved["findings"]} >= ({"p30"} if counts else set())
     assert bool(moved["findings"]) == counts
+
+
+@pytest.mark.parametrize("frame", ["wobj1", "wobj2"])
+@pytest.mark.parametrize(
+    ("main", "declared", "abroad"),
+    [
+        ("H{1}:=p10;\nPick H{1};", "VAR robtarget H{2};", pick("MoveL p,v100,fine,tool1\\WObj:=@;")),
+        (
+            "H:=[p10,p20];\nPick H;",
+            "VAR robtarget H{2};",
+            pick("MoveL p{1},v100,fine,tool1\\WObj:=@;", "robtarget p{*}"),
+        ),
+        (
+            "gH:=p10;\nGo;",
+            "",
+            "PERS robtarget gH:=[[300,0,300],"
+            + REST
+            + ";\nPROC Go()\nMoveL gH,v100,fine,tool1\\WObj:=@;\nENDPROC",
+        ),
+        ("Pick fUp(p10);", "", pick("MoveL p,v100,fine,tool1\\WObj:=@;")),
+    ],
+)
+def test_a_copy_is_followed_to_the_moves_of_other_modules(
+    tmp_path: Path, main: str, declared: str, abroad: str, frame: str
+) -> None:
+    more = "  FUNC robtarget fUp(robtarget p)\n    RETURN p;\n  ENDFUNC\n"
+    moved = move(tmp_path, f"{declared}\n{BOTH}{main}", more, abroad=abroad.replace("@", frame), offset=ALONG)
+    status = "left" if frame == "wobj2" else "changed"
+    assert moved["points"]["p10"]["status"] == status, moved["points"]["p10"]
+
+
+@pytest.mark.parametrize(("frame", "status"), [("wobj1", "changed"), ("wobj2", "left")])
+@pytest.mark.parametrize(
+    ("declared", "value", "goal"),
+    [
+        ("VAR robtarget H{2};", "H:=[p20,p10];", "H{2}"),
+        ("VAR st r1;", "r1:=[p10,1];", "r1.p"),
+    ],
+)
+def test_targets_in_a_list_or_a_record_are_copies(
+    tmp_path: Path, declared: str, value: str, goal: str, frame: str, status: str
+) -> None:
+    record = "  RECORD st\n    robtarget p;\n    num n;\n  ENDRECORD\n"
+    moved = move(tmp_path, f"{declared}\n{BOTH}{value}\n{IN.format(goal, frame)}", record, offset=ALONG)
+    assert moved["points"]["p10"]["status"] == status

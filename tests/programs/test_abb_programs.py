@@ -183,6 +183,20 @@ def test_a_position_inside_other_data_is_remarked_and_left(line):
     assert [(remark.line, remark.code) for remark in file.remarks] == [(4, "computed")]
 
 
+@pytest.mark.parametrize(
+    ("line", "count"),
+    [
+        ("rPick [p9.trans,[0,0,1,0],p9.robconf,p9.extax];", 1),
+        (f"rPick [[100.5,0,-20],p9.rot,[0,-1,0,1],{E}];", 1),
+        ("rPick [p9.trans,p9.rot,p9.robconf,p9.extax];", 0),
+        (f"rPick [p9.trans,p9.rot,[0,-1,0,1],{E}];", 0),
+    ],
+)
+def test_a_place_or_an_orientation_written_into_a_call_is_left(line: str, count: int) -> None:
+    file = read_module("PROC main()", "MoveL p,v100,fine,tGrip;", line, "ENDPROC")
+    assert file.positions.kinds == (UNREAD,) * count
+
+
 def test_numbers_in_lists_are_no_position():
     assert not read_module(
         "CONST num a{2,2}:=[[1,2],[3,4]];", "VAR speeddata v:=[100,500,5000,1000];"

@@ -5,6 +5,9 @@ from pathlib import Path
 
 import pytest
 
+from cellcal.drivers.programs import absent_places
+from cellcal.drivers.programs.file_declarations import MoveFrames
+from cellcal.drivers.programs.spans import ProgramText
 from cellcal.service.cli.app import run_command_line
 from cellcal.service.exit_codes import ExitCode
 from tests.programs.test_field_cases import CASES, move_program
@@ -181,3 +184,16 @@ def test_a_clone_says_that_the_other_controller_has_its_own_registers(tmp_path: 
     assert any(
         "what the other robot's controller has there counts" in one["text"] for one in program["findings"]
     )
+
+
+def test_many_places_of_others_are_looked_for_in_one_pass(monkeypatch: pytest.MonkeyPatch) -> None:
+    looked: list[str] = []
+    monkeypatch.setattr(absent_places, "_first_place", lambda *some: looked.append(some[2]))
+    names = [f"XH{k}" for k in range(500)]
+    text = "DEF A()\n" + "".join(f"LIN {name}\n" for name in names) + "XH7=XP1\nEND\n"
+    absent = {name: frozenset([MoveFrames("1", "1")]) for name in names}
+    source = ProgramText("a.src", text.encode("ascii"))
+    found = list(absent_places.absent_places(source, absent, ["LIN"], comment=";", statement_end="\n"))
+    assert [one.point for one in found] == sorted(set(names) - {"XH7"})
+    assert found[0].line == 2
+    assert not looked

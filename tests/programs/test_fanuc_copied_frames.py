@@ -222,3 +222,67 @@ def test_a_register_is_named_in_each_frame_that_moves_and_in_no_other(
     lines += ["UFRAME_NUM=2", "L PR[5] 9mm/sec FINE", "L PR[6] 100mm/sec FINE"]
     moved = move(tmp_path, listing(*lines), ALONG, "--frame", frame)
     assert [each["point"] for each in moved["findings"]] == points
+
+
+def move_all(tmp_path: Path, offset: str, **listings: str) -> dict:
+    """Move listings together; return the exit code and what the findings name."""
+    (tmp_path / "project.toml").write_text(PROJECT, encoding="utf-8")
+    for name, text in listings.items():
+        (tmp_path / f"{name}.LS").write_text(text.replace("/PROG  Z", f"/PROG  {name}"), encoding="ascii")
+    files = [str(tmp_path / f"{name}.LS") for name in listings]
+    words = ["program", "move", *files, "--project", str(tmp_path / "project.toml"), f"--offset={offset}"]
+    code = run_command_line(
+        [*words, "--replace", "--out", str(tmp_path / "out"), "--json", str(tmp_path / "r.json")]
+    )
+    programs = json.loads((tmp_path / "r.json").read_text())["programs"]
+    return {
+        "code": code,
+        "found": [(one["point"], one["what"]) for each in programs for one in each["findings"]],
+    }
+
+
+COPY = ("PR[5]=P[1]", "L PR[5] 100mm/sec FINE")
+
+
+@pytest.mark.parametrize(
+    ("caller", "called", "found"),
+    [
+        (("UFRAME_NUM=2", "CALL B"), COPY, [("P[1]", "PR[5]")]),
+        (("UFRAME_NUM=1", "CALL B"), COPY, []),
+        (("UFRAME_NUM=2", "CALL B"), ("UFRAME_NUM=1", *COPY), []),
+        (("UFRAME_NUM=2", "CALL B"), ("L P[2] 100mm/sec FINE", *COPY), []),  # the controller would stop there
+        (("UFRAME_NUM=R[1]", "CALL B"), COPY, [("P[1]", "PR[5]")]),
+        (("UFRAME_NUM=2", "CALL B", "UFRAME_NUM=1", "CALL B"), ("PR[5]=LPOS", COPY[1]), []),
+    ],
+)
+def test_a_called_program_goes_to_its_copies_in_the_frame_of_its_caller(
+    tmp_path: Path, caller: tuple[str, ...], called: tuple[str, ...], found: list[tuple[str, str]]
+) -> None:
+    moved = move_all(tmp_path, ABOUT_Z, A=listing(*caller), B=listing(*called))
+    assert moved["found"] == found
+    assert moved["code"] == (ExitCode.REFUSED if found else ExitCode.PASS)
+
+
+@pytest.mark.parametrize(
+    ("line", "turned"),
+    [("L PR[3] 100mm/sec FINE INC", ("PR[3]", "INC")), ("J PR[R[2]] 100% FINE INC", ("PR[R[...]]", "INC"))],
+)
+def test_an_increment_in_a_register_keeps_its_axes(
+    tmp_path: Path, line: str, turned: tuple[str, str]
+) -> None:
+    text = listing("UFRAME_NUM=1", "L P[1] 100mm/sec FINE", line, "L P[2] 100mm/sec FINE")
+    assert move_all(tmp_path, ABOUT_Z, A=text) == {"code": ExitCode.REFUSED, "found": [turned]}
+    assert move_all(tmp_path, ALONG, A=text) == {"code": ExitCode.PASS, "found": []}
+
+
+@pytest.mark.parametrize(
+    "lines", [("L LPR[2] 100mm/sec FINE",), ("LPR[1]=LPOS", "LPR[1,3]=LPR[1,3]+50", "L LPR[1] 9mm/sec FINE")]
+)
+def test_a_register_of_the_program_alone_is_a_place_that_is_not_known(
+    tmp_path: Path, lines: tuple[str, ...]
+) -> None:
+    text = listing("UFRAME_NUM=1", "L P[1] 100mm/sec FINE", *lines, "L P[2] 100mm/sec FINE")
+    assert move_all(tmp_path, ABOUT_Z, A=text) == {
+        "code": ExitCode.REFUSED,
+        "found": [("PR[R[...]]", "PR[...]")],
+    }

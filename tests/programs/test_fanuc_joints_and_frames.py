@@ -149,6 +149,8 @@ def test_programs_that_are_not_read_are_named(tmp_path: Path, capsys: pytest.Cap
         ("$MNUTOOLNUM[1]=2", "of another posture"),
         ("UFRAME_NUM=2", ""),
         ("UTOOL_NUM=1", ""),
+        ("CALL TL(2)", "of another posture"),
+        ("CALL TL(1)", ""),
     ],
 )
 def test_a_copy_in_another_frame_or_with_another_tool_is_corrected_for_another_place(
@@ -164,7 +166,9 @@ def test_a_copy_in_another_frame_or_with_another_tool_is_corrected_for_another_p
         text,
         flags=re.DOTALL,
     )
-    code, report = compensate(tmp_path, "fanuc", "A.LS", text)
+    called = f"/PROG  TL\n/ATTR\n/MN\n   1:  UTOOL_NUM={selection[-2]} ;\n/POS\n/END\n"
+    beside = ("TL.LS", called) if selection.startswith("CALL") else None
+    code, report = compensate(tmp_path, "fanuc", "A.LS", text, beside=beside)
     assert code == (ExitCode.REFUSED if word else ExitCode.PASS)
     assert bool(word) == any(word in one["text"] for one in report["findings"] if word)
 

@@ -74,6 +74,63 @@ def test_a_point_is_passed_on_to_the_routine_of_another_file(tmp_path: Path) -> 
     assert "taught with another tool or frame than sub.src" in found
 
 
+TOLD = "before its program is called, or may"
+COPYING = ("P:IN", "DECL E6POS H", "H=P", "LIN H")
+
+
+@pytest.mark.parametrize(
+    ("before", "main", "sub", "expected"),
+    [
+        ((), ("H=XP1", "SUB(H)"), ("P:IN", *frames_set(3), "LIN P"), "taught in another frame than sub.src"),
+        ((), ("H=XP1", "K=H", "SUB(K)"), ("P:IN", *frames_set(3), *COPYING[1:]), "taught in another frame"),
+        ((), ("H=XP1", "SUB(H)"), ("P:IN", *frames_set(2), "LIN P"), ("1", "2")),
+        ((), ("H=XP1", "SUB(H)"), ("P:OUT", "P=$POS_ACT"), ("1", "2")),  # the copy, and not the point
+        ((), ("H=PT[1]", "SUB(H)"), ("P:IN", *frames_set(3), "LIN P"), ("1", "2")),
+        (frames_set(3), ("H=XP1", "SUB(H)"), ("P:IN", "LIN P"), TOLD),
+        (frames_set(3), ("SUB(XP1)",), COPYING, TOLD),
+        (("BAS(#INITMOV,0)",), ("SUB(XP1)",), COPYING, TOLD),
+        (("BAS(#INITMOV,0)",), ("HA[1]=XP1", "SUB(HA[1])"), COPYING, TOLD),
+        (("BAS(#INITMOV,0)",), ("SUB()",), ("", "LIN XP1"), TOLD),
+        (("BAS(#INITMOV,0)",), ("SUB()",), ("", "H=XP1", "LIN H"), TOLD),
+        (("BAS(#INITMOV,0)",), ("SUB()",), ("", "BAS(#INITMOV,0)", *frames_set(2), "LIN XP1"), ("1", "2")),
+    ],
+)
+def test_a_copy_is_followed_into_the_routines_of_other_files(
+    tmp_path: Path, before: tuple[str, ...], main: tuple[str, ...], sub: tuple[str, ...], expected: object
+) -> None:
+    points = (one.replace("DECL", "DECL GLOBAL") for one in POINTS)
+    files = {
+        "a.dat": dat_file("A", *points),
+        "a.src": src_file("A", *before, *main),
+        "sub.src": routine("SUB", *sub),
+    }
+    found = frames_of_position(read_programs(tmp_path, files)["a.dat"], "XP1")
+    assert found == expected if isinstance(expected, tuple) else str(expected) in found
+
+
+@pytest.mark.parametrize(
+    ("main", "sub", "expected"),
+    [
+        (("XG=XP1",), (*frames_set(3), "LIN XG"), "taught in another frame than sub.src"),
+        (("XG=XP1",), (*frames_set(2), "LIN XG"), ("1", "2")),
+        (("XH=XP1", "XG=XH"), (*frames_set(3), "DECL E6POS H", "H=XG", "LIN H"), "taught in another frame"),
+        (("XA[1]=XP1",), (*frames_set(3), "LIN XA[I]"), "taught in another frame than sub.src"),
+        (("XG=XP1",), ("LIN XG",), TOLD),
+    ],
+)
+def test_a_copy_that_all_files_see_is_followed_to_the_moves_of_others(
+    tmp_path: Path, main: tuple[str, ...], sub: tuple[str, ...], expected: object
+) -> None:
+    files = {
+        "a.dat": dat_file("A", *POINTS),
+        "a.src": src_file("A", *frames_set(2), *main, "SUB()"),
+        "sub.src": routine("SUB", "", *sub),
+        "$config.dat": dat_file("$CONFIG", "E6POS XG", "E6POS XH", "E6POS XA[3]"),
+    }
+    found = frames_of_position(read_programs(tmp_path, files)["a.dat"], "XP1")
+    assert found == expected if isinstance(expected, tuple) else str(expected) in found
+
+
 @pytest.mark.parametrize(
     ("line", "name", "expected"),
     [

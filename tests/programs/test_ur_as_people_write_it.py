@@ -143,3 +143,25 @@ def test_programs_of_polyscope_x_in_a_folder_are_named_as_not_read(tmp_path: Pat
     (tmp_path / "b.urpx").write_text("{}")
     found = find_programs([str(tmp_path)])
     assert [path.name for path in found.passed_over if holds_unread_places(path)] == ["b.urpx"]
+
+
+REST = "[0.35, -1.45, 1.85, -2.0, -1.5, 0.2]"
+
+
+@pytest.mark.parametrize(
+    "lines",
+    [
+        (f"rest = {REST}", "q = rest", "movej(q)"),
+        (f"rest = {REST}", "q = rest", "global k = q", "movej(k)"),
+        (f"optimovej({REST})", f"optimovel({PLACE})", f"p1 = {PICK}", "optimovel(p1, a=0.5, v=0.5)"),
+        (f"rest = {REST}", "optimovej(rest)"),
+    ],
+)
+def test_joints_and_places_of_every_move_go_along_or_are_named(
+    tmp_path: Path, lines: tuple[str, ...]
+) -> None:
+    moved = move_script(tmp_path, TOOL, HOME, *lines, joints="move")
+    copied = "= rest" in "".join(lines)
+    assert set(statuses_of(moved).values()) == ({"changed", "left"} if copied else {"changed"})
+    assert len(statuses_of(moved)) == (4 if "optimovel" in lines[1] else 2)
+    assert moved.code == (ExitCode.REFUSED if copied else ExitCode.PASS)

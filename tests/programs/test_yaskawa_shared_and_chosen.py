@@ -4,10 +4,12 @@ import json
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from cellcal.drivers.programs.cross_file_uses import BatchDeclarations
 from cellcal.drivers.programs.errors import ProgramFileError
+from cellcal.drivers.programs.positions import PositionChange
 from cellcal.drivers.programs.shifts import ShiftAxes
 from cellcal.drivers.yaskawa.program_files.programs import BRAND
 from cellcal.service.cli.app import run_command_line
@@ -328,3 +330,19 @@ def test_a_folder_and_numbers_with_zeros_are_read(tmp_path: Path) -> None:
 def test_a_job_whose_lines_end_with_a_carriage_return_alone_is_refused_with_the_cure() -> None:
     with pytest.raises(ProgramFileError, match="carriage return alone"):
         BRAND.read("A.JBI", job("MOVL C00000 V=1.0").replace("\n", "\r").encode("ascii"))
+
+
+@pytest.mark.parametrize(
+    ("alone", "refused"), [("MOVJ EC00002 VJ=10.0", True), ("MOVJ EC00001 VJ=10.0", False), ("NOP", False)]
+)
+def test_axes_that_go_somewhere_without_the_robot_keep_their_zero(alone: str, refused: bool) -> None:
+    rows = STATED + AXES + "EC00000=0\nEC00001=500\nEC00002=900\n"
+    lines = ("MOVJ C00000 EC00000 VJ=10.0", alone, "MOVL C00001 EC00001 V=1.0")
+    text = job(*lines, rows=rows, counts="2,0,3,0,0,0", header=f"{ONE_ROBOT}///GROUP2 ST1\n")
+    program = BRAND.read("A.JBI", text.encode("ascii"))
+    change = PositionChange(np.array([0, 1]), external=np.array([[1000.0], [1500.0]]))
+    if refused:
+        with pytest.raises(ProgramFileError, match="EC00002 without the robot"):
+            program.with_changes(change)
+    else:
+        assert b"EC00000=1000\nEC00001=1500\nEC00002=900" in program.with_changes(change).to_bytes()

@@ -23,8 +23,8 @@ _PARAMETER = re.compile(
     rf"{W}(?:\{{[^{{}}]*+\}}{W})?+(?=[,\\|]|\Z)",
     re.ASCII | re.IGNORECASE,
 )
-_PLACE = re.compile(  # a target, or one that a function of the language shifts
-    rf"{W}(?:(?:Offs|RelTool){W}\({W}){{0,4}}+({NAME}){W}(?:\{{([^{{}};]*+)\}}{W})?+(?:,[^;]*+)?+",
+_PLACE = re.compile(  # a target, or what a function makes of one that is its first argument
+    rf"{W}(?:{NAME}{W}\({W}){{0,4}}+({NAME}){W}(?:\{{([^{{}};]*+)\}}{W})?+(?:[,)][^;]*+)?+",
     re.ASCII | re.IGNORECASE,
 )
 _COMPONENT = re.compile(rf"{W}({NAME}){W}(?:\{{[^{{}};]*+\}}{W})?+\.[^;,(]*+", re.ASCII)
@@ -145,6 +145,8 @@ def _calls_abroad(
         taken = set(map(id, some))
         waiting = [one for one in waiting if id(one) not in taken]
         new = [seen for one in some if (seen := _call_abroad(uses, one)) is not None]
+        alike = {(one.scope, one.routine, one.arguments): one for one in some}
+        new += [copied for one in alike.values() for copied in _calls_with_sources(uses, one)]
         parameters.passing_on |= {one.scope for one in new if one.passes_on}
         found += new
 
@@ -161,6 +163,15 @@ def _call_abroad(uses: TargetUses, call: RoutineCall) -> RoutineCall | None:
         return None
     stated = None if call.stated is None or call.routine in WORDS else uses.seen_abroad(*call.stated[:2])
     return call._replace(arguments=arguments, parts=parts, options=options, stated=stated)
+
+
+def _calls_with_sources(uses: TargetUses, call: RoutineCall) -> Iterator[RoutineCall]:
+    """Yield a call, as other files see it, as if it passed the targets themselves of which it passes copies."""
+    for at, name in enumerate(call.arguments):
+        for source in uses.copied_into(name, call.scope) if name else ():
+            others = [uses.key_abroad(each, call.scope) if each else "" for each in call.arguments]
+            arguments = (*others[:at], source, *others[at + 1 :])
+            yield call._replace(arguments=arguments, options={}, parts=(), stated=None, of_copy=True)
 
 
 def _routine_scope(parameters: RoutineParameters, call: RoutineCall) -> str:

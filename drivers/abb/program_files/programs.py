@@ -150,6 +150,8 @@ class AbbFile:
                 local_bases=module.frames.local_poses(module.frames.bases),
                 routine_targets=module.parameters.to_targets(uses),
                 calls=tuple(uses.calls_abroad),
+                copies=uses.copies_abroad(),
+                own_uses=uses.shown_uses(),
                 named_tools=module.frames.public_tools(),
                 moves=module.moves,
             ),

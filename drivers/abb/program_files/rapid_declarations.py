@@ -24,6 +24,8 @@ _COPIED = re.compile(
     rf"(?:(?:Offs|RelTool){W}\({W}){{0,4}}+({NAME}){W}(?:\{{[^{{}};]*+\}}{W})?+[,;\]]",
     re.ASCII | re.IGNORECASE,
 )
+_ELEMENT = re.compile(rf"[\[,]{W}({NAME}){W}(?:\{{[^{{}};]*+\}}{W})?+(?=[,\]])", re.ASCII)  # a whole target
+_LONGEST_LIST = 100_000
 _CALLED = re.compile(rf"{NAME}{W}\(([^();]*+)\){W};", re.ASCII)
 _ARGUMENT = re.compile(rf"(?<![\w.\\])({NAME})(?=[ \t]*+(?:\{{[^{{}}]*+\}})?+[ \t]*+(?:,|\Z))", re.ASCII)
 _SIZES = re.compile(r"\s*\d+\s*")
@@ -153,6 +155,11 @@ class RapidDeclarations:
 
     def note_copy(self, text: str, place: int, to: str) -> bool:
         """Note a target that is assigned to another, which moves go to in its place; tell whether it is one."""
+        if text.startswith("[", place):  # an array or a record of targets
+            end = text.find(";", place, place + _LONGEST_LIST)
+            elements = (decode_name(one[1]) for one in _ELEMENT.finditer(text, place, max(end, place)))
+            self.uses.copied |= {(self.uses.scope, name, to) for name in elements}
+            return False
         copied = _COPIED.match(text, place)
         if copied is not None:
             self.uses.copied.add((self.uses.scope, decode_name(copied[1]), to))

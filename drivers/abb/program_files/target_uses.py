@@ -80,6 +80,9 @@ class TargetUses:
     of_copied_parameters: dict[tuple[str, str], set[ToolAndFrame]] = field(
         default_factory=dict
     )  # how moves go to copies of them; nothing where none does
+    sources: dict[tuple[str, str], set[tuple[str, str]]] = field(
+        default_factory=lambda: defaultdict(set)
+    )  # by what they are copied to
     calls_abroad: list[RoutineCall] = field(default_factory=list)  # of routines that other files declare
     of_modules: dict[str, list[int]] = field(
         default_factory=lambda: defaultdict(list)
@@ -233,6 +236,37 @@ class TargetUses:
             for row in self.rows_of(name, scope) if some else ():
                 if row in self.of_row:
                     self.of_row[row] += some
+
+    def copies_abroad(self) -> tuple[tuple[str, str], ...]:
+        """Return the targets of which copies are made that other files see: their name for others, and the copy's."""
+        found: set[tuple[str, str]] = set()
+        for scope, name, to in self.copied | self.returned:
+            source, copy = self.key_abroad(name, scope), self.key_abroad(to, scope)
+            if source and copy and not source.startswith(PARAMETER) and not copy.startswith((OWN, PARAMETER)):
+                found.add((source if source.startswith(OWN) else source.lower(), copy.lower()))
+        return tuple(sorted(found))
+
+    def copied_into(self, name: str, scope: str) -> list[str]:
+        """Return the targets, by their names for other files, that were copied into a name or an element of it."""
+        if not self.sources:
+            for where, source, to in self.copied:
+                self.sources[self._declared_at(to, where)].add((where, source))
+        waiting, found = [self._declared_at(name, scope)], set[tuple[str, str]]()
+        while waiting:
+            more = self.sources.get(waiting.pop(), set()) - found
+            waiting += [self._declared_at(source, where) for where, source in more]
+            found |= more
+        keys = {self.key_abroad(source, where) for where, source in found}
+        return sorted(keys - {""})
+
+    def shown_uses(self) -> dict[str, frozenset[MoveFrames]]:
+        """Return how moves of this file go to targets that other files see, too, by name."""
+        found: dict[str, set[MoveFrames]] = {}
+        for bare, rows in self.of_modules.items():
+            for row in rows[:1] if len(rows) == 1 else rows[:_MOST_USES]:
+                for use in self.of_row.get(row, ())[:_MOST_USES]:
+                    found.setdefault(bare, set()).add(MoveFrames(*self.seen_abroad(*use)[:3]))
+        return {bare: frozenset(some) for bare, some in found.items()}
 
     def _bar_copied_targets(self, found: RapidPositions) -> None:
         """Leave targets that no move goes to but by a copy."""

@@ -10,9 +10,11 @@ _LIST3, _LIST4, _LIST6 = (
     rf"\[{W}{_VALUE}" + rf",{W}{_VALUE}" * (count - 1) + rf"\]{W}" for count in (3, 4, 6)
 )
 _COMMA = rf",{W}"
-_NEAR = re.compile(r"\[(?=\s*+(?:![^\n]*+\n\s*+)*+\[)")
+_NEAR = re.compile(r"\[(?=\s*+(?:![^\n]*+\n\s*+)*+(?:\[|[A-Za-z\x80-\xff][^\[\],;!\"]*+,\s*+\[))")
+_PLACE = rf"(?:{_LIST3}{_COMMA}(?:{_LIST4}|{_VALUE})|{_VALUE}{_COMMA}{_LIST4})"  # and an orientation, one written out
 _POSITION = re.compile(
-    rf"\[{W}(?:{_LIST3}{_COMMA}{_LIST4}{_COMMA}{_LIST4}{_COMMA}{_LIST6}|{_LIST6}{_COMMA}{_LIST6})\]", re.ASCII
+    rf"\[{W}(?:({_PLACE}){_COMMA}(?:{_LIST4}|{_VALUE}){_COMMA}(?:{_LIST6}|{_VALUE})|({_LIST6}){_COMMA}{_LIST6})\]",
+    re.ASCII,
 )
 _NEXT = r"\s*+[-+.\d][^\[\],;]*+"
 LIKE_A_POSITION = re.compile(  # a place and a quaternion, or two lists of six axes
@@ -29,7 +31,7 @@ def unread_positions(text: str, read: Set[int]) -> Iterator[int]:
         if place in read:
             continue
         found = _POSITION.match(text, place)
-        if found is not None and _DIGIT.search(found[0]) and not _outside_code(text, place):
+        if found is not None and _DIGIT.search(found[1] or found[2]) and not _outside_code(text, place):
             yield place
 
 

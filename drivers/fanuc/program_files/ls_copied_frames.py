@@ -50,8 +50,9 @@ class _CopiedFrames:
 
     selections: _Selections
     taught: Mapping[int, str]  # by position
-    frames_left: Mapping[str, frozenset[str]]  # by program that may be called: the frames that it chooses
+    frames_left: Mapping[str, frozenset[str]]  # by program that may be called: those that it chooses
     frames: frozenset[str] = frozenset()  # that may be in force; none: what was chosen before the program
+    are_callers: bool = False  # they are what callers chose, and the program has not chosen or told any
     copies: dict[int, Copies] = field(default_factory=dict)
     last: Copies = frozenset()  # where the robot stands
 
@@ -60,6 +61,7 @@ class _CopiedFrames:
         if self.selections.any_way.search(statement.text):
             chosen = self.selections.by_number.fullmatch(statement.text)
             self.frames = frozenset([str(int(chosen[1])) if chosen else UNKNOWN_FRAME])
+            self.are_callers = False
         self.follow_calls(statement)
         assigned = match_assignment(statement)
         if assigned is not None and not assigned[2]:
@@ -85,6 +87,8 @@ class _CopiedFrames:
             ]
             reached |= some
         self.last = frozenset(reached)
+        if self.are_callers and not motion.register_targets and reached:  # the controller stops with another
+            self.frames, self.are_callers = frozenset(own for _, own in reached), False
         self.follow_calls(statement)
         if motion.stored and (stored := match_assignment(Statement(motion.stored, statement.line))):
             self.store(int(stored[1]), stored[3])
@@ -95,7 +99,7 @@ class _CopiedFrames:
         positions, registers = places_named(value)
         some = {(each, self.taught[each]) for each in positions if each in self.taught}
         some |= {each for other in registers for each in self.copies.get(other, ())}
-        if _STANDS.search(value):
+        if _STANDS.search(value) and not self.are_callers:  # in the callers' frame it goes there again, too
             some |= {(each, frame) for each, taught in self.last for frame in self.frames or (taught,)}
             some |= {(START, frame) for frame in self.frames if not self.last}
         self.copies[register] = frozenset(some)
@@ -121,15 +125,21 @@ def copies_in_other_frames(
     positions: Positions, data: bytes, external_uses: ExternalUses | None = None
 ) -> Iterator[tuple[int, ProgramShift]]:
     """Yield the motions to copies of positions (or of START) in another frame or with another tool than their own."""
-    frames_left = {} if external_uses is None else external_uses.frames_left
-    if _OF_FRAME.any_way.search(data) or (frames_left and _CALLED.search(data)):
-        taught = _numbers_taught(positions, positions.user_frames)
-        yield from _copies_elsewhere(_CopiedFrames(_OF_FRAME, taught, frames_left), data)
-    if b"PR[" in data and _OF_TOOL.any_way.search(data):
-        of_tools = _CopiedFrames(_OF_TOOL, _numbers_taught(positions, positions.tools), {})
-        yield from (
-            (position, shift) for position, shift in _copies_elsewhere(of_tools, data) if position != START
-        )
+    if b"PR[" not in data:
+        return
+    uses = external_uses
+    frames = ({}, frozenset[str]()) if uses is None else (uses.frames_left, uses.frames_before)
+    tools = ({}, frozenset[str]()) if uses is None else (uses.tools_left, uses.tools_before)
+    for selections, (left, before) in ((_OF_FRAME, frames), (_OF_TOOL, tools)):
+        if selections.any_way.search(data) or before or (left and _CALLED.search(data)):
+            column = positions.tools if selections.is_tool else positions.user_frames
+            taught = _numbers_taught(positions, column)
+            now = _CopiedFrames(selections, taught, left, before, are_callers=bool(before))
+            yield from (
+                (position, shift)
+                for position, shift in _copies_elsewhere(now, data)
+                if position != START or not selections.is_tool
+            )
 
 
 def _numbers_taught(positions: Positions, column: Sequence[str | None]) -> dict[int, str]:
@@ -145,7 +155,7 @@ def _numbers_taught(positions: Positions, column: Sequence[str | None]) -> dict[
 
 def _copies_elsewhere(now: _CopiedFrames, data: bytes) -> Iterator[tuple[int, ProgramShift]]:
     statements = list(read_statements(data))
-    anywhere = _state_of_all(replace(now, copies={}), statements)
+    anywhere = _state_of_all(replace(now, copies={}, frames=frozenset(), are_callers=False), statements)
     seen = set[tuple[int, str, str]]()
     for statement in statements:
         if _JOINED.match(statement.text):

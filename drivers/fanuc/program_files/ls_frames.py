@@ -10,7 +10,7 @@ from pathlib import PurePath
 
 from cellcal.calibration.message import make_message
 from cellcal.drivers.fanuc.program_files.ls_computed import computed_places
-from cellcal.drivers.fanuc.program_files.ls_frames_left import frame_left_by
+from cellcal.drivers.fanuc.program_files.ls_frames_left import frame_left_by, tool_left_by
 from cellcal.drivers.fanuc.program_files.ls_remarks import statements_of
 from cellcal.drivers.fanuc.program_files.ls_statements import MACRO_ARGUMENTS, MACRO_WORDS, NO_MACRO
 from cellcal.drivers.programs.barred import COMPUTED, LATER, SEVERAL
@@ -57,6 +57,7 @@ def routine_effects_of(data: bytes) -> RoutineEffects:
         calls=frozenset(_called_programs(statements)),
         computes=computed_places(data),
         frame_left=frame_left_by(data),
+        tool_left=tool_left_by(data),
         beside=frozenset(name.decode("cp437").upper() for name in _BESIDE.findall(statements)),
     )
 

@@ -70,6 +70,9 @@ class _MotionFindings:
     reached: dict[int, list[int]] = field(
         default_factory=dict
     )  # registers gone to, shifted or not: all lines
+    added: dict[int, int] = field(
+        default_factory=dict
+    )  # registers by which a motion goes on, and in which line
     shifted: dict[int, int] = field(default_factory=dict)  # registers that are gone to with a shift
     amounts: set[int] = field(default_factory=set)  # registers that shift a motion, or that it adds
     shifts: list[tuple[int, ProgramShift]] = field(default_factory=list)  # by position
@@ -127,6 +130,7 @@ def with_motions(positions: Positions, data: bytes, external_uses: ExternalUses 
         *here,
         *(shift for position, shift in elsewhere if position == START),
         *_pallet_places(data),
+        *_added_registers(found, registers),
         *_absent_places(data, frames, found, registers),
         *_with_rows(shifts, rows, positions),
         *_with_all_rows(found.any_shift, positions),
@@ -147,6 +151,17 @@ def _pallet_places(data: bytes) -> Iterator[ProgramShift]:
             )
 
 
+def _added_registers(found: _MotionFindings, registers: ComputedRegisters) -> Iterator[ProgramShift]:
+    """Yield the motions by an increment in a register, which stays along the axes of its user frame."""
+    for register, line in found.added.items():
+        point, axes = _register_name(register), _axes_of(registers, register)
+        yield ProgramShift(line, "INC", axes, point=point, translation_m=UNREADABLE, quaternion=NO_TURN)
+
+
+def _register_name(register: int) -> str:
+    return f"PR[{register}]" if register != _ANY_REGISTER else "PR[R[...]]"
+
+
 def _absent_places(
     data: bytes, frames: Mapping[int, str | None], found: _MotionFindings, registers: ComputedRegisters
 ) -> Iterator[ProgramShift]:
@@ -155,7 +170,7 @@ def _absent_places(
     for number, lines in found.reached.items():
         if registers.origins.get(number) or number in registers.here or number in homes:
             continue
-        point = f"PR[{number}]" if number != _ANY_REGISTER else "PR[R[...]]"
+        point = _register_name(number)
         for frame, line in _first_lines(lines, frames).items():
             yield ProgramShift(
                 line, "PR[...]", ShiftAxes.USER_FRAME, point=point, user_frame=frame, absent=_CARRY
@@ -249,8 +264,10 @@ def _find_motions(data: bytes, in_joints: frozenset[int]) -> _MotionFindings:
 
 def _take_reached(found: _MotionFindings, motion: MotionStatement, region: bool) -> None:
     """Take up which registers a motion goes to, shifted or not."""
-    if motion.is_place or motion.offset or region:
-        some = (*motion.register_targets, *((_ANY_REGISTER,) if motion.any_register else ()))
+    some = (*motion.register_targets, *((_ANY_REGISTER,) if motion.any_register else ()))
+    if motion.relative:
+        found.added |= dict.fromkeys(some, motion.line)
+    elif motion.is_place or motion.offset or region:
         for register in some:
             found.reached.setdefault(register, []).append(motion.line)
 

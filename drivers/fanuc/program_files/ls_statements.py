@@ -18,6 +18,9 @@ NO_MACRO = re.compile(
 )
 _MACRO = re.compile(rb"(" + MACRO_WORDS + rb")[ \t]*+" + MACRO_ARGUMENTS)
 _START = re.compile(rb"\s*+(?:/MN\b[^\n]*+\n\s*+)?(?:\d++[ \t]*+)?(?::[ \t]*+)?")
+_LOCAL = re.compile(
+    rb"(?<![A-Za-z])LPR\[ *+(\d++)"
+)  # a register of the program alone: which place, is not known
 _MOTION = re.compile(rb"[JLCAS][ \t]++PR?\[")
 _TARGET = re.compile(rb"P(?<![A-Za-z]P)\[ *+(?:(\d{1,5}+)|[A-Za-z])")
 _GOES_TO_REGISTER = re.compile(rb"(?:^[JLCAS][ \t]++|:[ \t]*+)PR\[ *+(?:GP\d *+: *+)?+(\d{1,5}+|[A-Za-z])")
@@ -81,6 +84,7 @@ class MotionStatement:
 def read_statements(data: bytes) -> Iterator[Statement]:
     """Yield the statements of a listing; comments, remarks and disabled lines are blank."""
     line, text = statements_of(data)
+    text = _LOCAL.sub(rb"PR[R[\1]", text)  # as one that a number chooses
     for piece in text.split(b";"):
         start = _START.match(piece)
         begin = start.end() if start else 0

@@ -106,13 +106,31 @@ def routine_targets_of(points: PointUses) -> dict[str, RoutineTargets]:
 def calls_of_file(points: PointUses) -> tuple[RoutineCall, ...]:
     """Return the calls of a program, with what they pass as other files name it."""
     by_name = {routine.name: routine for routine in points.routines}
+    alike = {(call.scope, call.routine, call.arguments): call for call in points.calls}
+    abroad = [call for call in alike.values() if call.routine not in by_name]
     return tuple(
         call._replace(
             arguments=tuple(_key_abroad(name, by_name[call.scope]) for name in call.arguments),
             parts=tuple(_key_abroad(name, by_name[call.scope]) for name in call.parts),
         )
-        for call in points.calls
+        for call in (*points.calls, *(one for call in abroad for one in _calls_with_sources(points, call)))
     )
+
+
+def copies_of_file(points: PointUses) -> tuple[tuple[str, str], ...]:
+    """Return the names of which copies are made that other files may move to, and those of the copies."""
+    own = {name for routine in points.routines for name in routine.declared}
+    copies = {copy for some in points.copies.values() for copy in some if copy.partition("[")[0] not in own}
+    pairs = ((source.removesuffix("[]"), copy) for copy in copies for source in points.copied_into(copy))
+    return tuple(sorted(pairs))
+
+
+def _calls_with_sources(points: PointUses, call: RoutineCall) -> Iterator[RoutineCall]:
+    """Yield a call as if it passed the points themselves of which it passes copies."""
+    for at, name in enumerate(call.arguments):
+        for source in sorted(points.copied_into(name)) if name else ():
+            arguments = (*call.arguments[:at], source, *call.arguments[at + 1 :])
+            yield call._replace(arguments=arguments, parts=(), of_copy=True)
 
 
 def _key_abroad(name: str, routine: KrlRoutine) -> str:

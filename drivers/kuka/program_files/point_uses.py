@@ -17,7 +17,13 @@ from cellcal.drivers.kuka.program_files.frame_uses import (
 )
 from cellcal.drivers.programs.barred import OVERWRITTEN, TURNED_BASE
 from cellcal.drivers.programs.conditions import ConditionalBar, ProjectNeed
-from cellcal.drivers.programs.file_declarations import COPIED, MoveFrames, RoutineEffects, array_name_of
+from cellcal.drivers.programs.file_declarations import (
+    COPIED,
+    OPEN_COPY,
+    MoveFrames,
+    RoutineEffects,
+    array_name_of,
+)
 from cellcal.drivers.programs.positions import CARTESIAN, JOINTS, ProgramFrames
 from cellcal.drivers.programs.routine_calls import ParameterUse, RoutineCall
 
@@ -66,6 +72,7 @@ class PointUses:
     given: dict[str, set[tuple[int, str, int]]] = field(
         default_factory=dict
     )  # by name: the calling routine, and the parameter of the called one that gets it
+    sources: dict[str, set[str]] = field(default_factory=dict)  # by array name: what is given to it
     moved_as_taught: set[str] = field(default_factory=set)  # names of moves with the frame data of that name
     deciding: dict[str, tuple[MoveFrames, ...]] = field(default_factory=dict)  # by name
     known_held: dict[tuple[int, str, bool, bool, bool, Now], MoveFrames] = field(default_factory=dict)
@@ -255,6 +262,19 @@ class PointUses:
             copies |= more
         return {move_frames for copy in copies for move_frames in self._frames_of_name(*copy)}
 
+    def copied_into(self, name: str) -> Set[str]:
+        """Return the names whose points a name may hold, given to it directly or by others."""
+        if not self.sources:
+            for source, copies in self.copies.items():
+                for copy in copies:
+                    self.sources.setdefault(array_name_of(copy), set()).add(source)
+        waiting, found = [name], set[str]()
+        while waiting:
+            more = self.sources.get(array_name_of(waiting.pop()), set()) - found
+            waiting += more
+            found |= more
+        return found
+
     def _parameters_given(self, name: str, routine: int) -> set[tuple[str, int]]:
         """Return the parameters of routines of this file, and whose, that a routine gives what stands in a name."""
         if not self.given:
@@ -301,6 +321,8 @@ class PointUses:
             found.append(some | {RESET} if certain.why and routine.may_be_reset(use, used.place) else some)
         tools, bases = found
         alone = {MoveFrames(each, None, COPIED, routine.name) for each in tools if FRAME_DATA not in each}
+        if not bases:
+            alone.add(MoveFrames(None, None, OPEN_COPY, routine.name))
         return alone | {
             MoveFrames(each if FRAME_DATA in each else None, each, COPIED, routine.name) for each in bases
         }

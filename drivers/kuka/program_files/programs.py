@@ -22,6 +22,7 @@ from cellcal.drivers.kuka.program_files.imports import imports_of, remark_import
 from cellcal.drivers.kuka.program_files.krl_program import read_program
 from cellcal.drivers.kuka.program_files.passed_points import (
     calls_of_file,
+    copies_of_file,
     in_passed_table,
     routine_targets_of,
 )
@@ -218,6 +219,7 @@ def _read_src(source: ProgramText) -> _Read:
         imports=remark_imports(points.found),
         routine_targets=routine_targets_of(points),
         calls=calls_of_file(points),
+        copies=copies_of_file(points),
         capitals=True,
     )
     routines = {used.row: points.routines[used.routine].name for used in points.rows}

@@ -7,7 +7,9 @@ from typing import Literal, TypeAlias
 Role: TypeAlias = Literal["target", "near", "frame", "in_frame", "tool", "value", "other"]
 
 # How many arguments, from the first, are places to go to; and what these are called when they are named.
-MOVES = {"movej": 1, "movel": 1, "movep": 1, "movec": 2, "servoc": 1, "servoj": 1}
+MOVES = {
+    "movej": 1, "movel": 1, "movep": 1, "movec": 2, "servoc": 1, "servoj": 1, "optimovej": 1, "optimovel": 1,
+}  # fmt: skip
 _MOVE_KEYWORDS = frozenset({"q", "pose", "pose_via", "pose_to"})
 _TARGETS = {
     **{move: (count, _MOVE_KEYWORDS) for move, count in MOVES.items()},

@@ -213,13 +213,15 @@ class PositionFinder:
         return found[1] if found else ""
 
     def _is_posture(self, literal: ScriptLiteral) -> bool:
-        """Tell whether six numbers without p are joints of a list, or given to a function of this script."""
+        """Tell whether six numbers without p are joints of a list or copy, or given to a function of this script."""
         if literal.role == "other":
             return self._in_list(literal.start) or self._function_at(literal.call) in self.functions
         if literal.role != "value" or literal.name in self.reached or literal.name in self.near:
             return False
         uses = self.found.uses.get(literal.name, ())
-        return any(self._in_list(at) or where in self.functions for at, _, where in uses)
+        if any(self._in_list(at) or where in self.functions for at, _, where in uses):
+            return True
+        return bool(uses) and bool(self._passed.moves_to_copies(literal.name, literal.start))
 
     def _in_list(self, at: int) -> bool:
         before = self.text[:at].rstrip(" \t\r\n[")

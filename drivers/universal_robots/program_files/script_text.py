@@ -24,14 +24,14 @@ _CHARACTERS = (
 )
 _ARGUMENTS = rf"(?:{_B},{_B}(?:[A-Za-z_]\w*+{_B}={_B})?(?:{NUMBER}|[A-Za-z_]\w*+)(?={_B}[,)]))*+{_B}\)"
 _END = rf"{_B}(?:\#[^\r\n]*+)?\r?(?:\n|\Z)"
-_MOVE = r"(?:movej|movel|movep|servoj|servoc)"
+_MOVE = r"(?:(?:opti)?+move[jl]|movep|servoj|servoc)"
 SIX_NUMBERS = re.compile(SIX)
 _SUM = re.compile(r"[\d.][ \t]*+[-+]")  # inside a list that looks like numbers: one of them is computed
 _LINE = re.compile(
     rf"""{_B}(?:
       (?:(?:global|local)[ \t]++)?(?P<name>[A-Za-z_]\w*+){_B}={_B}(?P<kind>p?)\[(?P<six>{_CHARACTERS})\]
     | {_MOVE}\({_B}(?P<move_kind>p?)\[(?P<move_six>{_CHARACTERS})\]{_ARGUMENTS}
-    | movej\({_B}get_inverse_kin\(
+    | (?:opti)?+movej\({_B}get_inverse_kin\(
         {_B}(?P<pose>[A-Za-z_]\w*+){_B},{_B}qnear{_B}={_B}(?P<near>[A-Za-z_]\w*+){_B}\){_ARGUMENTS}
     | {_MOVE}\({_B}(?P<target>[A-Za-z_]\w*+){_ARGUMENTS}
     | \${_B}\d++(?:{_B}"[^"\r\n]*+")*+

@@ -5,6 +5,7 @@ good. A motion that names none goes to its point with the rows of the point's ow
 """
 
 import re
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 from cellcal.calibration.message import make_message
@@ -29,6 +30,9 @@ class AxisRows:
         default_factory=dict
     )  # C00001 and BASE_ROWS: BC00001
     reasons: dict[Key, str] = field(default_factory=dict)  # why a point's axes are not certain
+    alone: dict[str, int] = field(
+        default_factory=dict
+    )  # rows that axes go to without the robot, and the line
 
 
 def axis_rows_of(job: YaskawaJob) -> AxisRows:
@@ -46,10 +50,20 @@ def axis_rows_of(job: YaskawaJob) -> AxisRows:
         target = _TARGET.search(rest.partition("+")[0])
         if target is not None:
             _take_motion(found, (target[1], int(target[2])), (line, rest), present)
+        else:
+            alone = {_named_row(kind, number): line for kind, number in _NAMED.findall(rest)}
+            found.alone = {**alone, **found.alone}
     for (key, _), name in found.named.items():
         if name in computed:
             found.reasons.setdefault(key, make_message(_COMPUTED, name, computed[name]))
     return found
+
+
+def rows_alone(jobs: Iterable[YaskawaJob], beside: Iterable[JobRow]) -> dict[str, int]:
+    """Return the rows that axes go to without the robot, and that no point has beside it, with the line."""
+    known = {_row_name(row.kind, int(row.number)) for row in beside}
+    named = {name: line for job in jobs for name, line in axis_rows_of(job).alone.items()}
+    return {name: line for name, line in named.items() if name not in known}
 
 
 def _take_motion(found: AxisRows, key: Key, motion: tuple[int, str], present: dict[str, JobRow]) -> None:

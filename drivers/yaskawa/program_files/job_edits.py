@@ -1,6 +1,7 @@
 """New coordinates into a job: which bytes become what."""
 
 import re
+from collections.abc import Mapping
 from typing import Protocol
 
 import numpy as np
@@ -40,6 +41,8 @@ class ChangeableProgram(Protocol):
     def rows(self) -> tuple[JobRow, ...]: ...
     @property
     def pulses_per_rad(self) -> tuple[float, ...] | None: ...
+    @property
+    def alone(self) -> Mapping[str, int]: ...
     def external_row(self, row: int, kinds: tuple[str, ...]) -> JobRow | None: ...
 
 
@@ -216,6 +219,15 @@ def _external_edits(
             ]
             if np.isnan(numbers).all():
                 continue
+            for alone in (each for each in program.alone if each[:2] in of_kind):
+                raise ProgramFileError(
+                    program.file,
+                    make_message(
+                        "the axes go to {row} without the robot, and stay there as they are.", row=alone
+                    ),
+                    line=program.alone[alone],
+                    remedy="Give the motion a position of the robot, or correct the row by hand.",
+                )
             beside = program.external_row(row, of_kind)
             if beside is None:
                 raise ProgramFileError(

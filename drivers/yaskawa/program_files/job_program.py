@@ -19,6 +19,7 @@ from cellcal.drivers.programs.positions import (
     Remark,
 )
 from cellcal.drivers.programs.shifts import ProgramShift, ShiftAxes
+from cellcal.drivers.yaskawa.program_files.job_axis_rows import rows_alone
 from cellcal.drivers.yaskawa.program_files.job_calls import (
     declarations_of,
     frames_from_others,
@@ -59,6 +60,9 @@ class JobProgram:
     )  # what the controller's other jobs say
     brand: str = "yaskawa"
     beside: Mapping[tuple[int, tuple[str, ...]], JobRow] = field(default_factory=dict, repr=False)
+    alone: Mapping[str, int] = field(
+        default_factory=dict, repr=False
+    )  # rows that axes go to without the robot, and the line
 
     @property
     def declarations(self) -> FileDeclarations:
@@ -189,6 +193,7 @@ def read_job(
     others = {i: make_message(_OTHER_ROBOT, one, robot) for i, one in enumerate(robots) if one != robot}
     positions = replace(positions, barred={**barred, **others}, shifts=shifts)
     remarks = [remark for notes, _ in remarks_by_job for remark in notes] + _kind_remarks(positions)
+    beside = rows_beside(jobs, rows)
     return JobProgram(
         file=name,
         data=data,
@@ -200,7 +205,8 @@ def read_job(
         jobs=tuple(job.name for job in jobs for row in job.rows if row.kind in ROBOT_ROWS),
         pulses_per_rad=None if ratios is None else tuple(float(ratio) for ratio in ratios),
         robot=robot,
-        beside=rows_beside(jobs, rows),
+        beside=beside,
+        alone=rows_alone(jobs, beside.values()),
     )
 
 
