@@ -350,7 +350,7 @@ async def test_the_whole_way_of_a_battery_loss(fresh_fakes: tuple[Path, FakeCell
         await fake_client.inject_fault("emergency_stop", device="fanuc")
         stop = (await robot.read_condition()).stop
         assert stop is not None
-        assert "emergency stop" in stop.message
+        assert "E-stop" in stop.message
         await fake_client.inject_fault("release_emergency_stop", device="fanuc")
         assert await robot.encoder_epoch() == epoch + 1
         assert not (await robot.read_mastering()).mastered
