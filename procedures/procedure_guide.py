@@ -141,10 +141,12 @@ NEED_REMEDIES: Mapping[str, str] = {
     "dial": "Mount a dial gauge and enter it in the cell file.",
     "model": "An engineer enters the robot's model in the cell file.",
     "gauge_setup": "Measure with a tape where the draw-wire stands and enter it in the cell file.",
-    "record": "Take a mastering record while the robot is healthy.",
+    "record": "Take a mastering record while the robot is healthy; one that is lost without a record is first "
+    "mastered at the pendant, by its marks or pins.",
     "position_cure": "Use mastering_recovery where the controller opens its mastering; else the maker's manual.",
     "drive_data": "Enter the gear ratios of the data sheet in the cell file; the catalogue of models holds none.",
-    "position_record": "Take a position record while the robot is healthy.",
+    "position_record": "Take a position record while the robot is healthy; one that is lost without a record is "
+    "first brought back at the pendant, as its maker says.",
     "backup": "There is nothing to put back: no run has written a mastering yet.",
     "evidence": "Connect a draw-wire, touch probe or tracker, or take a mastering record with touched places.",
     "tracker": "Connect a tracker or another instrument that measures points.",

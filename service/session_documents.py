@@ -178,6 +178,13 @@ class SettleDocument(TypedDict):
     settled: bool
 
 
+class StopDocument(TypedDict):
+    """What stops a robot, such as a pressed emergency stop."""
+
+    message: str
+    remedy: str
+
+
 class DeviceDocument(TypedDict):
     """The newest state and value of one device, with their ages; the kind of device decides ``value``."""
 
@@ -189,6 +196,7 @@ class DeviceDocument(TypedDict):
     state: str
     message: str
     remedy: str
+    stop: StopDocument | None  # also of a robot whose state is another, graver one
     age_s: float | None
     value: dict[str, Any] | None
     value_age_s: float | None

@@ -54,6 +54,9 @@ class Condition:
     message: str = ""
     remedy: str = ""
     alarms: tuple[Alarm, ...] = ()
+    stop: "Condition | None" = (
+        None  # what stops a robot that has lost its position, such as an emergency stop
+    )
 
 
 class Device(Protocol):

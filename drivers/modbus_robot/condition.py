@@ -56,7 +56,10 @@ def condition_of(position: RegisterBlock, program: ProgramState, alarms: Finding
     if position.integer_of("acknowledge") == 1:
         remedy = _POWER_CYCLE
     message = join_messages("; ", dict.fromkeys(text for _, text, _ in findings))
-    return Condition(findings[0][0], message, remedy, tuple(alarm for alarm, _ in alarms))
+    stops = [Condition(*finding) for finding in findings[1:] if finding[0] is Readiness.STOPPED]
+    return Condition(
+        findings[0][0], message, remedy, tuple(alarm for alarm, _ in alarms), next(iter(stops), None)
+    )
 
 
 def _alarm_text(alarm: Alarm, alarms: Findings) -> str:
@@ -66,7 +69,12 @@ def _alarm_text(alarm: Alarm, alarms: Findings) -> str:
     )
     if len(axes) < 2:
         return make_message("{alarm_code} {alarm_text}", alarm_code=alarm.code, alarm_text=alarm.text)
-    return f"{alarm.code} {alarm.text.split(' (')[0]} (axes {', '.join(map(str, axes))})"
+    return make_message(
+        "{alarm_code} {alarm_text} (axes {axes})",
+        alarm_code=alarm.code,
+        alarm_text=alarm.text.split(" (")[0],
+        axes=", ".join(map(str, axes)),
+    )
 
 
 def _switch_conditions(position: RegisterBlock, program: ProgramState) -> list[tuple[Readiness, str, str]]:

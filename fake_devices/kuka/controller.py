@@ -45,7 +45,8 @@ class KukaController:
         self.tool_number, self.base_number = 1, 0
         self.tools = [[0.0] * 6 for _ in range(FRAMES)]
         self.tools[0], self.tools[1] = [10.0, -5.0, 180.0, 0.0, 10.0, 0.0], [0.0, 0.0, 95.0, 30.0, 0.0, 0.0]
-        self.bases = [[0.0] * 6 for _ in range(FRAMES)]
+        self.bases = [[0.0] * 6 for _ in range(FRAMES)]  # seen from WORLD
+        self.root, self.ipo_mode = [0.0] * 6, "BASE"  # $ROBROOT, $IPO_MODE
         self.loads_kg = [3.5, 1.25] + [0.0] * (FRAMES - 2)
         self.program_runs, self.state, self.life = True, WAITING, 0
         self.counters = dict.fromkeys(_COUNTERS, 0)
@@ -67,7 +68,9 @@ class KukaController:
     def tip_in_base(self) -> Array:
         """Return the pose that $POS_ACT shows."""
         flange = self.arm.believed_flange(self.arm.controller_joints_rad)[0]
-        return np.asarray(invert_pose(self.base_matrix()) @ flange @ self.tool_matrix())
+        return np.asarray(
+            invert_pose(self.base_matrix()) @ matrix_of(self.root) @ flange @ self.tool_matrix()
+        )
 
     @property
     def may_move(self) -> bool:
@@ -138,6 +141,14 @@ class KukaController:
         self.arm.change_pace(percent / self.override_percent)
         self.override_percent = percent
 
+    def mount(self, xyzabc: list[float]) -> None:
+        """Let the robot's base stand elsewhere in WORLD, which its machine data tell."""
+        self.root = xyzabc
+
+    def use_external_tool(self) -> None:
+        """Let the robot carry the workpiece."""
+        self.ipo_mode = "TCP"
+
     def open_gate(self, *, is_open: bool) -> None:
         """Open or close the operator safety."""
         self.safety_closed, self.drives_on = not is_open, not is_open
@@ -162,6 +173,7 @@ class KukaController:
         self.safety_closed, self.stop_message, self.drives_on, self.program_runs = True, False, True, True
         self.mastered, self.mode = [True] * 6, "AUT"
         self.mastering_deg = [0.0] * 6
+        self.root, self.ipo_mode = [0.0] * 6, "BASE"
         self.zeros.mend()
 
 

@@ -64,6 +64,10 @@ class FakeKukaRobot(NetworkedRobot):
             "mastering_angle": self._change_mastering_angle,
             "auto_mode": lambda _: self._turn_switch("AUT"),
             "mend": lambda _: c.mend(),
+            "mounted": lambda p: c.mount([float(value) for value in p.pop("xyzabc")]),
+            "external_tool": lambda _: c.use_external_tool(),
+            "hang_up": lambda _: self.server.hang_up(),
+            "exchanged": self._exchange_arm,
             "old_server": lambda _: self._use_server(c3=False),
             "new_server": lambda _: self._use_server(c3=True),
         }
@@ -108,6 +112,11 @@ class FakeKukaRobot(NetworkedRobot):
         axis, degrees = self._parse_axis(parameters), float(parameters.pop("deg", 1.0))
         self.controller.mastering_deg[axis] += degrees
         self.controller.zeros.error_rad[axis] += math.radians(degrees)
+
+    def _exchange_arm(self, parameters: dict[str, Any]) -> None:
+        """Let another controller answer at this address from the next connection on."""
+        self.controller.serial = str(parameters.pop("serial"))
+        self.server.hang_up()
 
     def _turn_switch(self, mode: str) -> None:
         self.controller.mode = mode

@@ -34,6 +34,8 @@ class VariableTable:
                 "E6POS", values_of(c.tip_in_base()), ", S 2, T 35, E1 0.0, E2 0.0"
             ),
             "$BASE": lambda: self._frame("FRAME", values_of(c.base_matrix())),
+            "$ROBROOT": lambda: self._frame("FRAME", c.root),
+            "$IPO_MODE": lambda: f"#{c.ipo_mode}",
             "$TOOL": lambda: self._frame("FRAME", values_of(c.tool_matrix())),
             "$ACT_TOOL": lambda: str(c.tool_number),
             "$ACT_BASE": lambda: str(c.base_number),

@@ -20,6 +20,7 @@ from cellcal.calibration.poses.arm_fit import ArmTask
 from cellcal.drivers.interfaces import Counts, Instruction, Joints
 from cellcal.procedures.cell import Cell, MotionCaps
 from cellcal.procedures.forecast import Knowledge
+from cellcal.procedures.motion.robot_readiness import check_position_kept
 from cellcal.procedures.procedure_definition import NEEDS
 from cellcal.procedures.run import NeedsUnmetError, RefusalError
 from cellcal.procedures.steps.capture import SPREAD_SIGMAS
@@ -141,8 +142,9 @@ def _missing_setup_error(need: str, remedy: str) -> NeedsUnmetError:
 
 
 async def check_same_robot(cell: Cell, epoch: int | None) -> int | None:
-    """Hold that the encoders have not lost their position; a robot without an epoch is believed."""
+    """Hold that the encoders have not lost their position; one that tells no epoch says at least what it knows."""
     if epoch is None or cell.mastering is None:
+        await check_position_kept(cell)
         return None
     found = await cell.mastering.encoder_epoch()
     if found != epoch:

@@ -51,6 +51,23 @@ async def check_still_allowed(cell: Cell) -> None:
     await check_same_frames(cell)
 
 
+async def check_position_kept(cell: Cell) -> None:
+    """Hold that the joints which the controller shows are to be believed, before and after a person has the arm.
+
+    Raises
+    ------
+    PositionLostAgainError
+        The controller says that an axis has lost its position, or its encoders have begun anew during this run.
+    """
+    condition = await cell.robot.read_condition()
+    if condition.readiness is Readiness.POSITION_LOST:
+        raise PositionLostAgainError(
+            make_message("the robot has lost its position: {what}", what=condition.message),
+            remedy=condition.remedy,
+        )
+    await _check_same_encoders(cell)
+
+
 async def _check_same_encoders(cell: Cell) -> None:
     if cell.mastering is None:
         return

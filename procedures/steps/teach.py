@@ -8,6 +8,7 @@ from cellcal.drivers.interfaces import Instruction, JointReading, Joints
 from cellcal.procedures.cell import Cell
 from cellcal.procedures.instruction_page import PagedInstruction, with_page
 from cellcal.procedures.motion.active_frames import check_same_frames
+from cellcal.procedures.motion.robot_readiness import check_position_kept
 from cellcal.procedures.questions import ask_confirmation
 from cellcal.procedures.run import ProcedureError
 
@@ -32,7 +33,14 @@ class TaughtPose:
 
 
 async def teach_pose(cell: Cell, instruction: Instruction) -> TaughtPose:
-    """Have a person place the arm; return where it stands still."""
+    """Have a person place the arm; return where it stands still.
+
+    Raises
+    ------
+    PositionLostAgainError
+        The robot does not know where it stands, or lost it since the run began.
+    """
+    await check_position_kept(cell)
     answer = await ask_confirmation(
         cell, instruction if isinstance(instruction, PagedInstruction) else with_page(instruction, "teach")
     )
@@ -41,6 +49,7 @@ async def teach_pose(cell: Cell, instruction: Instruction) -> TaughtPose:
         base_flange = await cell.robot.flange_pose()
         after = await cell.robot.read_joints()
         if is_still(before, after):
+            await check_position_kept(cell)
             await check_same_frames(cell)
             return TaughtPose(base_flange, after.joints_rad, answer.who)
         await asyncio.sleep(STILL_PAUSE_S)

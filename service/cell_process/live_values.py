@@ -25,7 +25,7 @@ from cellcal.drivers.wire.cancellation import cancel_until_done
 from cellcal.procedures.cell import Cell
 from cellcal.service.cell_process.recording_check import SETTLE_SIGMAS, ObservedMotion, SettleDetector
 from cellcal.service.runs.instruments import SharedInstrument, share_instruments, shared_instruments
-from cellcal.service.session_documents import DeviceDocument, LiveValues
+from cellcal.service.session_documents import DeviceDocument, LiveValues, StopDocument
 
 CONDITION_EVERY_S = 1.0
 STOP_EVERY_S = 0.15  # at every second look: a stopped robot is shown within half a second, in a run, too
@@ -74,12 +74,18 @@ class DeviceStatus:
             "state": "unknown" if condition is None else condition.readiness.value,
             "message": self.error or ("" if condition is None else condition.message),
             "remedy": "" if condition is None else condition.remedy,
+            "stop": None if condition is None else _stop_of(condition),
             "age_s": _age_s(self.heard_at_s, now_s),
             "value": self.value,
             "value_age_s": _age_s(self.value_at_s, now_s),
             "due": self.due,
             "settle": None if self.settle is None else self.settle.as_json(now_s),
         }
+
+
+def _stop_of(condition: Condition) -> StopDocument | None:
+    stop = condition if condition.readiness is Readiness.STOPPED else condition.stop
+    return None if stop is None else {"message": stop.message, "remedy": stop.remedy}
 
 
 class LivePoller:

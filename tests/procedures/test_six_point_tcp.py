@@ -14,6 +14,7 @@ from cellcal.calibration.uncertainty import coverage_in_space
 from cellcal.procedures.accuracy_limits import ToolLimits
 from cellcal.procedures.forecast import Knowledge
 from cellcal.procedures.motion.active_frames import is_same_pose
+from cellcal.procedures.motors import PositionLostAgainError
 from cellcal.procedures.run import OutOfToleranceError, RefusalError, Run
 from cellcal.procedures.six_point_tcp import DEFINITION, SixPointTcp, ToolSetup, six_point_tcp
 from cellcal.procedures.teaching.tcp_verdict import arm_u, axes_u
@@ -72,6 +73,22 @@ async def test_every_method_finds_the_tool_and_writes_it(more: dict[str, Any], m
     assert any(figure.name.startswith("handedness") for figure in verdict.characteristics) == (
         len(moves) == 3
     )
+
+
+async def test_joints_of_a_robot_that_lost_its_position_are_not_taken() -> None:
+    made = tool_touch_scene(method="four_point")
+    made.arm.data = replace(made.arm.data, mastered=False)
+    with pytest.raises(PositionLostAgainError, match="lost its position: not mastered"):
+        await teach_tool(made)
+    assert made.technician.instructions == ["pin_is_fixed"]
+
+    made = tool_touch_scene(method="four_point")
+    touch = made.technician.does["touch_2"]
+    made.technician.does["touch_2"] = lambda: (touch(), made.arm.power_cycle())  # the battery was empty
+    ledger = MemoryLedger()
+    with pytest.raises(PositionLostAgainError, match="during this run"):
+        await six_point_tcp(Run(made.cell, ledger), made.spec)
+    assert sum(key.startswith("touch") for key in step_keys(ledger)) == 1
 
 
 async def test_a_place_alone_leaves_the_axes_as_the_controller_has_them() -> None:

@@ -16,6 +16,7 @@ from tests.service.browser_pages import (
     PATIENCE_MS,
     ROOT,
     hold_to_rules,
+    layout_faults,
     locales_for,
     open_chromium,
     serve_app,
@@ -95,6 +96,8 @@ async def _check_first_of_all(page: Page) -> None:
     await hold_to_rules(page, "home with a loss")
     await page.get_by_test_id("tour-leave").click()
     await expect(page.get_by_test_id("tour")).to_have_count(0)
+    await page.set_viewport_size({"width": 390, "height": 844})
+    assert await layout_faults(page) == []
     await page.reload()
     await page.get_by_test_id("demo-open").wait_for()
     await expect(page.get_by_test_id("tour")).to_have_count(0)

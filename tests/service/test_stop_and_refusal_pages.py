@@ -11,6 +11,7 @@ from cellcal.calibration.message import make_message
 from cellcal.drivers.errors import RefusedError
 from cellcal.service.demo.fake_cell import write_cell_file
 from cellcal.service.web.cell_client import CellProcessGoneError, StopUnconfirmedError
+from tests.service.browser_pages import layout_faults
 from tests.service.service_client import ServiceClock
 from tests.service.service_with_tablets import PATIENCE_MS, ServiceWithTablets, open_service_with_tablets
 from tests.service.test_people_pages import OneQuestionProcess
@@ -33,8 +34,10 @@ async def tablet_service(tmp_path_factory: pytest.TempPathFactory) -> AsyncItera
         assert opened.complaints == []
 
 
-def publish_state(tablet_service: ServiceWithTablets, state: str, **trouble: str) -> None:
+def publish_state(tablet_service: ServiceWithTablets, state: str, **trouble: Any) -> None:
     """Let the cell process say how the robot is."""
+    if state == "stopped":
+        trouble["stop"] = dict(trouble)
     robot = {"role": "robot", "name": "fanuc", "state": state, "message": "", "remedy": "", "age_s": 0.0}
     live_message = {"devices": [robot | {"value": None, "settle": None} | trouble]}
     tablet_service.app.state.context.link.live_values = live_message
@@ -86,9 +89,36 @@ async def test_a_stopped_robot_is_shown_everywhere_until_it_is_released(
         await banner.click()
         await expect(banner).to_be_visible()
         await expect(page.get_by_test_id("stop")).to_be_enabled(timeout=PATIENCE_MS)
+        publish_state(tablet_service, "position_lost", message="not mastered", stop=STOPPED)
+        await expect(banner).to_contain_text("obot stopped: operator", timeout=PATIENCE_MS)
+        await expect(page.get_by_test_id("hold")).to_be_disabled(timeout=PATIENCE_MS)
         publish_state(tablet_service, "ready")
         await expect(banner).to_have_count(0, timeout=PATIENCE_MS)
         await expect(page.get_by_test_id("hold")).to_be_enabled(timeout=PATIENCE_MS)
+
+
+async def test_a_telephone_shows_the_question_above_its_buttons_and_why_none_works(
+    tablet_service: ServiceWithTablets,
+) -> None:
+    publish_state(tablet_service, "ready")
+    tablet_service.app.state.context.link.ask_question("wire_is_hooked")
+    tablet_service.release_control()
+    async with tablet_service.signed_in_tablet("Tom", locale="de", size=(390, 844)) as page:
+        await page.evaluate("location.hash = '#/'")
+        await expect(page.get_by_test_id("hold")).to_be_enabled(timeout=PATIENCE_MS)
+        question, answer = page.get_by_test_id("instruction"), page.get_by_test_id("yes")
+        await expect(question).to_be_in_viewport(ratio=1.0, timeout=PATIENCE_MS)
+        asked, agreed = await _bounding_box(question), await _bounding_box(answer)
+        assert asked["y"] + asked["height"] <= agreed["y"]
+        assert await layout_faults(page) == []
+        await page.evaluate("scrollTo(0, document.body.scrollHeight)")
+        await page.context.set_offline(True)
+        await expect(page.get_by_test_id("offline")).to_be_in_viewport(ratio=1.0, timeout=PATIENCE_MS)
+        await page.get_by_test_id("joints").evaluate("details => { details.open = true; }")
+        await expect(page.get_by_test_id("joints").locator("dl")).to_have_count(0, timeout=PATIENCE_MS)
+        await page.context.set_offline(False)
+        await expect(page.get_by_test_id("offline")).to_have_count(0, timeout=PATIENCE_MS)
+    tablet_service.complaints.clear()  # the browser tells of a cut line, too
 
 
 REASON = make_message(

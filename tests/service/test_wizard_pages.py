@@ -15,6 +15,7 @@ from tests.service.browser_pages import (
     go_to_page,
     hold_to_rules,
     hold_to_rules_in_languages,
+    layout_faults,
     locales_for,
     wait_for_language,
 )
@@ -79,6 +80,12 @@ async def test_each_procedure_says_when_to_use_it_how_long_it_takes_and_what_is_
             await expect(card.get_by_role("link")).to_have_count(0 if row["lacks"] else 1)
         assert await page.evaluate("document.documentElement.scrollWidth <= innerWidth")
         await hold_to_rules(page, f"home at {size}")
+        if size == SIZES[-1]:  # a word of German may be wider than a telephone
+            await page.get_by_test_id("language").select_option("de")
+            await wait_for_language(page, "de")
+            for name in ("six_point_tcp", "accuracy_check"):
+                await go_to_page(page, f"#/procedure/{name}")
+                assert await layout_faults(page) == [], name
 
 
 @pytest.mark.parametrize("locale", locales_for("raw names"))

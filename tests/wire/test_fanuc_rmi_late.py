@@ -8,9 +8,9 @@ from contextlib import asynccontextmanager
 
 import pytest
 
-from cellcal.drivers.errors import RefusedError
+from cellcal.drivers.errors import RefusedError, WireProtocolError
 from cellcal.drivers.fanuc.rmi.rmi_link import RmiLink
-from cellcal.drivers.fanuc.rmi.rmi_state import read_active_numbers, read_joint_angles
+from cellcal.drivers.fanuc.rmi.rmi_state import read_active_numbers, read_frame, read_joint_angles
 from tests.machine_speed import stretched_s
 
 DEADLINE_S = stretched_s(4.0)
@@ -159,6 +159,21 @@ async def test_a_second_reply_that_meets_the_next_question_ends_the_connection()
         assert await number_told(link) == 1  # nothing tells it from a right one before the next reply comes
         assert [await number_told(link) for _ in range(2)] == [3, 4]
         assert len(controller.clients) == 2
+        for lates in (1, 2):  # in the same segment as the right one, and one behind each of two
+            controller.later = [json.dumps(late).encode() + b"\r\n"] * lates
+            with pytest.raises(WireProtocolError, match="nothing had asked"):
+                async with link.confirmed_answers():
+                    await number_told(link)
+        async with link.confirmed_answers():
+            assert await number_told(link) > 4
+
+
+async def test_a_frame_of_another_number_is_not_the_one_that_was_asked_for() -> None:
+    controller = SlowController()
+    async with controller.running() as link:
+        await read_active_numbers(link)
+        with pytest.raises(WireProtocolError, match="another frame"):
+            await read_frame(link, "UTool", 7)  # the second reply tells of tool 2
 
 
 async def test_replies_to_motions_count_once_and_foreign_numbers_never() -> None:

@@ -12,7 +12,13 @@ import pytest
 from py_openshowvar import openshowvar
 
 from cellcal.calibration.geometry import Pose
-from cellcal.drivers.errors import DeviceError, MotionStoppedError, RefusedError, WireProtocolError
+from cellcal.drivers.errors import (
+    DeviceError,
+    MotionStoppedError,
+    RefusedError,
+    WireProtocolError,
+    WrongDeviceError,
+)
 from cellcal.drivers.interfaces import AlarmKind, Readiness
 from cellcal.drivers.kuka.variables.motion_server import speed_percent
 from cellcal.drivers.kuka.variables.state import ControllerState, condition_of
@@ -58,9 +64,15 @@ def test_axes_are_read_by_name_in_any_order_and_form(text: str) -> None:
     assert read_axes(text) == pytest.approx(expected)
 
 
-@pytest.mark.parametrize("text", ["", "{}", "{E6AXIS: A1 10.0, A2 -90.0}", "{A1 nan, A2 1}", "1e999"])
+@pytest.mark.parametrize(
+    "text",
+    [
+        *("", "{}", "{E6AXIS: A1 10.0, A2 -90.0}", "{A1 nan, A2 1}", "1e999"),
+        "{E6AXIS: A1 10,523, A2 -90,1, A3 90,5, A4 0,0, A5 15,25, A6 -7,5}",  # a Windows program of another country
+    ],
+)
 def test_what_is_no_posture_is_refused(text: str) -> None:
-    with pytest.raises(ValueError, match=r"missing|numbers|finite"):
+    with pytest.raises(ValueError, match=r"missing|numbers|finite|decimal commas"):
         read_axes(text)
 
 
@@ -174,6 +186,48 @@ async def test_late_and_split_answers_do_no_harm_and_a_short_one_is_named(
     with pytest.raises(WireProtocolError):
         await kuka.read_joints()
     assert (await kuka.read_joints()).joints_rad == expected
+
+
+async def test_a_server_that_hung_up_on_a_silent_client_is_asked_again(
+    kuka: Any, fake_client: FakeCellClient
+) -> None:
+    expected = (await kuka.read_joints()).joints_rad
+    await fake_client.inject_fault("hang_up", device=CASE.name)
+    await wait_until(lambda: _has_heard_the_end(kuka))
+    assert (await kuka.read_joints()).joints_rad == expected
+
+
+async def test_another_controller_at_the_same_address_is_refused_on_every_new_connection(
+    kuka: Any, cell: CellConfig, fake_client: FakeCellClient
+) -> None:
+    await fake_client.inject_fault("exchanged", device=CASE.name, serial="other")
+    await wait_until(lambda: _has_heard_the_end(kuka))
+    for _ in range(2):
+        with pytest.raises(WrongDeviceError, match="'other'"):
+            await kuka.read_joints()
+    await fake_client.inject_fault("exchanged", device=CASE.name, serial=cell.robot_named(CASE.name).serial)
+    assert (await kuka.read_joints()).joints_rad
+
+
+async def test_places_are_seen_from_the_robots_base_however_it_is_mounted(
+    kuka: Any, fake_client: FakeCellClient
+) -> None:
+    flange, taught = await kuka.flange_pose(), Pose((0.4, 0.1, 0.2), (0.5, 0.5, 0.5, 0.5))
+    before = await kuka.write_user_frame(3, taught)
+    await fake_client.inject_fault(
+        "mounted", device=CASE.name, xyzabc=[300.0, -50.0, 2500.0, 0.0, 0.0, 180.0]
+    )
+    assert (await kuka.flange_pose()).position_m == pytest.approx(flange.position_m, abs=1e-8)
+    assert (await kuka.read_user_frame(3)).position_m != pytest.approx(before.position_m, abs=1.0)
+    assert (await kuka.write_user_frame(3, taught)).position_m == pytest.approx(taught.position_m, abs=1e-8)
+    assert (await kuka.read_user_frame(3)).position_m == pytest.approx(taught.position_m, abs=1e-8)
+    await fake_client.inject_fault("external_tool", device=CASE.name)
+    with pytest.raises(RefusedError, match="IPO_MODE"):
+        await kuka.flange_pose()
+
+
+async def _has_heard_the_end(kuka: Any) -> bool:
+    return bool(kuka._link._streams is None or kuka._link._streams[0].at_eof())
 
 
 async def test_a_program_that_is_stopped_ends_the_move(kuka: Any, fake_client: FakeCellClient) -> None:

@@ -346,6 +346,12 @@ async def test_the_whole_way_of_a_battery_loss(fresh_fakes: tuple[Path, FakeCell
         await fake_client.inject_fault("battery_loss", device="fanuc")
         condition = await until_ready(robot, Readiness.POSITION_LOST)
         assert {alarm.code for alarm in condition.alarms} == {"SRVO-062"}
+        assert condition.stop is None
+        await fake_client.inject_fault("emergency_stop", device="fanuc")
+        stop = (await robot.read_condition()).stop
+        assert stop is not None
+        assert "E-stop" in stop.message
+        await fake_client.inject_fault("release_emergency_stop", device="fanuc")
         assert await robot.encoder_epoch() == epoch + 1
         assert not (await robot.read_mastering()).mastered
         with pytest.raises(RefusedError):

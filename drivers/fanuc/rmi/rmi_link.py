@@ -3,13 +3,15 @@
 Source: FANUC B-84184EN/03. A command is answered at once, an instruction after it was executed; the controller also
 sends packets of its own accord. A reply is matched by its name, that of an instruction by its SequenceID. The name
 does not tell the answer to this question from a late one to the question before: a reply that is still due is passed
-over, and one that nothing asked for ends the connection.
+over, and one that nothing asked for ends the connection. What was read counts once a question of another name is
+answered after it (``confirmed_answers``): replies keep their order, so one too many has shown itself by then.
 """
 
 import asyncio
 import contextlib
 import json
-from collections.abc import Mapping
+from collections.abc import AsyncIterator, Mapping
+from contextlib import asynccontextmanager
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -32,6 +34,7 @@ from cellcal.drivers.wire.trace import FrameTrace
 _MOST_OCTETS = 65_536
 _ERROR_BASE = 2_556_928
 _CANCEL_AGAIN_S = 0.5
+_CONFIRMING = ("FRC_GetStatus", "FRC_GetUFrameUTool")
 _SHARE_FOR_LATE_REPLY = 0.25  # of the deadline of a question
 _CABLE = "Check that the controller is switched on, the network cable plugged in and option R912 installed."
 _OCCUPIED = (
@@ -63,6 +66,7 @@ class RmiLink:
         self._commands = asyncio.Lock()
         self._opening = asyncio.Lock()
         self._answer: tuple[str, asyncio.Future[Packet]] | None = None
+        self._last_asked = ""
         self._due: dict[str, asyncio.Event] = {}  # commands whose reply nothing waits for any more
         self._instructions: dict[int, asyncio.Future[Packet]] = {}
         self._failure: DeviceError | None = None
@@ -113,7 +117,7 @@ class RmiLink:
         async with self._commands, answer_deadline(self.device, self._deadline_s, "waiting for an answer"):
             await self._await_due_reply(name)
             answer: asyncio.Future[Packet] = asyncio.get_running_loop().create_future()
-            self._answer = (name, answer)
+            self._answer, self._last_asked = (name, answer), name
             try:
                 await self._send({"Command": name, **fields})
                 return self.accept_reply(await answer)
@@ -123,6 +127,28 @@ class RmiLink:
                 raise
             finally:
                 self._answer = None
+
+    @asynccontextmanager
+    async def confirmed_answers(self) -> AsyncIterator[None]:
+        """Hold that what is told inside is told in answer to what is asked: nothing of it counts where this raises.
+
+        Raises
+        ------
+        WireProtocolError
+            A reply too many has come: each question since was answered by the reply to the one before.
+        DeviceError
+            As for ``send_command``, but for a refusal of the last question, which is an answer, too.
+        """
+        await self.open()
+        connection = self.connections
+        yield
+        if self._failure is None:
+            with contextlib.suppress(RefusedError):
+                await self.send_command(_CONFIRMING[self._last_asked == _CONFIRMING[0]])
+        if self._failure is not None:
+            raise self._failure
+        if self.connections != connection:
+            raise UnreachableError(self.device, "the connection was lost.", remedy=_CABLE)
 
     async def send_instruction(self, name: str, sequence_id: int, **fields: Any) -> "asyncio.Future[Packet]":
         """Send a motion once and return what will hold its reply, which comes when it was executed."""

@@ -79,7 +79,10 @@ async def read_pose(link: RmiLink) -> tuple[Pose, int, int]:
 
 async def read_frame(link: RmiLink, kind: str, number: int) -> Pose:
     """Return tool frame (``UTool``, seen from the flange) or user frame (``UFrame``, seen from the base)."""
-    reply = await link.send_command(f"FRC_Read{kind}Data", **{_number_key(kind): number})
+    key = _number_key(kind)
+    reply = await link.send_command(f"FRC_Read{kind}Data", **{key: number})
+    if any(reply.get(one, number) != number for one in (key, f"{kind}Number")):
+        raise _unreadable(link, "it is of another frame")
     frame = reply.get("Frame")
     if not isinstance(frame, Mapping):
         raise _unreadable(link, "there is no frame")

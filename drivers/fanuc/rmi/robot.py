@@ -4,6 +4,8 @@ import asyncio
 import logging
 import math
 import time
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
 from dataclasses import dataclass
 from functools import partial
 
@@ -86,26 +88,27 @@ class FanucRmiRobot(StepwiseMotion):
         return Identity("FANUC", self._options.model, self._options.serial, firmware)
 
     async def _request_condition(self) -> Condition:
-        status = await read_status(self._link)
-        texts = () if status.has_servo_power else await read_alarm_texts(self._link)
+        async with self._link.confirmed_answers():
+            status = await read_status(self._link)
+            texts = () if status.has_servo_power else await read_alarm_texts(self._link)
         return condition_of(status, texts)
 
     async def read_joints(self) -> JointReading:
-        async with self._answer_deadline("reading the joints"):
+        async with self._confirmed_answers("reading the joints"):
             before, _ = await read_joint_angles(self._link)
             joints, reply = await read_joint_angles(self._link)
         moving = bool(self._doing) or joints != before  # this link tells no motion of others
         return JointReading(joints, moving, time.monotonic(), raw=str(dict(reply)))
 
     async def flange_pose(self) -> Pose:
-        async with self._answer_deadline("reading the pose"):
+        async with self._confirmed_answers("reading the pose"):
             user_tip, user, tool = await read_pose(self._link)
             base_user = await read_frame(self._link, "UFrame", user) if user else Pose((0.0, 0.0, 0.0))
             flange_tool = await read_frame(self._link, "UTool", tool) if tool else Pose((0.0, 0.0, 0.0))
         return base_user @ user_tip @ flange_tool.inverse()
 
     async def active_frames(self) -> ActiveFrames:
-        async with self._answer_deadline("reading the active tool"):
+        async with self._confirmed_answers("reading the active tool"):
             user, tool = await read_active_numbers(self._link)
             flange_tool = await read_frame(self._link, "UTool", tool) if tool else Pose((0.0, 0.0, 0.0))
         return ActiveFrames(tool, flange_tool, user)
@@ -132,7 +135,8 @@ class FanucRmiRobot(StepwiseMotion):
     # a move
 
     async def _read_angles(self) -> Joints:
-        return (await read_joint_angles(self._link))[0]
+        async with self._link.confirmed_answers():
+            return (await read_joint_angles(self._link))[0]
 
     async def _begin_motion(self, speed_rad_s: float) -> None:
         """Start RMI_MOVE, where it does not run already."""
@@ -168,17 +172,22 @@ class FanucRmiRobot(StepwiseMotion):
 
     # inside
 
+    @asynccontextmanager
+    async def _confirmed_answers(self, doing: str) -> AsyncIterator[None]:
+        async with self._answer_deadline(doing), self._link.confirmed_answers():
+            yield
+
     async def _read_status(self, doing: str) -> RmiStatus:
-        async with self._answer_deadline(doing):
+        async with self._confirmed_answers(doing):
             return await read_status(self._link)
 
     async def _read_frame(self, kind: str, number: int) -> Pose:
-        async with self._answer_deadline("reading a frame"):
+        async with self._confirmed_answers("reading a frame"):
             return await read_frame(self._link, kind, number)
 
     async def _write_frame(self, kind: str, number: int, pose: Pose) -> Pose:
         with self._exclusive_use("frame"):
-            async with self._answer_deadline("writing a frame"):
+            async with self._confirmed_answers("writing a frame"):
                 await write_frame(self._link, kind, number, pose)
                 found = await read_frame(self._link, kind, number)
         require_frame_as_sent(self.name, number, found, pose)

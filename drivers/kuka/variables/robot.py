@@ -21,8 +21,10 @@ from cellcal.drivers.kuka.variables.state import (
     condition_of,
     read_fraction,
     read_position_data,
+    read_robot_root,
     read_state,
     read_value,
+    refuse_external_tool,
 )
 from cellcal.drivers.kuka.variables.values import (
     AXES,
@@ -80,6 +82,7 @@ class KukaRobot(StreamedStepwiseMotion):
         """Connect, find out which server answers, and compare the serial number. Nothing is ordered."""
         found = await self.identify()
         check_serial_number(self.name, found.serial, self._options.serial)
+        self._link.serial = found.serial
         if not found.firmware.startswith(VERIFIED_ON):
             _LOG.warning("%s: not verified on controller software %r", self.name, found.firmware)
         await self._open_stream()
@@ -93,7 +96,7 @@ class KukaRobot(StreamedStepwiseMotion):
         async with self._answer_deadline("asking who it is"):
             server = await self._link.identify_server()
             model = (await self._link.read_variable("$MODEL_NAME[]")).strip().strip('"').lstrip("#")
-            serial = (await self._link.read_variable("$KR_SERIALNO")).strip().strip('"')
+            serial = await self._link.read_serial()
         return Identity("KUKA", model, serial, f"{server.name} {server.version}".strip())
 
     async def _request_condition(self) -> Condition:
@@ -111,10 +114,12 @@ class KukaRobot(StreamedStepwiseMotion):
 
     async def flange_pose(self) -> Pose:
         async with self._answer_deadline("reading the pose"):
-            base_frame = await read_value(self._link, "$BASE", read_pose)
+            await refuse_external_tool(self._link)
+            world_base = await read_robot_root(self._link)
+            world_frame = await read_value(self._link, "$BASE", read_pose)
             frame_tip = await read_value(self._link, "$POS_ACT", read_pose)
             flange_tool = await read_value(self._link, "$TOOL", read_pose)
-        return base_frame @ frame_tip @ flange_tool.inverse()
+        return world_base.inverse() @ world_frame @ frame_tip @ flange_tool.inverse()
 
     async def active_frames(self) -> ActiveFrames:
         async with self._answer_deadline("reading the active tool"):
@@ -143,10 +148,14 @@ class KukaRobot(StreamedStepwiseMotion):
         return await self._write_frame("TOOL_DATA", number, flange_tool)
 
     async def read_user_frame(self, number: int) -> Pose:
-        return await self._read_frame("BASE_DATA", number)
+        async with self._answer_deadline("reading a frame"):
+            world_base = await read_robot_root(self._link)
+        return world_base.inverse() @ await self._read_frame("BASE_DATA", number)
 
     async def write_user_frame(self, number: int, base_user: Pose) -> Pose:
-        return await self._write_frame("BASE_DATA", number, base_user)
+        async with self._answer_deadline("reading a frame"):
+            world_base = await read_robot_root(self._link)
+        return world_base.inverse() @ await self._write_frame("BASE_DATA", number, world_base @ base_user)
 
     # a move
 

@@ -4,11 +4,12 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TypeVar
 
+from cellcal.calibration.geometry import Pose
 from cellcal.calibration.mastering.position_record import ShownValue
 from cellcal.calibration.message import make_message
 from cellcal.drivers.errors import RefusedError, WireProtocolError
 from cellcal.drivers.interfaces import Alarm, AlarmKind, Condition, Readiness
-from cellcal.drivers.kuka.variables.values import AXES, read_flag, read_members, read_number
+from cellcal.drivers.kuka.variables.values import AXES, read_flag, read_members, read_number, read_pose
 from cellcal.drivers.kuka.variables.variable_link import VariableLink
 
 T = TypeVar("T")
@@ -83,6 +84,31 @@ async def read_position_data(link: VariableLink) -> tuple[ShownValue, ...]:
         constant = name == "$MAMES"  # the angle at the notch; changing it shifts the robot for good
         found += [ShownValue(name, text, axis, unit, constant) for axis, text in enumerate(texts)]
     return tuple(found)
+
+
+async def read_robot_root(link: VariableLink) -> Pose:
+    """Return the robot's base seen from WORLD, where the controller has its bases; WORLD where it does not tell.
+
+    It is turned for an arm on a ceiling or a wall, and shifted for one on a pedestal.
+    """
+    try:
+        return await read_value(link, "$ROBROOT", read_pose)
+    except RefusedError:
+        return Pose((0.0, 0.0, 0.0))
+
+
+async def refuse_external_tool(link: VariableLink) -> None:
+    """Refuse a tool that stands beside the robot: the position that is shown then is not that of the flange."""
+    try:
+        mode = await link.read_variable("$IPO_MODE")
+    except RefusedError:
+        return
+    if mode.strip().upper() == "#TCP":
+        raise RefusedError(
+            link.device,
+            "the active tool stands beside the robot ($IPO_MODE is #TCP).",
+            remedy="Select the tool that the robot carries.",
+        )
 
 
 async def read_fraction(link: VariableLink, variable: str) -> float:

@@ -12,6 +12,7 @@ from cellcal.calibration.orientation import rotation_from, values_from
 
 AXES = 6
 _MEMBER = re.compile(r"(?<!\w)([A-Za-z]\w*+)\s++([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(?=[,}])")
+_DECIMAL_COMMA = re.compile(r",\s*[-+.\d]")  # behind a comma stands a name, and never a number
 _MOST_TEXT = 4096
 _POSE_MEMBERS = ("X", "Y", "Z", "A", "B", "C")
 
@@ -38,6 +39,8 @@ def read_members(text: str) -> Mapping[str, float]:
         raise ValueError(
             make_message("{text_count} characters are more than any aggregate has", text_count=len(text))
         )
+    if _DECIMAL_COMMA.search(text):
+        raise ValueError(make_message("{text!r} has decimal commas", text=text[:60]))
     found = {name.upper(): float(value) for name, value in _MEMBER.findall(text)}
     if not found or not all(map(math.isfinite, found.values())):
         raise ValueError(make_message("{text!r} holds no numbers", text=text[:60]))

@@ -12,13 +12,14 @@ from cellcal.calibration.message import make_message
 from cellcal.drivers.errors import DeviceError, RefusedError, UnreachableError, WireProtocolError
 from cellcal.drivers.wire.deadline import answer_deadline
 from cellcal.drivers.wire.link_errors import lost_connection_error, no_connection_error
+from cellcal.drivers.wire.serial_number import check_serial_number
 from cellcal.drivers.wire.trace import FrameTrace
 
 _HEADER, _LENGTH = struct.Struct(">HH"), struct.Struct(">H")
 _READ, _WRITE = 0, 1
 _MOST_TEXT = 2000
 _CABLE = "Check that the controller is on, its variable server runs, and port 7000 is open in its network."
-_PROXY_VERSION = "@PROXY_VERSION"
+_PROXY_VERSION, _SERIAL = "@PROXY_VERSION", "$KR_SERIALNO"
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,7 +31,11 @@ class VariableServer:
 
 
 class VariableLink:
-    """One TCP connection; one question at a time, matched by its tag; opened again by the next one after a loss."""
+    """One TCP connection; one question at a time, matched by its tag; opened again by the next one after a loss.
+
+    KUKAVARPROXY hangs up on a client that is silent for 30 s: that is no loss. Another controller may answer at the
+    same address later, so the ``serial`` is compared on each new connection, once it is set.
+    """
 
     def __init__(self, device: str, address: str, port: int, *, deadline_s: float) -> None:
         self.device = device
@@ -38,6 +43,7 @@ class VariableLink:
         self._streams: tuple[asyncio.StreamReader, asyncio.StreamWriter] | None = None
         self._lock = asyncio.Lock()
         self._tag = 0
+        self.serial = ""
         self.trace = FrameTrace(device)
 
     async def close(self) -> None:
@@ -53,6 +59,10 @@ class VariableLink:
         except RefusedError:
             return VariableServer("KUKAVARPROXY", "")
         return VariableServer("C3 Bridge", version.strip('"'))
+
+    async def read_serial(self) -> str:
+        """Return the serial number of the robot; errors as for ``read_variable``."""
+        return (await self.read_variable(_SERIAL)).strip().strip('"')
 
     async def read_variable(self, variable: str) -> str:
         """Return a variable's value as the controller writes it.
@@ -75,24 +85,39 @@ class VariableLink:
 
     async def _exchange(self, kind: int, variable: str, value: str | None) -> str:
         async with self._lock, answer_deadline(self.device, self._deadline_s, "waiting for an answer"):
-            reader, writer = await self._open_streams()
-            self.expect_tag(self._tag % 65535 + 1)
-            body = struct.pack(">B", kind) + _packed(variable)
-            if value is not None:
-                body += _packed(value)
-            frame = _HEADER.pack(self._tag, len(body)) + body
-            self.trace.add_frame(">", frame.hex())
-            try:
-                writer.write(frame)
-                await writer.drain()
-                return await self.read_answer(reader, kind, variable)
-            except (OSError, asyncio.IncompleteReadError) as error:
-                await self.close()
-                raise self._lost(error) from error
-            except (DeviceError, TimeoutError, asyncio.CancelledError) as error:
-                if not isinstance(error, RefusedError):
-                    await self.close()  # what is still on its way must not answer the next question
-                raise
+            if await self._open_streams() and self.serial:
+                await self._check_serial()
+            return await self._ask(kind, variable, value)
+
+    async def _check_serial(self) -> None:
+        """Hold that the controller of the last connection answers on this one, too."""
+        found = await self._ask(_READ, _SERIAL, None)
+        try:
+            check_serial_number(self.device, found.strip().strip('"'), self.serial)
+        except DeviceError:
+            await self.close()  # the next question looks again
+            raise
+
+    async def _ask(self, kind: int, variable: str, value: str | None) -> str:
+        assert self._streams is not None
+        reader, writer = self._streams
+        self.expect_tag(self._tag % 65535 + 1)
+        body = struct.pack(">B", kind) + _packed(variable)
+        if value is not None:
+            body += _packed(value)
+        frame = _HEADER.pack(self._tag, len(body)) + body
+        self.trace.add_frame(">", frame.hex())
+        try:
+            writer.write(frame)
+            await writer.drain()
+            return await self.read_answer(reader, kind, variable)
+        except (OSError, asyncio.IncompleteReadError) as error:
+            await self.close()
+            raise self._lost(error) from error
+        except (DeviceError, TimeoutError, asyncio.CancelledError) as error:
+            if not isinstance(error, RefusedError):
+                await self.close()  # what is still on its way must not answer the next question
+            raise
 
     def expect_tag(self, tag: int) -> None:
         """Let only the answer with this tag count."""
@@ -115,13 +140,18 @@ class VariableLink:
             raise self._refused(variable)
         return body[3 : 3 + size].decode("ascii", "replace")
 
-    async def _open_streams(self) -> tuple[asyncio.StreamReader, asyncio.StreamWriter]:
-        if self._streams is None:
-            try:
-                self._streams = await asyncio.open_connection(self._address, self._port)
-            except OSError as error:
-                raise no_connection_error(self.device, self._address, error, _CABLE) from error
-        return self._streams
+    async def _open_streams(self) -> bool:
+        """Connect where there is no connection; return whether it is a new one."""
+        if self._streams is not None:
+            reader = self._streams[0]
+            if not reader.at_eof() and reader.exception() is None:
+                return False
+            await self.close()
+        try:
+            self._streams = await asyncio.open_connection(self._address, self._port)
+        except OSError as error:
+            raise no_connection_error(self.device, self._address, error, _CABLE) from error
+        return True
 
     def _lost(self, error: Exception) -> UnreachableError:
         return lost_connection_error(self.device, error, _CABLE)

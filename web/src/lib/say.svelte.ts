@@ -75,7 +75,9 @@ class Sayings {
     const under = name.indexOf(": ");
     if (under > 0) return `${this.step(name.slice(0, under))}: ${this.step(name.slice(under + 2))}`;
     const cut = name.lastIndexOf(" ");
-    return cut > 0 && isCount(name.slice(cut + 1)) ? `${this.step(name.slice(0, cut))} ${name.slice(cut + 1)}` : name;
+    if (cut <= 0 || !isCount(name.slice(cut + 1))) return name;
+    const [base, count] = [this.step(name.slice(0, cut)), name.slice(cut + 1)];
+    return /\d$/.test(base) ? `${base} (${count})` : `${base} ${count}`; // of "J1", the second time
   };
 
   #labelled(text: string): string {

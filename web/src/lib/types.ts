@@ -138,6 +138,7 @@ export interface Device {
   state: string;
   message: string;
   remedy: string;
+  stop?: { message: string; remedy: string } | null; // what stops a robot, also one that has lost its position
   live: boolean; // it tells values by itself; of others the state is asked, and a run's last reading is kept
   typed?: boolean; // its readings are typed by a person when a run asks: nothing can be too old
   asked: boolean; // by a run, just now
