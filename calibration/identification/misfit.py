@@ -10,12 +10,15 @@ from dataclasses import replace
 import numpy as np
 
 from cellcal.calibration.arm.kinematics import RobotModel, load_model, model_names
+from cellcal.calibration.arm.robot_models.catalogue_index import catalogue_entries
 from cellcal.calibration.errors import CalibrationError
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.identification.distinct_postures import count_postures
 from cellcal.calibration.identification.estimator import FitProblem, errors_m, estimate_arm
 from cellcal.calibration.identification.first_guess import first_guess
 from cellcal.calibration.identification.layouts import make_layout
+from cellcal.calibration.identification.misfit_couplings import screw_readings
+from cellcal.calibration.identification.misfit_elsewhere import outer_causes
 from cellcal.calibration.identification.misfit_error import (
     MisfitCause,
     MisfitError,
@@ -36,6 +39,7 @@ from cellcal.calibration.identification.observations import (
     MeasuredRows,
     Observations,
     PointObservations,
+    Rows,
 )
 from cellcal.calibration.identification.parameters import OFFSETS, ArmState
 from cellcal.calibration.identification.quick_fit import spread_rows, trimmed_rms
@@ -48,6 +52,9 @@ _SUSPECT_M = 1e-3
 _GROSS = 0.015  # of the motion: nothing is calibrated by such a fit
 _GROSS_M = 5e-3
 _DECISIVE = 3.0  # times better must the rows fit with a cause
+_DECISIVE_PITCH = 1.4  # times better with the pitch of a screw, which is one number
+_FEWEST_SCREWED = 16
+_FEWEST_TOLD_APART = 20  # rows, for hundreds of robots
 _ALIKE = 1.6  # times the best score: these causes cannot be told apart
 _ALIKE_M = 2e-4
 _UNKNOWN_RAD = 1e6  # deviation of a zero that is not fitted
@@ -77,6 +84,7 @@ _KINDS = (
     "angle unit",
     "slide unit",
     "slide",
+    "screw",
     "turn",
     "mirror",
     "coupling",
@@ -85,6 +93,8 @@ _KINDS = (
     "order",
     "rows",
     "model",
+    "device",
+    "column",
 )
 
 
@@ -112,6 +122,7 @@ def refuse_misfit(
     motion_m = motion_of(model, some)
     _refuse_constant(some, motion_m)
     stands = fit_quickly(model, some)
+    _refuse_screw(model, some, stands, motion_m, names)
     if stands.score_m > max(_SUSPECT * motion_m, _SUSPECT_M):
         others = [load_model(name) for name in model_names() if name != model.name] if search_models else []
         # A zero far off is a cause itself, which the fit found by chance: any that fits better takes its place.
@@ -123,7 +134,11 @@ def refuse_misfit(
             raise misfit_error(model, stands.score_m, motion_m, causes)
     if stands.score_m <= max(_GROSS * motion_m, _GROSS_M):
         _refuse_far_zero(model, some, stands, names)
-    elif _misfits_throughout(model, observations, max(_GROSS * motion_m, _GROSS_M)):
+        return
+    _refuse_outer_cause(model, some, (stands.score_m, motion_m), names, rows)
+    if _misfits_throughout(model, observations, max(_GROSS * motion_m, _GROSS_M)):
+        if search_models:
+            _refuse_other_robot(model, observations, (stands.score_m, motion_m), names)
         raise _unknown_cause_error(model, stands.score_m, motion_m, observations, names.targets)
 
 
@@ -265,6 +280,43 @@ def _fit_from(model: RobotModel, observations: Observations, start: ArmState) ->
     of_joints = np.linalg.inv(model.joint_coupling)
     sigmas = np.where(np.abs(of_joints) > 0, np.abs(of_joints) * sigma, 0.0).sum(axis=1)
     return MisfitScore(score, tuple((of_joints @ offsets).tolist()), tuple(sigmas.tolist()))
+
+
+def _refuse_outer_cause(
+    model: RobotModel, some: Observations, sizes_m: tuple[float, float], names: FileNames, rows: Rows
+) -> None:
+    """Refuse rows that a cause outside the arm explains; sizes are what is left and the motion."""
+    left_m, motion_m = sizes_m
+    columns = {name: values[rows] for name, values in names.columns.items()}
+    limit_m = min(left_m / _DECISIVE, max(_GROSS * motion_m, _GROSS_M))
+    if causes := outer_causes(model, _places_only(some), columns, fit_quickly, limit_m):
+        raise misfit_error(model, left_m, motion_m, causes)
+
+
+def _refuse_other_robot(
+    model: RobotModel, observations: Observations, sizes_m: tuple[float, float], names: FileNames
+) -> None:
+    """Refuse rows that another robot of the catalogue with as many joints fits."""
+    left_m, motion_m = sizes_m
+    entries = [entry for entry in catalogue_entries() if entry.usable and entry.axes == model.axis_count]
+    if len(observations) < _FEWEST_TOLD_APART or not entries:
+        return
+    others = [load_model(entry.name) for entry in entries if entry.name != model.name]
+    if causes := _explaining_causes(model, observations, left_m / _DECISIVE, names, others):
+        raise misfit_error(model, left_m, motion_m, causes)
+
+
+def _refuse_screw(
+    model: RobotModel, some: Observations, stands: MisfitScore, motion_m: float, names: FileNames
+) -> None:
+    """Refuse rows in which a joint that turns moves a slide: small as it is, no error of an arm holds it."""
+    if model.sliding is None or isinstance(some, LengthObservations) or len(some) < _FEWEST_SCREWED:
+        return
+    for reading in screw_readings(model, some, names):
+        fitted = fit_quickly(model, replace(some, joints_rad=reading.joints_rad))
+        if fitted.score_m <= min(stands.score_m / _DECISIVE_PITCH, max(_GROSS * motion_m, _GROSS_M)):
+            cause = MisfitCause((reading.kind,), reading.says, reading.cure, fitted.score_m)
+            raise misfit_error(model, stands.score_m, motion_m, (cause,))
 
 
 def _refuse_far_zero(model: RobotModel, some: Observations, stands: MisfitScore, names: FileNames) -> None:

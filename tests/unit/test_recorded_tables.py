@@ -235,3 +235,52 @@ def test_quoted_marks_of_thousands_are_no_list(tmp_path: Path) -> None:
     rows = [";".join(f'"{number:,.4f}"' for number in row) for row in np.column_stack([DEG, MM * 1e3])]
     found = read_measurements(write_table(tmp_path / "rows.csv", [";".join(HEADING)], rows), MODEL)
     assert found.layout.joints == tuple(HEADING[:6])
+
+
+@pytest.mark.parametrize(
+    ("mean", "spread"), [("Mean", "Std"), ("P{} average", "P{} range"), ("P{} Mittelwert", "P{} Spannweite")]
+)
+def test_summaries_of_each_posture_are_no_readings(tmp_path: Path, mean: str, spread: str) -> None:
+    lines, rng = [], np.random.default_rng(0)
+    for at, (joints, place) in enumerate(zip(DEG, MM, strict=True), 1):
+        readings = place + 0.03 * rng.standard_normal((3, 3))
+        lines += [f"P{at}.{i},{joined(joints)},{joined(row)}" for i, row in enumerate(readings, 1)]
+        lines.append(f"{mean.format(at)},{joined(joints)},{joined(readings.mean(axis=0))}")
+        of = np.std(readings, axis=0, ddof=1) if spread == "Std" else np.ptp(readings, axis=0)
+        lines.append(f"{spread.format(at)},{joined(0.0 * joints)},{joined(of)}")
+    found = read_measurements(
+        write_table(tmp_path / "rows.csv", [",".join(["Name", *HEADING])], lines), MODEL
+    )
+    assert len(found.observations) == found.read == 3 * len(MM)
+    assert "and 74 more" in found.guesses[0]
+
+
+def test_words_beside_readings_that_are_no_statistic_name_them(tmp_path: Path) -> None:
+    """Payload or speed: minimum and maximum of a setting, not of the rows above."""
+    words = ["half", "min", "max"]
+    lines = [f"{words[at % 3]},{joined(row)}" for at, row in enumerate(np.column_stack([DEG, MM]))]
+    found = read_measurements(
+        write_table(tmp_path / "rows.csv", [",".join(["Speed", *HEADING])], lines), MODEL
+    )
+    assert found.read == len(MM)
+
+
+@pytest.mark.parametrize(
+    ("heading", "robot", "order"),
+    [
+        ("S,L,U,R,B,T,E", "yaskawa_sia20d", "S,L,E,U,R,B,T"),
+        ("S,L,E,U,R,B,T", "yaskawa_sia20d", "S,L,E,U,R,B,T"),
+        (
+            "rax_1,rax_2,rax_3,rax_4,rax_5,rax_6,eax_a",
+            "kuka_lbr_iiwa14_r820",
+            "rax_1,rax_2,eax_a,rax_3,rax_4,rax_5,rax_6",
+        ),
+        ("A1,A2,A3,A4,A5,A6,E1", "kuka_lbr_iiwa14_r820", "A1,A2,E1,A3,A4,A5,A6"),
+    ],
+)
+def test_the_redundant_joint_stands_third(tmp_path: Path, heading: str, robot: str, order: str) -> None:
+    rows = [joined(row) for row in np.random.default_rng(1).uniform(-60, 60, (20, 10))]
+    found = read_measurements(
+        write_table(tmp_path / "rows.csv", [f"{heading},X,Y,Z"], rows), load_model(robot)
+    )
+    assert found.layout.joints == tuple(order.split(","))

@@ -26,6 +26,7 @@ from cellcal.service.engineering.measured.row_words import (
     refuse_other_headings,
     refuse_several_robots,
     target_column,
+    unused_columns,
 )
 from cellcal.service.engineering.measured.table import (
     WRITE_PLAINLY,
@@ -85,6 +86,9 @@ class Measurements:
     units: Mapping[str, str]  # meaning -> unit, stated or guessed
     convention: str  # of the attitude; empty if none is used
     targets: tuple[str, tuple[str, ...]] = ("", ())  # a column that tells targets apart, and their names
+    unused: Mapping[str, Array] = field(
+        default_factory=dict
+    )  # columns that take no part, a number or code a row
 
 
 def read_measurements(path: Path, model: RobotModel, options: ReadOptions | None = None) -> Measurements:
@@ -152,6 +156,7 @@ def _interpret_table(
         units={key: unit for key, unit in units.used.items() if key != "convention"},
         convention=units.used.get("convention", ""),
         targets=target_column(table, rows, used),
+        unused=unused_columns(table, rows, used),
     )
 
 

@@ -28,7 +28,7 @@ from cellcal.service.engineering.measured.errors import (
     MeasurementError as MeasurementError,  # noqa: PLC0414  # readers of tables import it from here
 )
 from cellcal.service.engineering.measured.list_cells import has_lists, spread_lists
-from cellcal.service.engineering.measured.summary_rows import calculated_rows, summary_rows
+from cellcal.service.engineering.measured.summary_rows import block_summaries, calculated_rows, summary_rows
 from cellcal.service.engineering.measured.table_forms import refuse_divided_numbers, refuse_lying_table
 from cellcal.service.engineering.measured.table_heads import (
     doubled_name,
@@ -170,6 +170,7 @@ def _read_text(path: Path, content: bytes) -> MeasurementTable:
 
 
 _LONGEST_LINE = 200_000
+_MOST_NAMED = 6  # summaries
 
 
 def _split_line(line: str, separator: str) -> list[str]:
@@ -273,12 +274,18 @@ def _fill_table(
 
 def _without_summaries(table: MeasurementTable) -> MeasurementTable:
     """Return a table without the rows that sum others up; its dialect names them."""
-    found = {**calculated_rows(table.numbers), **summary_rows(table.texts, len(table))}
+    found = {
+        **calculated_rows(table.numbers),
+        **block_summaries(table.texts, table.numbers),
+        **summary_rows(table.texts, len(table)),
+    }
     if not found:
         return table
     kept = [row for row in range(len(table)) if row not in found]
     place = {row: at for at, row in enumerate(kept)}
-    shown = ", ".join(f"{word!r} ({table.lines[row]})" for row, word in found.items())
+    shown = ", ".join(f"{word!r} ({table.lines[row]})" for row, word in list(found.items())[:_MOST_NAMED])
+    if len(found) > _MOST_NAMED:
+        shown = make_message("{} and {} more", shown, len(found) - _MOST_NAMED)
     left_out = make_message("summaries of rows left out, with their lines: {shown}", shown=shown)
     return replace(
         table,
