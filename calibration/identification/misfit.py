@@ -32,6 +32,8 @@ from cellcal.calibration.identification.misfit_hypotheses import (
     home_reading,
     with_zeros,
 )
+from cellcal.calibration.identification.misfit_lag import lag_readings
+from cellcal.calibration.identification.misfit_lengths import length_readings
 from cellcal.calibration.identification.misfit_ranking import MisfitCandidate, coarse_candidates
 from cellcal.calibration.identification.misfit_slides import slide_readings, turn_readings
 from cellcal.calibration.identification.observations import (
@@ -52,7 +54,7 @@ _SUSPECT_M = 1e-3
 _GROSS = 0.015  # of the motion: nothing is calibrated by such a fit
 _GROSS_M = 5e-3
 _DECISIVE = 3.0  # times better must the rows fit with a cause
-_DECISIVE_PITCH = 1.4  # times better with the pitch of a screw, which is one number
+_DECISIVE_NUMBER = 1.4  # times better with one more number: the pitch of a screw, or a lag
 _FEWEST_SCREWED = 16
 _FEWEST_TOLD_APART = 20  # rows, for hundreds of robots
 _ALIKE = 1.6  # times the best score: these causes cannot be told apart
@@ -85,6 +87,9 @@ _KINDS = (
     "slide unit",
     "slide",
     "screw",
+    "lag",
+    "zero",
+    "scale",
     "turn",
     "mirror",
     "coupling",
@@ -122,7 +127,7 @@ def refuse_misfit(
     motion_m = motion_of(model, some)
     _refuse_constant(some, motion_m)
     stands = fit_quickly(model, some)
-    _refuse_screw(model, some, stands, motion_m, names)
+    _refuse_one_number(model, observations, (stands.score_m, motion_m), names, rows)
     if stands.score_m > max(_SUSPECT * motion_m, _SUSPECT_M):
         others = [load_model(name) for name in model_names() if name != model.name] if search_models else []
         # A zero far off is a cause itself, which the fit found by chance: any that fits better takes its place.
@@ -306,17 +311,29 @@ def _refuse_other_robot(
         raise misfit_error(model, left_m, motion_m, causes)
 
 
-def _refuse_screw(
-    model: RobotModel, some: Observations, stands: MisfitScore, motion_m: float, names: FileNames
+def _refuse_one_number(
+    model: RobotModel,
+    observations: Observations,
+    sizes_m: tuple[float, float],
+    names: FileNames,
+    rows: Rows,
 ) -> None:
-    """Refuse rows in which a joint that turns moves a slide: small as it is, no error of an arm holds it."""
-    if model.sliding is None or isinstance(some, LengthObservations) or len(some) < _FEWEST_SCREWED:
+    """Refuse rows with a screw at a slide, joints of another time, or a wire's zero: no error of an arm is such."""
+    left_m, motion_m = sizes_m
+    some, gross_m = observations.select_rows(rows), max(_GROSS * motion_m, _GROSS_M)
+    if isinstance(some, LengthObservations):
+        for lengths, cause in length_readings(model, some):
+            if (fitted := fit_quickly(model, lengths)).score_m <= min(left_m / _DECISIVE, gross_m):
+                raise misfit_error(model, left_m, motion_m, (replace(cause, remaining_m=fitted.score_m),))
         return
-    for reading in screw_readings(model, some, names):
-        fitted = fit_quickly(model, replace(some, joints_rad=reading.joints_rad))
-        if fitted.score_m <= min(stands.score_m / _DECISIVE_PITCH, max(_GROSS * motion_m, _GROSS_M)):
+    if len(some) < _FEWEST_SCREWED:
+        return
+    places = _places_only(some)
+    for reading in (*screw_readings(model, some, names), *lag_readings(model, observations, rows)):
+        fitted = fit_quickly(model, replace(places, joints_rad=reading.joints_rad))
+        if fitted.score_m <= min(left_m / _DECISIVE_NUMBER, gross_m):
             cause = MisfitCause((reading.kind,), reading.says, reading.cure, fitted.score_m)
-            raise misfit_error(model, stands.score_m, motion_m, (cause,))
+            raise misfit_error(model, left_m, motion_m, (cause,))
 
 
 def _refuse_far_zero(model: RobotModel, some: Observations, stands: MisfitScore, names: FileNames) -> None:
@@ -336,10 +353,13 @@ def _refuse_far_zero(model: RobotModel, some: Observations, stands: MisfitScore,
 
 
 def _far_zeros(stands: MisfitScore) -> dict[int, float]:
+    last = (
+        len(stands.offsets_rad) - 1
+    )  # its zero, and that of the first joint, are hidden by target and device
     return {
         joint: _round_angle(offset)
         for joint, (offset, sigma) in enumerate(zip(stands.offsets_rad, stands.sigma_rad, strict=True))
-        if abs(offset) > _FAR_RAD and sigma < _SURE * abs(offset)
+        if 0 < joint < last and abs(offset) > _FAR_RAD and sigma < _SURE * abs(offset)
     }
 
 

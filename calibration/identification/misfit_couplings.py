@@ -76,6 +76,8 @@ def screw_readings(
 ) -> Iterator[JointInterpretation]:
     """Return, for each slide along the axis of a joint that turns, the rows with the pitch that fits best."""
     axes, turning = _axes_at_zero(model), _turning(model)
+    if turning.all():
+        return
     for slide in np.flatnonzero(~turning).tolist():
         for turn in (slide - 1, slide + 1):
             if not 0 <= turn < model.axis_count or not turning[turn]:

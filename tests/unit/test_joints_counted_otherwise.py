@@ -11,7 +11,7 @@ from cellcal.calibration.identification.misfit import refuse_misfit
 from cellcal.calibration.identification.misfit_couplings import parallel_runs
 from cellcal.calibration.identification.misfit_error import MisfitError
 from cellcal.calibration.identification.misfit_hypotheses import FileNames
-from cellcal.calibration.identification.observations import PointObservations
+from cellcal.calibration.identification.observations import LengthObservations, PointObservations
 
 ROWS = 48
 DEVICE = exp_twist(np.array([1.9, -0.8, 0.4, 0.1, -0.2, 1.3]))
@@ -112,3 +112,30 @@ def test_columns_that_take_no_part_and_explain_the_rows_are_named():
     two = np.where(tools[:, None] == 1.0, (flanges @ TIP)[:, :3], (flanges @ [-0.1, 0.1, 0.3, 1.0])[:, :3])
     refused = refusal(model, points(model, joints, rng, two), columns=unused)
     assert "taken apart by column 'UTOOL'" in refused.message
+
+
+def test_joints_of_another_time_than_the_positions_are_named():
+    model, _, rng = joints_of(SIX)
+    low, high = np.maximum(model.lower_rad, -1.5), np.minimum(model.upper_rad, 1.5)
+    phase, times = rng.uniform(0, 6, (2, 6)), np.arange(ROWS)[:, None]
+
+    def path(time):
+        swing = np.sin(0.2 * time + phase[0]) + np.sin(0.31 * time + phase[1])
+        return (low + high) / 2 + swing * (high - low) / 5
+
+    rows = replace(points(model, path(times), rng), joints_rad=path(times - 0.3))
+    refused = refusal(model, rows)
+    assert refused.causes[0].kinds == ("lag",)
+    assert "0.30 of the time between two rows earlier" in refused.message
+    refuse_misfit(model, points(model, path(times), rng))
+
+
+def test_the_zero_of_a_wire_that_is_far_off_is_named():
+    model, joints, rng = joints_of(SIX, seed=3)
+    tips = (model.base_flange(joints) @ TIP)[:, :3]
+    lengths = np.linalg.norm(tips - [1.2, -0.3, 0.2], axis=1) + 1e-4 * rng.standard_normal(ROWS)
+    once, sigma = np.zeros(ROWS, dtype=np.intp), np.full(ROWS, 3e-4)
+    refused = refusal(model, LengthObservations(joints, lengths - 0.35, sigma, once), length_unit="mm")
+    assert refused.causes[0].kinds == ("zero",)
+    assert float(refused.message.partition("about ")[2].split()[0]) == pytest.approx(350, abs=10)
+    refuse_misfit(model, LengthObservations(joints, lengths, sigma, once))

@@ -7,6 +7,7 @@ import pytest
 
 from cellcal.calibration.arm.kinematics import load_model
 from cellcal.calibration.geometry import quaternion_from_rotation
+from cellcal.calibration.identification.observations import PoseObservations
 from cellcal.service.engineering.measured.measurements import read_measurements
 from cellcal.service.engineering.measured.table import MeasurementError, read_table
 from tests.unit.helpers.simulated_arm import tracker_poses
@@ -284,3 +285,38 @@ def test_the_redundant_joint_stands_third(tmp_path: Path, heading: str, robot: s
         write_table(tmp_path / "rows.csv", [f"{heading},X,Y,Z"], rows), load_model(robot)
     )
     assert found.layout.joints == tuple(order.split(","))
+
+
+@pytest.mark.parametrize(("count", "along"), [(16, "rows"), (16, "columns"), (12, "rows"), (12, "columns")])
+def test_a_pose_as_a_numbered_list_is_read_along_rows_or_columns(
+    tmp_path: Path, count: int, along: str
+) -> None:
+    poses = np.zeros((len(MM), 4, 4))
+    poses[:, :3, :3], poses[:, :3, 3], poses[:, 3, 3] = TURNS, MM / 1e3, 1.0
+    poses = poses[:, : count // 4]
+    lists = (poses if along == "rows" else np.swapaxes(poses, 1, 2)).reshape(len(MM), count)
+    names = [*HEADING[:6], *(f"T_meas[{i}]" for i in range(count))]
+    rows = [joined(row, form="{:.7f}") for row in np.column_stack([DEG, lists])]
+    found = read_measurements(write_table(tmp_path / "rows.csv", [",".join(names)], rows), MODEL)
+    assert np.allclose(found.observations.positions_m * 1e3, MM, atol=1e-3)
+    assert isinstance(found.observations, PoseObservations)
+    assert np.allclose(found.observations.rotations, TURNS, atol=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("names", "says"),
+    [
+        ([f"O_T_EE_{i}" for i in range(16)], "calculates from its joints"),
+        (
+            ["X nom", "Y nom", "Z nom", "dX", "dY", "dZ"],
+            "dX, dY, dZ are differences from X nom, Y nom, Z nom",
+        ),
+        (["Z"], "Z tell a part of a place"),
+    ],
+)
+def test_what_is_missing_of_a_measurement_is_said(tmp_path: Path, names: list[str], says: str) -> None:
+    poses = np.tile(np.eye(4).ravel(), (len(MM), 1))[:, : len(names)] + 0.0 * MM[:, :1]
+    rows = [joined(row) for row in np.column_stack([DEG, poses])]
+    with pytest.raises(MeasurementError) as refused:
+        read_measurements(write_table(tmp_path / "rows.csv", [",".join([*HEADING[:6], *names])], rows), MODEL)
+    assert says in refused.value.remedy

@@ -28,6 +28,7 @@ from cellcal.service.engineering.measured.errors import (
     MeasurementError as MeasurementError,  # noqa: PLC0414  # readers of tables import it from here
 )
 from cellcal.service.engineering.measured.list_cells import has_lists, spread_lists
+from cellcal.service.engineering.measured.matrix_columns import name_matrix_elements
 from cellcal.service.engineering.measured.summary_rows import block_summaries, calculated_rows, summary_rows
 from cellcal.service.engineering.measured.table_forms import refuse_divided_numbers, refuse_lying_table
 from cellcal.service.engineering.measured.table_heads import (
@@ -228,7 +229,7 @@ def _build_table(path: Path, cells: Iterable[list[float | str]], dialect: str) -
         refuse_lying_table(path, head[first:])
         remarks = [",".join(str(cell) for cell in row) for row in head[:first]]
         names = names_without_heading(head[first][: _filled_width(head[first])], remarks)
-    names = name_quaternion_apart(names, head[first:])
+    names = name_matrix_elements(name_quaternion_apart(names, head[first:]), head[first:])
     if twice := doubled_name(names):
         raise MeasurementError(
             make_message("{path}: the column name {twice!r} occurs twice.", path=path, twice=twice),
