@@ -77,6 +77,9 @@ def beyond_limits(model: RobotModel, joints_rad: Array) -> list[Lint]:
     coupled |= (np.abs(model.joint_coupling) > 0).sum(axis=0) > 1
     slides = np.zeros(model.axis_count, dtype=bool) if model.sliding is None else model.sliding
     margin = np.where(slides, _BEYOND_TRAVEL * (model.upper_rad - model.lower_rad), _BEYOND_RAD)
+    shown = joints_rad[:, ~slides]
+    if (shown >= 0.0).all() and (shown > np.pi).any(axis=0).sum() > 1:  # counted from 0 to 360 deg
+        joints_rad = np.where(~slides & (joints_rad > np.pi), joints_rad - 2 * np.pi, joints_rad)
     over = (joints_rad > model.upper_rad + margin) | (joints_rad < model.lower_rad - margin)
     found = []
     for joint in np.flatnonzero(over.any(axis=0) & ~coupled).tolist():

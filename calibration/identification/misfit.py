@@ -4,7 +4,7 @@ A fit that leaves half a metre is no calibration of anything. Before it is made,
 way that files get wrong: mirrored axes, signs, zeros, order, coupling, units, rows beside each other, another robot.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -29,6 +29,7 @@ from cellcal.calibration.identification.misfit_error import (
 from cellcal.calibration.identification.misfit_hypotheses import (
     FileNames,
     JointInterpretation,
+    columns_option,
     home_reading,
     with_zeros,
 )
@@ -347,9 +348,31 @@ def _refuse_far_zero(model: RobotModel, some: Observations, stands: MisfitScore,
                 model_name=model.name,
                 says=home_cause.says,
             ),
-            remedy=make_message("{remedy} Nothing was stored.", remedy=home_cause.cure),
+            remedy=make_message(
+                "{remedy} Nothing was stored.", remedy=_with_track(model, far, names, home_cause.cure)
+            ),
             causes=(MisfitCause(("home",), home_cause.says, home_cause.cure, stands.score_m),),
         )
+
+
+def _with_track(model: RobotModel, far: Mapping[int, float], names: FileNames, cure: str) -> str:
+    """Return the cure of a far zero, and that of a track that runs elsewhere, which looks the same."""
+    if model.sliding is None or not model.sliding[0] or list(far) != [1]:
+        return cure
+    slide = names.joints[0]
+    if abs(far[1]) < np.pi:
+        return make_message(
+            "{cure} It fits as well that {slide} runs in another direction than the description says, by as much: "
+            "see its axis there.",
+            cure=cure,
+            slide=slide,
+        )
+    return make_message(
+        "{cure} It fits as well that {slide} counts the other way round: {columns_option}.",
+        cure=cure,
+        slide=slide,
+        columns_option=columns_option([f"-{slide}", *names.joints[1:]]),
+    )
 
 
 def _far_zeros(stands: MisfitScore) -> dict[int, float]:

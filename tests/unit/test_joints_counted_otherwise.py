@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from cellcal.calibration.arm.kinematics import load_model
+from cellcal.calibration.arm.urdf import bare_urdf
 from cellcal.calibration.geometry import exp_twist, inverse_transform
 from cellcal.calibration.identification.misfit import refuse_misfit
 from cellcal.calibration.identification.misfit_couplings import parallel_runs
@@ -139,3 +140,26 @@ def test_the_zero_of_a_wire_that_is_far_off_is_named():
     assert refused.causes[0].kinds == ("zero",)
     assert float(refused.message.partition("about ")[2].split()[0]) == pytest.approx(350, abs=10)
     refuse_misfit(model, LengthObservations(joints, lengths, sigma, once))
+
+
+@pytest.mark.parametrize(
+    ("turned", "says"), [(np.pi, "joints=-E1,A1"), (np.pi / 2, "runs in another direction")]
+)
+def test_a_track_that_runs_elsewhere_is_told_beside_the_zero_of_the_first_axis(tmp_path, turned, says):
+    """Both place the target alike: the arm on its track is one thing, turned about the first axis."""
+    description = tmp_path / "cell.urdf"
+    arm = bare_urdf(load_model("kuka_kr6_r900"))
+    track = (
+        '<link name="world"/><joint name="track" type="prismatic"><parent link="world"/><child link="base"/>'
+        '<axis xyz="1 0 0"/><limit lower="-2" upper="2" velocity="1" effort="1"/></joint>'
+    )
+    description.write_text(arm.replace("</robot>", f"{track}</robot>"), encoding="utf-8")
+    model = load_model(f"{description}?base=world&tip=flange")
+    rng = np.random.default_rng(5)
+    joints = rng.uniform(-1.2, 1.2, (ROWS, 7))
+    shown = joints.copy()
+    shown[:, 1] += turned
+    names = ("E1", *(f"A{i}" for i in range(1, 7)))
+    with pytest.raises(MisfitError) as refused:
+        refuse_misfit(model, replace(points(model, joints, rng), joints_rad=shown), FileNames(names))
+    assert says in refused.value.remedy

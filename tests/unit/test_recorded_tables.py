@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import numpy as np
+import openpyxl
 import pytest
 
 from cellcal.calibration.arm.kinematics import load_model
@@ -320,3 +321,18 @@ def test_what_is_missing_of_a_measurement_is_said(tmp_path: Path, names: list[st
     with pytest.raises(MeasurementError) as refused:
         read_measurements(write_table(tmp_path / "rows.csv", [",".join([*HEADING[:6], *names])], rows), MODEL)
     assert says in refused.value.remedy
+
+
+def test_joints_and_readings_on_two_sheets_are_told(tmp_path: Path) -> None:
+    book = openpyxl.Workbook()
+    joints, measured = book.active, book.create_sheet("Measured")
+    assert joints is not None
+    joints.title = "Joints"
+    for sheet, names, rows in ((joints, HEADING[:6], DEG), (measured, HEADING[6:], MM)):
+        sheet.append(["Point", *names])
+        for at, row in enumerate(rows, 1):
+            sheet.append([f"P{at}", *row.tolist()])
+    book.save(tmp_path / "rows.xlsx")
+    with pytest.raises(MeasurementError, match="sheet 'Joints': no measurement") as refused:
+        read_measurements(tmp_path / "rows.xlsx", MODEL)
+    assert "'Measured'" in refused.value.remedy

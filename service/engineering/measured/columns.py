@@ -178,8 +178,9 @@ def _measurement_remedy(names: Sequence[str], plain: Mapping[str, str], numeric:
     some = [name for name in names if plain[name].rpartition("_")[2] in ("x", "y", "z")]
     if len({plain[name].rpartition("_")[2] for name in some}) in (1, 2) and not triples:
         return make_message(
-            "{names} tell a part of a place: add the columns that are missing; a device that reads one direction touches "
-            'a plane, which a layout describes (`--layout`, `kind = "plane"`, see `deploy/layouts/README.md`).',
+            "{names} tell a part of a place: add the columns that are missing; a device that reads one direction "
+            'touches a plane, which a layout describes (`--layout`, `kind = "plane"`, see '
+            "`deploy/layouts/README.md`).",
             names=", ".join(some),
         )
     if not [name for name in names if name in (names if numeric is None else numeric)]:

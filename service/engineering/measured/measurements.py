@@ -168,8 +168,25 @@ def _lay_out(
     columns = options.columns
     if not columns and tell_nothing(table.names):
         table, columns = find_unnamed_columns(table, model)
-    layout = detect_layout(table.names, model.joint_names, columns, slides, table.numeric_names())
+    try:
+        layout = detect_layout(table.names, model.joint_names, columns, slides, table.numeric_names())
+    except MeasurementError as error:
+        if len(table.sheets) > 1:
+            raise _other_sheets_error(table.sheets, error) from error
+        raise
     return fill_merged_joints(table, layout.joints, (*layout.position, layout.length)), layout
+
+
+def _other_sheets_error(sheets: Sequence[str], error: MeasurementError) -> MeasurementError:
+    """Return the refusal of a sheet that lacks what another sheet of its workbook may hold."""
+    return MeasurementError(
+        make_message("sheet {sheet!r}: {error}", sheet=sheets[0], error=error.message),
+        remedy=make_message(
+            "The workbook has numbers in {others}, too: one sheet is read (`--sheet`), which needs joints and "
+            "readings in the same rows. Where they stand apart, bring them together by the names of their points.",
+            others=", ".join(repr(name) for name in sheets[1:]),
+        ),
+    )
 
 
 def _find_better_columns(

@@ -81,6 +81,7 @@ class MeasurementTable:
     uncalculated: Mapping[int, int] = field(
         default_factory=dict
     )  # columns with formulas that have no value, and the first such line
+    sheets: tuple[str, ...] = ()  # of a workbook: the one that was read, and others with numbers
 
     def __len__(self) -> int:
         return len(self.lines)
@@ -327,4 +328,4 @@ def _filled_width(row: list[float | str]) -> int:
 def _read_excel(path: Path, content: bytes, sheet: str | None) -> MeasurementTable:
     found = read_workbook(path, content, sheet)
     table = _build_table(path, found.rows, found.dialect)
-    return replace(table, uncalculated=found.uncalculated)
+    return replace(table, uncalculated=found.uncalculated, sheets=(found.name, *found.others))
