@@ -36,7 +36,11 @@ from cellcal.calibration.identification.misfit_hypotheses import (
 from cellcal.calibration.identification.misfit_lag import lag_readings
 from cellcal.calibration.identification.misfit_lengths import length_readings
 from cellcal.calibration.identification.misfit_ranking import MisfitCandidate, coarse_candidates
-from cellcal.calibration.identification.misfit_slides import slide_readings, turn_readings
+from cellcal.calibration.identification.misfit_slides import (
+    moved_slide_readings,
+    slide_readings,
+    turn_readings,
+)
 from cellcal.calibration.identification.observations import (
     LengthObservations,
     MeasuredRows,
@@ -432,6 +436,7 @@ def _slides(
     for reading in (
         *slide_readings(model, some.joints_rad, names),
         *turn_readings(model, some.joints_rad, names),
+        *moved_slide_readings(model, some.joints_rad, names),
     ):
         if reading.model is None:
             continue

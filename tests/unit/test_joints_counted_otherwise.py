@@ -142,19 +142,24 @@ def test_the_zero_of_a_wire_that_is_far_off_is_named():
     refuse_misfit(model, LengthObservations(joints, lengths, sigma, once))
 
 
-@pytest.mark.parametrize(
-    ("turned", "says"), [(np.pi, "joints=-E1,A1"), (np.pi / 2, "runs in another direction")]
-)
-def test_a_track_that_runs_elsewhere_is_told_beside_the_zero_of_the_first_axis(tmp_path, turned, says):
-    """Both place the target alike: the arm on its track is one thing, turned about the first axis."""
-    description = tmp_path / "cell.urdf"
+def arm_on_track(folder):
+    """Return an arm on a track along x, by its description."""
+    description = folder / "cell.urdf"
     arm = bare_urdf(load_model("kuka_kr6_r900"))
     track = (
         '<link name="world"/><joint name="track" type="prismatic"><parent link="world"/><child link="base"/>'
         '<axis xyz="1 0 0"/><limit lower="-2" upper="2" velocity="1" effort="1"/></joint>'
     )
     description.write_text(arm.replace("</robot>", f"{track}</robot>"), encoding="utf-8")
-    model = load_model(f"{description}?base=world&tip=flange")
+    return load_model(f"{description}?base=world&tip=flange")
+
+
+@pytest.mark.parametrize(
+    ("turned", "says"), [(np.pi, "joints=-E1,A1"), (np.pi / 2, "runs in another direction")]
+)
+def test_a_track_that_runs_elsewhere_is_told_beside_the_zero_of_the_first_axis(tmp_path, turned, says):
+    """Both place the target alike: the arm on its track is one thing, turned about the first axis."""
+    model = arm_on_track(tmp_path)
     rng = np.random.default_rng(5)
     joints = rng.uniform(-1.2, 1.2, (ROWS, 7))
     shown = joints.copy()
@@ -163,3 +168,15 @@ def test_a_track_that_runs_elsewhere_is_told_beside_the_zero_of_the_first_axis(t
     with pytest.raises(MisfitError) as refused:
         refuse_misfit(model, replace(points(model, joints, rng), joints_rad=shown), FileNames(names))
     assert says in refused.value.remedy
+
+
+@pytest.mark.parametrize("slide_unit", [1e-3, 1.0])
+def test_a_track_in_the_last_column_is_put_first(tmp_path, slide_unit):
+    """The file holds degrees of six axes, then the track; the track stands first in the description."""
+    model, rng = arm_on_track(tmp_path), np.random.default_rng(6)
+    joints = rng.uniform(-1.2, 1.2, (ROWS, 7))
+    in_file = np.column_stack([np.rad2deg(joints[:, 1:]), joints[:, 0] / slide_unit])
+    taken = np.column_stack([in_file[:, 0] * 1e-3, np.deg2rad(in_file[:, 1:])])
+    refused = refusal(model, replace(points(model, joints, rng), joints_rad=taken), angle_unit="deg")
+    assert "joints=J7,J1,J2,J3,J4,J5,J6" in refused.remedy
+    assert f"slides={'mm' if slide_unit < 1 else 'm'}" in refused.remedy
