@@ -11,12 +11,8 @@ import numpy as np
 
 from cellcal.calibration.arm.kinematics import RobotModel, load_model, model_names
 from cellcal.calibration.arm.robot_models.catalogue_index import catalogue_entries
-from cellcal.calibration.errors import CalibrationError
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.identification.distinct_postures import count_postures
-from cellcal.calibration.identification.estimator import FitProblem, errors_m, estimate_arm
-from cellcal.calibration.identification.first_guess import first_guess
-from cellcal.calibration.identification.layouts import make_layout
 from cellcal.calibration.identification.misfit_couplings import screw_readings
 from cellcal.calibration.identification.misfit_elsewhere import outer_causes
 from cellcal.calibration.identification.misfit_error import (
@@ -26,6 +22,7 @@ from cellcal.calibration.identification.misfit_error import (
     describe_cause,
     misfit_error,
 )
+from cellcal.calibration.identification.misfit_fit import fit_quickly, motion_of, places_only
 from cellcal.calibration.identification.misfit_hypotheses import (
     FileNames,
     JointInterpretation,
@@ -48,7 +45,6 @@ from cellcal.calibration.identification.observations import (
     PointObservations,
     Rows,
 )
-from cellcal.calibration.identification.parameters import OFFSETS, ArmState
 from cellcal.calibration.identification.quick_fit import spread_rows, trimmed_rms
 from cellcal.calibration.message import make_message
 
@@ -64,14 +60,12 @@ _FEWEST_SCREWED = 16
 _FEWEST_TOLD_APART = 20  # rows, for hundreds of robots
 _ALIKE = 1.6  # times the best score: these causes cannot be told apart
 _ALIKE_M = 2e-4
-_UNKNOWN_RAD = 1e6  # deviation of a zero that is not fitted
 _FAR_RAD = float(np.deg2rad(5.0))  # of a zero: ten deviations of what mastering may be off by
 _SURE = 0.2  # of a far zero: its standard deviation
 _ROUND_RAD = float(np.deg2rad(2.0))
 _MOST_CAUSES = 4
 _PARTS = 4  # of a series, one of which is likely without a break
 _MANY_REPEATED = 0.5  # of the rows: fewer are typing errors
-_LEAST_PROGRESS = 0.01  # of the cost: whether rows fit shows in factors of it
 _CONSTANT = 1e-3  # of the motion of the flange
 _STANDS_STILL_M = 1e-3
 _NO_CAUSE = (
@@ -240,58 +234,6 @@ def _misfits_throughout(model: RobotModel, observations: Observations, limit_m: 
     )
 
 
-def motion_of(model: RobotModel, observations: MeasuredRows) -> float:
-    """Return how far the nominal flange moved about its mean (RMS) [m]."""
-    rows = spread_rows(len(observations), 2000)
-    places = model.tip_positions(observations.joints_rad[rows], np.zeros(3))
-    return float(np.sqrt(((places - places.mean(axis=0)) ** 2).sum(axis=1).mean()))
-
-
-def fit_quickly(model: RobotModel, observations: Observations) -> MisfitScore:
-    """Fit base, tool and zeros to most of the rows; outliers do not speak."""
-    best = MisfitScore(float("inf"))
-    plain = _places_only(observations)
-    try:
-        starts = first_guess(model, plain)
-        for start in starts:
-            fitted = _fit_from(model, plain, start)
-            if fitted.score_m < best.score_m:
-                best = fitted
-    except (CalibrationError, np.linalg.LinAlgError):
-        return best
-    return best
-
-
-def _places_only(observations: Observations) -> Observations:
-    if isinstance(observations, LengthObservations):
-        return observations
-    once = np.zeros(len(observations), dtype=np.intp)
-    return PointObservations(observations.joints_rad, observations.positions_m, observations.sigma_m, once)
-
-
-def _fit_from(model: RobotModel, observations: Observations, start: ArmState) -> MisfitScore:
-    layout = make_layout(model, observations.kind, start.mounting_count, level=OFFSETS)
-    problem = FitProblem.from_observations(start, observations)
-    fit = estimate_arm(layout, start, problem, least_progress=_LEAST_PROGRESS)
-    for share in (0.6, 0.75):
-        sizes = errors_m(fit.state, problem)
-        weights = np.where(sizes <= np.quantile(sizes, share), 1.0, 1e-6)
-        # After outliers the start may be far: the rows that fit best lead back.
-        fit = estimate_arm(layout, fit.state, problem, weights, least_progress=_LEAST_PROGRESS)
-    sizes = errors_m(fit.state, problem)
-    freedom = 1.0 - len(layout) / (0.75 * observations.channels * len(observations))
-    score = float(trimmed_rms(sizes)) / float(np.sqrt(max(freedom, 0.1)))
-    offsets, sigma = np.zeros(model.axis_count), np.full(model.axis_count, _UNKNOWN_RAD)
-    spread = np.sqrt(np.diag(fit.covariance)) * max(score / float(np.median(observations.sigma_m)), 1.0)
-    for at, parameter in enumerate(layout.parameters):
-        if parameter.role == "offset" and parameter.unit == "rad":  # not of a slide
-            offsets[parameter.joint], sigma[parameter.joint] = fit.deviations[at], spread[at]
-    # Offsets belong to angles against the link before; what is shown are the controller's joints.
-    of_joints = np.linalg.inv(model.joint_coupling)
-    sigmas = np.where(np.abs(of_joints) > 0, np.abs(of_joints) * sigma, 0.0).sum(axis=1)
-    return MisfitScore(score, tuple((of_joints @ offsets).tolist()), tuple(sigmas.tolist()))
-
-
 def _refuse_outer_cause(
     model: RobotModel, some: Observations, sizes_m: tuple[float, float], names: FileNames, rows: Rows
 ) -> None:
@@ -299,7 +241,7 @@ def _refuse_outer_cause(
     left_m, motion_m = sizes_m
     columns = {name: values[rows] for name, values in names.columns.items()}
     limit_m = min(left_m / _DECISIVE, max(_GROSS * motion_m, _GROSS_M))
-    if causes := outer_causes(model, _places_only(some), columns, fit_quickly, limit_m):
+    if causes := outer_causes(model, places_only(some), columns, fit_quickly, limit_m):
         raise misfit_error(model, left_m, motion_m, causes)
 
 
@@ -333,7 +275,7 @@ def _refuse_one_number(
         return
     if len(some) < _FEWEST_SCREWED:
         return
-    places = _places_only(some)
+    places = places_only(some)
     for reading in (*screw_readings(model, some, names), *lag_readings(model, observations, rows)):
         fitted = fit_quickly(model, replace(places, joints_rad=reading.joints_rad))
         if fitted.score_m <= min(left_m / _DECISIVE_NUMBER, gross_m):
