@@ -6,7 +6,7 @@ import numpy as np
 
 from cellcal.calibration.arm.kinematics import RobotModel
 from cellcal.calibration.identification.lints import Lint
-from cellcal.calibration.identification.misfit import fit_quickly
+from cellcal.calibration.identification.misfit_fit import fit_quickly
 from cellcal.calibration.identification.observations import Observations, PointObservations, PoseObservations
 from cellcal.calibration.identification.quick_fit import spread_rows
 

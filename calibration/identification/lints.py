@@ -22,6 +22,8 @@ _UNIFORM = 1 / np.sqrt(12.0)
 _BEYOND_RAD = float(np.deg2rad(10.0))  # limits of descriptions are rounded, and robots overrun theirs
 _UNREPEATABLE_M = 2e-6
 _FINE_STEP_M = 1e-5
+_ROUNDED_ALONE = 0.55  # of a step: the median of what rounding of three coordinates leaves is 0.48
+_FINE_M = 2e-5  # rounded joints leave as much
 _ROUNDED_PLACE = 0.7  # of a step: what rounding of three coordinates leaves, and a fit adds
 _BEYOND_TRAVEL = 0.05  # of a joint that slides
 
@@ -77,6 +79,9 @@ def beyond_limits(model: RobotModel, joints_rad: Array) -> list[Lint]:
     coupled |= (np.abs(model.joint_coupling) > 0).sum(axis=0) > 1
     slides = np.zeros(model.axis_count, dtype=bool) if model.sliding is None else model.sliding
     margin = np.where(slides, _BEYOND_TRAVEL * (model.upper_rad - model.lower_rad), _BEYOND_RAD)
+    shown = joints_rad[:, ~slides]
+    if (shown >= 0.0).all() and (shown > np.pi).any(axis=0).sum() > 1:  # counted from 0 to 360 deg
+        joints_rad = np.where(~slides & (joints_rad > np.pi), joints_rad - 2 * np.pi, joints_rad)
     over = (joints_rad > model.upper_rad + margin) | (joints_rad < model.lower_rad - margin)
     found = []
     for joint in np.flatnonzero(over.any(axis=0) & ~coupled).tolist():
@@ -201,7 +206,8 @@ def controller_positions(doubtful: Sequence[int], disagreement_m: Array, *, used
 
 def find_nominal_positions(errors_m: Array, step_m: float) -> list[Lint]:
     """Warn if the "measured" positions are the nominal arm's own, to within their rounding."""
-    if len(errors_m) == 0 or float(np.median(errors_m)) > max(2 * step_m, 1e-6):
+    rounded_m = max(_ROUNDED_ALONE * step_m, min(2 * step_m, _FINE_M))
+    if len(errors_m) == 0 or float(np.median(errors_m)) > max(rounded_m, 1e-6):
         return []
     return [
         Lint(

@@ -4,18 +4,17 @@ A fit that leaves half a metre is no calibration of anything. Before it is made,
 way that files get wrong: mirrored axes, signs, zeros, order, coupling, units, rows beside each other, another robot.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from cellcal.calibration.arm.kinematics import RobotModel, load_model, model_names
-from cellcal.calibration.errors import CalibrationError
+from cellcal.calibration.arm.robot_models.catalogue_index import catalogue_entries
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.identification.distinct_postures import count_postures
-from cellcal.calibration.identification.estimator import FitProblem, errors_m, estimate_arm
-from cellcal.calibration.identification.first_guess import first_guess
-from cellcal.calibration.identification.layouts import make_layout
+from cellcal.calibration.identification.misfit_couplings import screw_readings
+from cellcal.calibration.identification.misfit_elsewhere import outer_causes
 from cellcal.calibration.identification.misfit_error import (
     MisfitCause,
     MisfitError,
@@ -23,21 +22,29 @@ from cellcal.calibration.identification.misfit_error import (
     describe_cause,
     misfit_error,
 )
+from cellcal.calibration.identification.misfit_fit import fit_quickly, motion_of, places_only
 from cellcal.calibration.identification.misfit_hypotheses import (
     FileNames,
     JointInterpretation,
+    columns_option,
     home_reading,
     with_zeros,
 )
+from cellcal.calibration.identification.misfit_lag import lag_readings
+from cellcal.calibration.identification.misfit_lengths import length_readings
 from cellcal.calibration.identification.misfit_ranking import MisfitCandidate, coarse_candidates
-from cellcal.calibration.identification.misfit_slides import slide_readings, turn_readings
+from cellcal.calibration.identification.misfit_slides import (
+    moved_slide_readings,
+    slide_readings,
+    turn_readings,
+)
 from cellcal.calibration.identification.observations import (
     LengthObservations,
     MeasuredRows,
     Observations,
     PointObservations,
+    Rows,
 )
-from cellcal.calibration.identification.parameters import OFFSETS, ArmState
 from cellcal.calibration.identification.quick_fit import spread_rows, trimmed_rms
 from cellcal.calibration.message import make_message
 
@@ -48,16 +55,17 @@ _SUSPECT_M = 1e-3
 _GROSS = 0.015  # of the motion: nothing is calibrated by such a fit
 _GROSS_M = 5e-3
 _DECISIVE = 3.0  # times better must the rows fit with a cause
+_DECISIVE_NUMBER = 1.4  # times better with one more number: the pitch of a screw, or a lag
+_FEWEST_SCREWED = 16
+_FEWEST_TOLD_APART = 20  # rows, for hundreds of robots
 _ALIKE = 1.6  # times the best score: these causes cannot be told apart
 _ALIKE_M = 2e-4
-_UNKNOWN_RAD = 1e6  # deviation of a zero that is not fitted
 _FAR_RAD = float(np.deg2rad(5.0))  # of a zero: ten deviations of what mastering may be off by
 _SURE = 0.2  # of a far zero: its standard deviation
 _ROUND_RAD = float(np.deg2rad(2.0))
 _MOST_CAUSES = 4
 _PARTS = 4  # of a series, one of which is likely without a break
 _MANY_REPEATED = 0.5  # of the rows: fewer are typing errors
-_LEAST_PROGRESS = 0.01  # of the cost: whether rows fit shows in factors of it
 _CONSTANT = 1e-3  # of the motion of the flange
 _STANDS_STILL_M = 1e-3
 _NO_CAUSE = (
@@ -77,6 +85,10 @@ _KINDS = (
     "angle unit",
     "slide unit",
     "slide",
+    "screw",
+    "lag",
+    "zero",
+    "scale",
     "turn",
     "mirror",
     "coupling",
@@ -85,6 +97,8 @@ _KINDS = (
     "order",
     "rows",
     "model",
+    "device",
+    "column",
 )
 
 
@@ -112,6 +126,7 @@ def refuse_misfit(
     motion_m = motion_of(model, some)
     _refuse_constant(some, motion_m)
     stands = fit_quickly(model, some)
+    _refuse_one_number(model, observations, (stands.score_m, motion_m), names, rows)
     if stands.score_m > max(_SUSPECT * motion_m, _SUSPECT_M):
         others = [load_model(name) for name in model_names() if name != model.name] if search_models else []
         # A zero far off is a cause itself, which the fit found by chance: any that fits better takes its place.
@@ -123,7 +138,11 @@ def refuse_misfit(
             raise misfit_error(model, stands.score_m, motion_m, causes)
     if stands.score_m <= max(_GROSS * motion_m, _GROSS_M):
         _refuse_far_zero(model, some, stands, names)
-    elif _misfits_throughout(model, observations, max(_GROSS * motion_m, _GROSS_M)):
+        return
+    _refuse_outer_cause(model, some, (stands.score_m, motion_m), names, rows)
+    if _misfits_throughout(model, observations, max(_GROSS * motion_m, _GROSS_M)):
+        if search_models:
+            _refuse_other_robot(model, observations, (stands.score_m, motion_m), names)
         raise _unknown_cause_error(model, stands.score_m, motion_m, observations, names.targets)
 
 
@@ -215,56 +234,53 @@ def _misfits_throughout(model: RobotModel, observations: Observations, limit_m: 
     )
 
 
-def motion_of(model: RobotModel, observations: MeasuredRows) -> float:
-    """Return how far the nominal flange moved about its mean (RMS) [m]."""
-    rows = spread_rows(len(observations), 2000)
-    places = model.tip_positions(observations.joints_rad[rows], np.zeros(3))
-    return float(np.sqrt(((places - places.mean(axis=0)) ** 2).sum(axis=1).mean()))
+def _refuse_outer_cause(
+    model: RobotModel, some: Observations, sizes_m: tuple[float, float], names: FileNames, rows: Rows
+) -> None:
+    """Refuse rows that a cause outside the arm explains; sizes are what is left and the motion."""
+    left_m, motion_m = sizes_m
+    columns = {name: values[rows] for name, values in names.columns.items()}
+    limit_m = min(left_m / _DECISIVE, max(_GROSS * motion_m, _GROSS_M))
+    if causes := outer_causes(model, places_only(some), columns, fit_quickly, limit_m):
+        raise misfit_error(model, left_m, motion_m, causes)
 
 
-def fit_quickly(model: RobotModel, observations: Observations) -> MisfitScore:
-    """Fit base, tool and zeros to most of the rows; outliers do not speak."""
-    best = MisfitScore(float("inf"))
-    plain = _places_only(observations)
-    try:
-        starts = first_guess(model, plain)
-        for start in starts:
-            fitted = _fit_from(model, plain, start)
-            if fitted.score_m < best.score_m:
-                best = fitted
-    except (CalibrationError, np.linalg.LinAlgError):
-        return best
-    return best
+def _refuse_other_robot(
+    model: RobotModel, observations: Observations, sizes_m: tuple[float, float], names: FileNames
+) -> None:
+    """Refuse rows that another robot of the catalogue with as many joints fits."""
+    left_m, motion_m = sizes_m
+    entries = [entry for entry in catalogue_entries() if entry.usable and entry.axes == model.axis_count]
+    if len(observations) < _FEWEST_TOLD_APART or not entries:
+        return
+    others = [load_model(entry.name) for entry in entries if entry.name != model.name]
+    if causes := _explaining_causes(model, observations, left_m / _DECISIVE, names, others):
+        raise misfit_error(model, left_m, motion_m, causes)
 
 
-def _places_only(observations: Observations) -> Observations:
-    if isinstance(observations, LengthObservations):
-        return observations
-    once = np.zeros(len(observations), dtype=np.intp)
-    return PointObservations(observations.joints_rad, observations.positions_m, observations.sigma_m, once)
-
-
-def _fit_from(model: RobotModel, observations: Observations, start: ArmState) -> MisfitScore:
-    layout = make_layout(model, observations.kind, start.mounting_count, level=OFFSETS)
-    problem = FitProblem.from_observations(start, observations)
-    fit = estimate_arm(layout, start, problem, least_progress=_LEAST_PROGRESS)
-    for share in (0.6, 0.75):
-        sizes = errors_m(fit.state, problem)
-        weights = np.where(sizes <= np.quantile(sizes, share), 1.0, 1e-6)
-        # After outliers the start may be far: the rows that fit best lead back.
-        fit = estimate_arm(layout, fit.state, problem, weights, least_progress=_LEAST_PROGRESS)
-    sizes = errors_m(fit.state, problem)
-    freedom = 1.0 - len(layout) / (0.75 * observations.channels * len(observations))
-    score = float(trimmed_rms(sizes)) / float(np.sqrt(max(freedom, 0.1)))
-    offsets, sigma = np.zeros(model.axis_count), np.full(model.axis_count, _UNKNOWN_RAD)
-    spread = np.sqrt(np.diag(fit.covariance)) * max(score / float(np.median(observations.sigma_m)), 1.0)
-    for at, parameter in enumerate(layout.parameters):
-        if parameter.role == "offset" and parameter.unit == "rad":  # not of a slide
-            offsets[parameter.joint], sigma[parameter.joint] = fit.deviations[at], spread[at]
-    # Offsets belong to angles against the link before; what is shown are the controller's joints.
-    of_joints = np.linalg.inv(model.joint_coupling)
-    sigmas = np.where(np.abs(of_joints) > 0, np.abs(of_joints) * sigma, 0.0).sum(axis=1)
-    return MisfitScore(score, tuple((of_joints @ offsets).tolist()), tuple(sigmas.tolist()))
+def _refuse_one_number(
+    model: RobotModel,
+    observations: Observations,
+    sizes_m: tuple[float, float],
+    names: FileNames,
+    rows: Rows,
+) -> None:
+    """Refuse rows with a screw at a slide, joints of another time, or a wire's zero: no error of an arm is such."""
+    left_m, motion_m = sizes_m
+    some, gross_m = observations.select_rows(rows), max(_GROSS * motion_m, _GROSS_M)
+    if isinstance(some, LengthObservations):
+        for lengths, cause in length_readings(model, some):
+            if (fitted := fit_quickly(model, lengths)).score_m <= min(left_m / _DECISIVE, gross_m):
+                raise misfit_error(model, left_m, motion_m, (replace(cause, remaining_m=fitted.score_m),))
+        return
+    if len(some) < _FEWEST_SCREWED:
+        return
+    places = places_only(some)
+    for reading in (*screw_readings(model, some, names), *lag_readings(model, observations, rows)):
+        fitted = fit_quickly(model, replace(places, joints_rad=reading.joints_rad))
+        if fitted.score_m <= min(left_m / _DECISIVE_NUMBER, gross_m):
+            cause = MisfitCause((reading.kind,), reading.says, reading.cure, fitted.score_m)
+            raise misfit_error(model, left_m, motion_m, (cause,))
 
 
 def _refuse_far_zero(model: RobotModel, some: Observations, stands: MisfitScore, names: FileNames) -> None:
@@ -278,16 +294,41 @@ def _refuse_far_zero(model: RobotModel, some: Observations, stands: MisfitScore,
                 model_name=model.name,
                 says=home_cause.says,
             ),
-            remedy=make_message("{remedy} Nothing was stored.", remedy=home_cause.cure),
+            remedy=make_message(
+                "{remedy} Nothing was stored.", remedy=_with_track(model, far, names, home_cause.cure)
+            ),
             causes=(MisfitCause(("home",), home_cause.says, home_cause.cure, stands.score_m),),
         )
 
 
+def _with_track(model: RobotModel, far: Mapping[int, float], names: FileNames, cure: str) -> str:
+    """Return the cure of a far zero, and that of a track that runs elsewhere, which looks the same."""
+    if model.sliding is None or not model.sliding[0] or list(far) != [1]:
+        return cure
+    slide = names.joints[0]
+    if abs(far[1]) < np.pi:
+        return make_message(
+            "{cure} It fits as well that {slide} runs in another direction than the description says, by as much: "
+            "see its axis there.",
+            cure=cure,
+            slide=slide,
+        )
+    return make_message(
+        "{cure} It fits as well that {slide} counts the other way round: {columns_option}.",
+        cure=cure,
+        slide=slide,
+        columns_option=columns_option([f"-{slide}", *names.joints[1:]]),
+    )
+
+
 def _far_zeros(stands: MisfitScore) -> dict[int, float]:
+    last = (
+        len(stands.offsets_rad) - 1
+    )  # its zero, and that of the first joint, are hidden by target and device
     return {
         joint: _round_angle(offset)
         for joint, (offset, sigma) in enumerate(zip(stands.offsets_rad, stands.sigma_rad, strict=True))
-        if abs(offset) > _FAR_RAD and sigma < _SURE * abs(offset)
+        if 0 < joint < last and abs(offset) > _FAR_RAD and sigma < _SURE * abs(offset)
     }
 
 
@@ -337,6 +378,7 @@ def _slides(
     for reading in (
         *slide_readings(model, some.joints_rad, names),
         *turn_readings(model, some.joints_rad, names),
+        *moved_slide_readings(model, some.joints_rad, names),
     ):
         if reading.model is None:
             continue

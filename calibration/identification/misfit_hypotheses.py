@@ -44,6 +44,7 @@ class FileNames:
     length_unit: str = ""  # in which positions or lengths were taken
     angle_unit: str = ""
     targets: str = ""  # a column that tells several targets or tools apart
+    columns: Mapping[str, Array] = field(default_factory=dict)  # that take no part, a number or code a row
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,35 +80,11 @@ def joint_readings(
     return [
         *_angle_units(joints_rad, names, _turning(model)),
         *_slide_units(joints_rad, names, _turning(model)),
-        *_coupled_readings(model, joints_rad, names),
         *_sign_readings(model, joints_rad, names),
         *_home_readings(joints_rad, names, _turning(model)),
         *_order_readings(joints_rad, names, _turning(model)),
         *_lagging_readings(series_rad, rows),
     ]
-
-
-def model_readings(
-    joints_rad: Array, names: FileNames, others: Sequence[RobotModel]
-) -> Iterator[JointInterpretation]:
-    """Return the same joints as those of other robots, as a controller counts them and against the link before."""
-    for other in others:
-        if other.axis_count != joints_rad.shape[1] or other.sliding is not None:
-            continue
-        says, cure = (
-            make_message("this is a {other_name}", other_name=other.name),
-            f"Name the robot that was measured: `--robot {other.name}`.",
-        )
-        yield JointInterpretation("model", 1, joints_rad, says, cure, model=other)
-        for each in _coupled_readings(other, joints_rad, names):
-            yield JointInterpretation(
-                "model",
-                2,
-                each.joints_rad,
-                f"{says}, and {each.says}",
-                f"{cure} {each.cure}",
-                model=other,
-            )
 
 
 def columns_option(columns: Sequence[str]) -> str:
@@ -131,7 +108,7 @@ def _slide_units(
             "slide unit",
             1,
             joints_rad * np.where(turning, 1.0, factor),
-            f"{_join_words([names.joints[i] for i in np.flatnonzero(~turning)])} is in {unit}",
+            f"{join_words([names.joints[i] for i in np.flatnonzero(~turning)])} is in {unit}",
             f"Say so: `--units slides={unit}`.",
         )
 
@@ -187,7 +164,7 @@ def _mixed_angle_units(
                 if len(few) == 1
                 else make_message(
                     "{names} are in {one} and the other joints are in {rest}",
-                    names=_join_words([names.joints[joint] for joint in few]),
+                    names=join_words([names.joints[joint] for joint in few]),
                     one=one,
                     rest=rest,
                 ),
@@ -201,62 +178,6 @@ def _stand_together(joints: Sequence[int], turning: Sequence[int]) -> bool:
     return list(joints) in (list(turning[:count]), list(turning[-count:]))
 
 
-def _coupled_readings(
-    model: RobotModel, joints_rad: Array, names: FileNames
-) -> Iterator[JointInterpretation]:
-    """Return joints with one of them counted against the one before, or no longer: both directions."""
-    if model.axis_count < 3 or not _turning(model)[1:3].all():
-        return
-    coupling = model.joint_coupling
-    signs = np.sign(np.diag(coupling))
-    second, third = names.joints[1], names.joints[2]
-    if not np.allclose(coupling, np.diag(np.diag(coupling))):
-        geometric = np.asarray(np.linalg.solve(coupling, (joints_rad * signs).T).T, dtype=np.float64)
-        yield JointInterpretation(
-            "coupling",
-            1,
-            geometric,
-            make_message(
-                "{third} is counted against the link before, as in a description, not as the controller "
-                "of this {model_name} counts it",
-                third=third,
-                model_name=model.name,
-            ),
-            "Say so: `--joint-coupling geometric`.",
-        )
-        back: Array = (coupling @ joints_rad.T).T * signs
-        yield JointInterpretation(
-            "coupling",
-            1,
-            back,
-            make_message(
-                "{third} is what the controller counts, and was taken as an angle against the link before",
-                third=third,
-            ),
-            "Say so: `--joint-coupling controller`.",
-        )
-    for sign, word, verb in (
-        (1.0, "less", make_message("Add {second} to {third}", second=second, third=third)),
-        (-1.0, "plus", make_message("Subtract {second} from {third}", second=second, third=third)),
-    ):
-        changed = joints_rad.copy()
-        changed[:, 2] += sign * joints_rad[:, 1]
-        yield JointInterpretation(
-            "coupling",
-            1,
-            changed,
-            make_message(
-                "{third} holds the angle of the joint {word} that of {second} (joints that are coupled)",
-                third=third,
-                word=word,
-                second=second,
-            ),
-            make_message(
-                "{verb} in the file, or name the robot whose controller couples its joints.", verb=verb
-            ),
-        )
-
-
 def _sign_readings(model: RobotModel, joints_rad: Array, names: FileNames) -> Iterator[JointInterpretation]:
     axes = model.axis_count
     for count in range(1, axes + 1):
@@ -264,7 +185,7 @@ def _sign_readings(model: RobotModel, joints_rad: Array, names: FileNames) -> It
             sign = np.ones(axes)
             sign[list(turned)] = -1.0
             columns = [("-" if i in turned else "") + name for i, name in enumerate(names.joints)]
-            which = _join_words([names.joints[i] for i in turned])
+            which = join_words([names.joints[i] for i in turned])
             yield JointInterpretation(
                 "sign",
                 count,
@@ -318,7 +239,7 @@ def with_zeros(
     says = (
         make_message("the zero differs, that of {each}", each=each[0])
         if len(each) == 1
-        else make_message("the zeros differ, those of {join_words}", join_words=_join_words(each))
+        else make_message("the zeros differ, those of {join_words}", join_words=join_words(each))
     )
     cure = make_message(
         "If the file counts from another zero, say so: {columns_option}. If the robot lost its "
@@ -339,13 +260,8 @@ def with_zeros(
 def _order_readings(
     joints_rad: Array, names: FileNames, turning: NDArray[np.bool_]
 ) -> Iterator[JointInterpretation]:
-    axes = joints_rad.shape[1]
-    plain = tuple(range(axes))
-    orders = (
-        itertools.permutations(plain)
-        if axes <= _MOST_PERMUTED
-        else (_swap_order(plain, *pair) for pair in itertools.combinations(plain, 2))
-    )
+    plain = tuple(range(joints_rad.shape[1]))
+    orders = itertools.permutations(plain) if len(plain) <= _MOST_PERMUTED else _simple_orders(plain)
     for order in orders:
         moved = sum(a != b for a, b in zip(order, plain, strict=True))
         if not moved or (turning[list(order)] != turning).any():
@@ -353,7 +269,7 @@ def _order_readings(
         columns = [names.joints[i] for i in order]
         yield JointInterpretation(
             "order",
-            1 if moved == 2 or order == plain[::-1] else moved,
+            1 if moved == 2 or len(plain) > _MOST_PERMUTED or order == plain[::-1] else moved,
             joints_rad[:, order],
             make_message(
                 "the columns of the joints are in another order: {columns}", columns=", ".join(columns)
@@ -363,6 +279,17 @@ def _order_readings(
             ),
             columns=tuple(columns),
         )
+
+
+def _simple_orders(plain: tuple[int, ...]) -> list[tuple[int, ...]]:
+    """Return orders in which two joints change places, one stands elsewhere, or all are counted from the other end.
+
+    Controllers show the redundant axis of a seven-axis arm last that stands third in the chain.
+    """
+    swaps = [_swap_order(plain, *pair) for pair in itertools.combinations(plain, 2)]
+    rest = [plain[:at] + plain[at + 1 :] for at in plain]
+    moves = [(*rest[at][:to], at, *rest[at][to:]) for at, to in itertools.permutations(plain, 2)]
+    return list(dict.fromkeys([*swaps, *moves, plain[::-1]]))
 
 
 def _swap_order(plain: tuple[int, ...], a: int, b: int) -> tuple[int, ...]:
@@ -387,5 +314,6 @@ def _lagging_readings(series_rad: Array, rows: Rows) -> Iterator[JointInterpreta
             )
 
 
-def _join_words(words: Sequence[str]) -> str:
+def join_words(words: Sequence[str]) -> str:
+    """Return words as a list that is read: ``J1, J2 and J3``."""
     return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}"

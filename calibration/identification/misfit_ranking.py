@@ -8,12 +8,12 @@ import numpy as np
 
 from cellcal.calibration.arm.kinematics import RobotModel
 from cellcal.calibration.geometry import Array
+from cellcal.calibration.identification.misfit_couplings import coupled_readings, model_readings
 from cellcal.calibration.identification.misfit_hypotheses import (
     LENGTH_UNITS,
     FileNames,
     JointInterpretation,
     joint_readings,
-    model_readings,
     plain_reading,
 )
 from cellcal.calibration.identification.observations import (
@@ -122,6 +122,7 @@ def coarse_candidates(
     readings = [
         plain_reading(some.joints_rad),
         *joint_readings(model, observations.joints_rad, rows, names),
+        *coupled_readings(model, some.joints_rad, names),
         *model_readings(some.joints_rad, names, others),
     ]
     if isinstance(some, LengthObservations):

@@ -8,7 +8,12 @@ import numpy as np
 from cellcal.calibration.arm.joint_kinds import PRISMATIC, REVOLUTE, rotations_about_z
 from cellcal.calibration.arm.kinematics import RobotModel
 from cellcal.calibration.geometry import Array
-from cellcal.calibration.identification.misfit_hypotheses import FileNames, JointInterpretation
+from cellcal.calibration.identification.misfit_hypotheses import (
+    FileNames,
+    JointInterpretation,
+    columns_option,
+)
+from cellcal.calibration.message import make_message
 
 _DEGREES = float(np.degrees(1.0))
 _LENGTHS = (("m", 1.0), ("mm", 1e-3))
@@ -61,6 +66,40 @@ def turn_readings(model: RobotModel, joints_rad: Array, names: FileNames) -> Ite
                     "degrees (model file).",
                     model=turning,
                 )
+
+
+def moved_slide_readings(
+    model: RobotModel, joints_rad: Array, names: FileNames
+) -> Iterator[JointInterpretation]:
+    """Return the rows as if the one slide at one end of the chain stood at the other end of the file."""
+    slides = np.flatnonzero([kind == PRISMATIC for kind in model.kinds]).tolist()
+    last = model.axis_count - 1
+    if slides not in ([0], [last]):
+        return
+    order = [last, *range(last)] if slides == [0] else [*range(1, last + 1), 0]
+    number = _DEGREES if names.angle_unit in ("", "deg") else 1.0
+    columns = [names.joints[at] for at in order]
+    for taken in (1.0, 1e3):  # slides as m, or as mm
+        moved = joints_rad[:, order].copy()
+        # What was taken as an angle is a length, and the other way.
+        turning = order.index(slides[0])
+        moved[:, turning] *= taken / number
+        for unit, metres in _LENGTHS:
+            if float(np.ptp(moved[:, slides[0]])) * number * metres > _LONGEST_M:
+                continue
+            yield JointInterpretation(
+                "order",
+                1,
+                np.where(np.arange(last + 1) == slides[0], moved * number * metres, moved),
+                make_message(
+                    "the columns of the joints are in another order: {columns}", columns=", ".join(columns)
+                ),
+                make_message(
+                    "Name them in this order: {columns_option}.",
+                    columns_option=f"{columns_option(columns)} `--units slides={unit}`",
+                ),
+                model=model,
+            )
 
 
 def with_turn(model: RobotModel, joint: int) -> RobotModel:

@@ -7,7 +7,7 @@ import numpy as np
 
 from cellcal.calibration.arm.kinematics import RobotModel
 from cellcal.calibration.geometry import Array
-from cellcal.calibration.identification.misfit import fit_quickly
+from cellcal.calibration.identification.misfit_fit import fit_quickly
 from cellcal.calibration.identification.observations import LengthObservations
 from cellcal.calibration.identification.quick_fit import spread_rows, trimmed_point_scores
 

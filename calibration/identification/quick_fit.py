@@ -33,7 +33,7 @@ def point_scores(
     weights : (H, N) or None
         Which rows take part.
     """
-    sizes = point_residuals(base_flange, positions_m, mirrored, weights)
+    sizes = np.linalg.norm(point_residuals(base_flange, positions_m, mirrored, weights), axis=2)
     scores: Array = trimmed_rms(sizes) / np.sqrt(max(1.0 - 3.0 / sizes.shape[1], 0.1))
     return scores
 
@@ -42,7 +42,7 @@ def trimmed_point_scores(base_flange: Array, positions_m: Array, mirrored: Array
     """Return the same after fits to the rows that fitted best: outliers do not speak (H,)."""
     weights = None
     for _ in range(rounds):
-        sizes = point_residuals(base_flange, positions_m, mirrored, weights)
+        sizes = np.linalg.norm(point_residuals(base_flange, positions_m, mirrored, weights), axis=2)
         weights = (sizes <= np.quantile(sizes, _KEPT_SHARE, axis=1, keepdims=True)).astype(float)
     return point_scores(base_flange, positions_m, mirrored, weights)
 
@@ -50,7 +50,7 @@ def trimmed_point_scores(base_flange: Array, positions_m: Array, mirrored: Array
 def point_residuals(
     base_flange: Array, positions_m: Array, mirrored: Array, weights: Array | None = None
 ) -> Array:
-    """Return the residual of every row of every reading (H, N) [m]."""
+    """Return computed minus measured place of every row of every reading (H, N, 3) [m]."""
     parts = [
         _fit_residuals(
             base_flange[at : at + _BLOCK],
@@ -92,8 +92,8 @@ def _fit_residuals(base_flange: Array, positions_m: Array, mirrored: Array, weig
     arm = (turns @ tip[:, None, :, None])[..., 0] + origins
     centre = (turn @ tip[..., None])[..., 0] + origin
     predicted = (arm - centre[:, None]) @ np.swapaxes(rotation, 1, 2) + goal[:, None]
-    sizes: Array = np.linalg.norm(predicted - positions_m, axis=2)
-    return sizes
+    residuals: Array = predicted - positions_m
+    return residuals
 
 
 def _nearest_rotations(spread: Array, mirrored: Array) -> Array:

@@ -47,3 +47,9 @@ def test_coupled_joints_are_not_judged() -> None:
     joints[:, 2] = 6.0
     assert limit_messages(model, joints) == []
     assert limit_messages(replace(model, joint_coupling=np.eye(6)), joints) != []
+
+
+def test_joints_counted_from_0_to_360_degrees_are_those_within_the_limits() -> None:
+    model = load_model("yaskawa_gp7")
+    joints = random_joints(model, np.random.default_rng(1), 30, reach=2.0) % (2 * np.pi)
+    assert limit_messages(model, joints) == []

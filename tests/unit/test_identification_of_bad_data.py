@@ -167,6 +167,10 @@ def test_other_lints_speak_only_when_there_is_something():
     assert lints.find_alike_neighbours(np.cumsum(rng.standard_normal((3, 200)), axis=1))[0].code == "drift"
     assert lints.find_nominal_positions(np.full(10, 1e-5), 1e-4)[0].code == "not_measured"
     assert lints.find_nominal_positions(np.full(10, 1e-3), 1e-4) == []
+    assert (
+        lints.find_nominal_positions(np.full(10, 1.6e-3), 1e-3) == []
+    )  # a real arm, read to whole millimetres
+    assert lints.find_nominal_positions(np.full(10, 5e-4), 1e-3)[0].code == "not_measured"
 
 
 def test_runs_of_constant_wrist_are_groups_and_folds_never_split_one():

@@ -9,12 +9,9 @@ import pytest
 
 from cellcal.calibration.arm.kinematics import load_model, model_names
 from cellcal.calibration.errors import CalibrationError
-from cellcal.calibration.identification.misfit import (
-    fit_quickly,
-    refuse_gross_misfit,
-    refuse_misfit,
-)
+from cellcal.calibration.identification.misfit import refuse_gross_misfit, refuse_misfit
 from cellcal.calibration.identification.misfit_error import MisfitError
+from cellcal.calibration.identification.misfit_fit import fit_quickly
 from cellcal.calibration.identification.misfit_hypotheses import FileNames, home_reading, with_zeros
 from cellcal.calibration.identification.observations import PointObservations
 from cellcal.calibration.points.tag_points import TagPath, match_tags

@@ -3,10 +3,12 @@
 from pathlib import Path
 
 import numpy as np
+import openpyxl
 import pytest
 
 from cellcal.calibration.arm.kinematics import load_model
 from cellcal.calibration.geometry import quaternion_from_rotation
+from cellcal.calibration.identification.observations import PoseObservations
 from cellcal.service.engineering.measured.measurements import read_measurements
 from cellcal.service.engineering.measured.table import MeasurementError, read_table
 from tests.unit.helpers.simulated_arm import tracker_poses
@@ -235,3 +237,102 @@ def test_quoted_marks_of_thousands_are_no_list(tmp_path: Path) -> None:
     rows = [";".join(f'"{number:,.4f}"' for number in row) for row in np.column_stack([DEG, MM * 1e3])]
     found = read_measurements(write_table(tmp_path / "rows.csv", [";".join(HEADING)], rows), MODEL)
     assert found.layout.joints == tuple(HEADING[:6])
+
+
+@pytest.mark.parametrize(
+    ("mean", "spread"), [("Mean", "Std"), ("P{} average", "P{} range"), ("P{} Mittelwert", "P{} Spannweite")]
+)
+def test_summaries_of_each_posture_are_no_readings(tmp_path: Path, mean: str, spread: str) -> None:
+    lines, rng = [], np.random.default_rng(0)
+    for at, (joints, place) in enumerate(zip(DEG, MM, strict=True), 1):
+        readings = place + 0.03 * rng.standard_normal((3, 3))
+        lines += [f"P{at}.{i},{joined(joints)},{joined(row)}" for i, row in enumerate(readings, 1)]
+        lines.append(f"{mean.format(at)},{joined(joints)},{joined(readings.mean(axis=0))}")
+        of = np.std(readings, axis=0, ddof=1) if spread == "Std" else np.ptp(readings, axis=0)
+        lines.append(f"{spread.format(at)},{joined(0.0 * joints)},{joined(of)}")
+    found = read_measurements(
+        write_table(tmp_path / "rows.csv", [",".join(["Name", *HEADING])], lines), MODEL
+    )
+    assert len(found.observations) == found.read == 3 * len(MM)
+    assert "and 74 more" in found.guesses[0]
+
+
+def test_words_beside_readings_that_are_no_statistic_name_them(tmp_path: Path) -> None:
+    """Payload or speed: minimum and maximum of a setting, not of the rows above."""
+    words = ["half", "min", "max"]
+    lines = [f"{words[at % 3]},{joined(row)}" for at, row in enumerate(np.column_stack([DEG, MM]))]
+    found = read_measurements(
+        write_table(tmp_path / "rows.csv", [",".join(["Speed", *HEADING])], lines), MODEL
+    )
+    assert found.read == len(MM)
+
+
+@pytest.mark.parametrize(
+    ("heading", "robot", "order"),
+    [
+        ("S,L,U,R,B,T,E", "yaskawa_sia20d", "S,L,E,U,R,B,T"),
+        ("S,L,E,U,R,B,T", "yaskawa_sia20d", "S,L,E,U,R,B,T"),
+        (
+            "rax_1,rax_2,rax_3,rax_4,rax_5,rax_6,eax_a",
+            "kuka_lbr_iiwa14_r820",
+            "rax_1,rax_2,eax_a,rax_3,rax_4,rax_5,rax_6",
+        ),
+        ("A1,A2,A3,A4,A5,A6,E1", "kuka_lbr_iiwa14_r820", "A1,A2,E1,A3,A4,A5,A6"),
+    ],
+)
+def test_the_redundant_joint_stands_third(tmp_path: Path, heading: str, robot: str, order: str) -> None:
+    rows = [joined(row) for row in np.random.default_rng(1).uniform(-60, 60, (20, 10))]
+    found = read_measurements(
+        write_table(tmp_path / "rows.csv", [f"{heading},X,Y,Z"], rows), load_model(robot)
+    )
+    assert found.layout.joints == tuple(order.split(","))
+
+
+@pytest.mark.parametrize(("count", "along"), [(16, "rows"), (16, "columns"), (12, "rows"), (12, "columns")])
+def test_a_pose_as_a_numbered_list_is_read_along_rows_or_columns(
+    tmp_path: Path, count: int, along: str
+) -> None:
+    poses = np.zeros((len(MM), 4, 4))
+    poses[:, :3, :3], poses[:, :3, 3], poses[:, 3, 3] = TURNS, MM / 1e3, 1.0
+    poses = poses[:, : count // 4]
+    lists = (poses if along == "rows" else np.swapaxes(poses, 1, 2)).reshape(len(MM), count)
+    names = [*HEADING[:6], *(f"T_meas[{i}]" for i in range(count))]
+    rows = [joined(row, form="{:.7f}") for row in np.column_stack([DEG, lists])]
+    found = read_measurements(write_table(tmp_path / "rows.csv", [",".join(names)], rows), MODEL)
+    assert np.allclose(found.observations.positions_m * 1e3, MM, atol=1e-3)
+    assert isinstance(found.observations, PoseObservations)
+    assert np.allclose(found.observations.rotations, TURNS, atol=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("names", "says"),
+    [
+        ([f"O_T_EE_{i}" for i in range(16)], "calculates from its joints"),
+        (
+            ["X nom", "Y nom", "Z nom", "dX", "dY", "dZ"],
+            "dX, dY, dZ are differences from X nom, Y nom, Z nom",
+        ),
+        (["Z"], "Z tell a part of a place"),
+    ],
+)
+def test_what_is_missing_of_a_measurement_is_said(tmp_path: Path, names: list[str], says: str) -> None:
+    poses = np.tile(np.eye(4).ravel(), (len(MM), 1))[:, : len(names)] + 0.0 * MM[:, :1]
+    rows = [joined(row) for row in np.column_stack([DEG, poses])]
+    with pytest.raises(MeasurementError) as refused:
+        read_measurements(write_table(tmp_path / "rows.csv", [",".join([*HEADING[:6], *names])], rows), MODEL)
+    assert says in refused.value.remedy
+
+
+def test_joints_and_readings_on_two_sheets_are_told(tmp_path: Path) -> None:
+    book = openpyxl.Workbook()
+    joints, measured = book.active, book.create_sheet("Measured")
+    assert joints is not None
+    joints.title = "Joints"
+    for sheet, names, rows in ((joints, HEADING[:6], DEG), (measured, HEADING[6:], MM)):
+        sheet.append(["Point", *names])
+        for at, row in enumerate(rows, 1):
+            sheet.append([f"P{at}", *row.tolist()])
+    book.save(tmp_path / "rows.xlsx")
+    with pytest.raises(MeasurementError, match="sheet 'Joints': no measurement") as refused:
+        read_measurements(tmp_path / "rows.xlsx", MODEL)
+    assert "'Measured'" in refused.value.remedy

@@ -8,8 +8,8 @@ from cellcal.calibration.arm.model_references import ModelReference, parse_refer
 from cellcal.calibration.arm.urdf_fixed_joints import FreedJoint, freed_joints
 from cellcal.calibration.documents.plain_files import read_plain_text
 from cellcal.calibration.errors import CellError
-from cellcal.calibration.identification.misfit import fit_quickly, motion_of
 from cellcal.calibration.identification.misfit_error import MisfitCause, MisfitError
+from cellcal.calibration.identification.misfit_fit import fit_quickly, motion_of
 from cellcal.calibration.identification.quick_fit import spread_rows
 from cellcal.calibration.message import make_message
 from cellcal.service.engineering.measured.measurements import ReadOptions, read_measurements

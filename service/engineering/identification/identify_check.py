@@ -140,6 +140,7 @@ def file_names(measurements: Measurements) -> FileNames:
         units.get("length" if layout.length else "position", ""),
         units.get("joints", ""),
         measurements.targets[0],
+        measurements.unused,
     )
 
 

@@ -121,7 +121,7 @@ def detect_layout(
     if not measured and not length:
         raise MeasurementError(
             make_message("no measurement found among the columns {names}.", names=", ".join(names)),
-            remedy="Name it: `--columns position=X,Y,Z` or `--columns length=L`; numbers count the columns from 1.",
+            remedy=_measurement_remedy(rest, plain, numeric),
         )
     turn, fields = _find_rotation(rest, plain, measured) if measured else ((), ())
     if matrix and not turn and measured == (place or places.measured):
@@ -155,6 +155,40 @@ def detect_layout(
         },
         typed={column.name: column for found in typed.values() for column in found if column.is_modified},
     )
+
+
+def _measurement_remedy(names: Sequence[str], plain: Mapping[str, str], numeric: Sequence[str] | None) -> str:
+    """Return what helps where nothing measured is found: places that miss something are named with it."""
+    triples = find_triples(names, plain, "xyz")
+    keys = {found: _key_words(key) for key, found in triples.items()}
+    differences = [found for found, words in keys.items() if words & _DIFFERENCE]
+    others = [found for found, words in keys.items() if not words & (_DIFFERENCE | SPREAD_WORDS | _ATTITUDE)]
+    if differences and others:
+        return make_message(
+            "{differences} are differences from {others}: write the places themselves, nominal plus difference, and "
+            "name them (`--columns position=X,Y,Z`). See which way the instrument takes the difference.",
+            differences=", ".join(differences[0]),
+            others=", ".join(others[0]),
+        )
+    if any(plain[name].startswith("o_t_ee") for name in names):
+        return (
+            "O_T_EE is the pose that the robot calculates from its joints, no measurement: add what a device outside "
+            "of it read."
+        )
+    some = [name for name in names if plain[name].rpartition("_")[2] in ("x", "y", "z")]
+    if len({plain[name].rpartition("_")[2] for name in some}) in (1, 2) and not triples:
+        return make_message(
+            "{names} tell a part of a place: add the columns that are missing; a device that reads one direction "
+            'touches a plane, which a layout describes (`--layout`, `kind = "plane"`, see '
+            "`deploy/layouts/README.md`).",
+            names=", ".join(some),
+        )
+    if not [name for name in names if name in (names if numeric is None else numeric)]:
+        return (
+            "It holds joints alone: every row needs what a device read. Postures that touch one pin with one tip are "
+            'described by a layout (`--layout`, `kind = "pin"`, see `deploy/layouts/README.md`).'
+        )
+    return "Name it: `--columns position=X,Y,Z` or `--columns length=L`; numbers count the columns from 1."
 
 
 def _typed_columns(

@@ -26,12 +26,14 @@ _BY_MAKER = (
     ("base", "shoulder", "elbow", "wrist1", "wrist2", "wrist3"),
     ("base", "shoulder", "elbow", "wrist_1", "wrist_2", "wrist_3"),
     ("s", "l", "u", "r", "b", "t"),
+    ("s", "l", "e", "u", "r", "b", "t"),  # in the order of the chain; its pendant shows E last
     ("s_axis", "l_axis", "u_axis", "r_axis", "b_axis", "t_axis"),
 )
 _EXTERNAL = re.compile(r"^(?:e|ex|ext|extax|eax|external|external_axis)_?(\d|[a-f])$")  # eax_a of RAPID
 _LONE_SLIDES = {"rail", "track", "slide", "lift", "linear", "linear_axis", "linearachse", "linear_track"}
 _PLACE = {"x", "y", "z"}
 _MOST_OUTSIDE = 3  # joints beside a numbered arm
+_REDUNDANT = 7  # joints of an arm one of which is more than a pose needs
 _SHORTEST_NAME = 3  # of a joint that is found among other words
 
 Family = tuple[str, str, str]  # what stands before the stem, the stem, what stands behind the number
@@ -190,7 +192,11 @@ def _external_joints(
 ) -> tuple[str, ...]:
     """Return the arm's numbered columns, and those of its other joints: called as they are, or E1, E2 … of slides."""
     joint_names, slides = joints
-    outside = _called_outside(names, plain, joint_names) or _sliding_outside(names, plain, slides)
+    outside = (
+        _called_outside(names, plain, joint_names)
+        or _sliding_outside(names, plain, slides)
+        or _redundant_outside(names, plain, slides)
+    )
     turning = len(joint_names) - len(outside)
     full = {key: numbered for key, numbered in families.items() if _first_number(numbered, turning) >= 0}
     if not outside or not full:
@@ -221,6 +227,17 @@ def _sliding_outside(
         return {joint: numbers[number] for number, joint in enumerate(at, 1)}
     rails = [name for name in names if plain[name] in _LONE_SLIDES]
     return {at[0]: rails[0]} if len(at) == len(rails) == 1 else {}
+
+
+def _redundant_outside(
+    names: Sequence[str], plain: Mapping[str, str], slides: Sequence[bool]
+) -> dict[int, str]:
+    """Return the redundant joint of seven that turn: E1 of KUKA and eax_a of ABB stand third in the chain.
+
+    The fit tells where it stands elsewhere.
+    """
+    numbers = _external_numbers(names, plain)
+    return {2: numbers[1]} if len(slides) == _REDUNDANT and not any(slides) and list(numbers) == [1] else {}
 
 
 def _joints_remedy(names: Sequence[str], plain: Mapping[str, str], joint_names: Sequence[str]) -> str:

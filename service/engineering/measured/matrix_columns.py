@@ -13,7 +13,55 @@ MATRIX_FORMULAS = {
     "rotation_matrix_transposed": "the rows of the matrix are the axes of the target",
 }
 _ELEMENT = re.compile(r"^(?P<before>(?:.*\D)?)(?P<row>[0-4])_?(?P<column>[0-4])(?P<after>(?:_\D.*)?)$")
+_LISTED = re.compile(r"^(?P<stem>.*?\D)[_.\[(]?\s*(?P<number>\d{1,2})\s*[\])]?$")
+_POSE_COUNTS = (12, 16)
+_CALCULATED = re.compile(r"^o_t_(ee|c)(_[cd])?_$")  # the robot's own pose (libfranka)
 _ORTHONORMAL = 0.02  # printed matrices are rounded
+
+
+def name_matrix_elements(names: tuple[str, ...], rows: Sequence[Sequence[float | str]]) -> tuple[str, ...]:
+    """Return names in which 16 or 12 numbered columns that hold a pose say their row and column: T0 is T_1_1.
+
+    Whether such a list runs along rows (NumPy, C) or columns (MATLAB, Eigen, libfranka) is for its numbers to say.
+    """
+    families: dict[str, dict[int, int]] = {}
+    for at, name in enumerate(names):
+        if match := _LISTED.match(name):
+            families.setdefault(match["stem"].strip(), {})[int(match["number"])] = at
+    renamed = list(names)
+    for stem, found in families.items():
+        first, count = min(found), len(found)
+        if count not in _POSE_COUNTS or first > 1 or sorted(found) != list(range(first, first + count)):
+            continue
+        columns = [found[first + i] for i in range(count)]
+        numbers = np.array(
+            [
+                [cell if isinstance(cell, float) else np.nan for cell in (row[at] for at in columns)]
+                for row in rows
+                if len(row) > max(columns)
+            ]
+        )
+        numbers = numbers[np.isfinite(numbers).all(axis=1)] if numbers.size else numbers.reshape(0, count)
+        for at, element in zip(columns, _elements(numbers), strict=False):
+            renamed[at] = f"{stem}_{element[0] + 1}_{element[1] + 1}"
+    return tuple(renamed)
+
+
+def _elements(numbers: Array) -> list[tuple[int, int]]:
+    """Return row and column of each number of poses in a list (N, 16 or 12); empty where they are no poses."""
+    height = numbers.shape[1] // 4
+    along_rows = [divmod(at, 4) for at in range(4 * height)]
+    along_columns = [(at % height, at // height) for at in range(4 * height)]
+    fitting = []
+    for elements in (along_rows, along_columns):
+        poses = np.zeros((len(numbers), height, 4))
+        for at, (row, column) in enumerate(elements):
+            poses[:, row, column] = numbers[:, at]
+        turns = poses[:, :3, :3]
+        is_turn = np.abs(turns @ np.swapaxes(turns, 1, 2) - np.eye(3)).max(initial=0.0) < _ORTHONORMAL
+        if is_turn and (poses[:, 3:] == [0.0, 0.0, 0.0, 1.0]).all():
+            fitting.append(elements)
+    return fitting[0] if len(numbers) and len(fitting) == 1 else []
 
 
 def find_matrix(names: Sequence[str], plain: Mapping[str, str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
@@ -23,7 +71,9 @@ def find_matrix(names: Sequence[str], plain: Mapping[str, str]) -> tuple[tuple[s
         if match := _ELEMENT.match(plain[name]):
             key = (match["before"], match["after"])
             families.setdefault(key, {})[int(match["row"]), int(match["column"])] = name
-    for found in families.values():
+    for (before, _), found in families.items():
+        if _CALCULATED.match(before):
+            continue
         for first in (0, 1):
             turn = [found.get((first + row, first + column), "") for row in range(3) for column in range(3)]
             place = tuple(found.get((first + row, first + 3), "") for row in range(3))

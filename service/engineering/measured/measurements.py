@@ -26,6 +26,7 @@ from cellcal.service.engineering.measured.row_words import (
     refuse_other_headings,
     refuse_several_robots,
     target_column,
+    unused_columns,
 )
 from cellcal.service.engineering.measured.table import (
     WRITE_PLAINLY,
@@ -85,6 +86,9 @@ class Measurements:
     units: Mapping[str, str]  # meaning -> unit, stated or guessed
     convention: str  # of the attitude; empty if none is used
     targets: tuple[str, tuple[str, ...]] = ("", ())  # a column that tells targets apart, and their names
+    unused: Mapping[str, Array] = field(
+        default_factory=dict
+    )  # columns that take no part, a number or code a row
 
 
 def read_measurements(path: Path, model: RobotModel, options: ReadOptions | None = None) -> Measurements:
@@ -152,6 +156,7 @@ def _interpret_table(
         units={key: unit for key, unit in units.used.items() if key != "convention"},
         convention=units.used.get("convention", ""),
         targets=target_column(table, rows, used),
+        unused=unused_columns(table, rows, used),
     )
 
 
@@ -163,8 +168,25 @@ def _lay_out(
     columns = options.columns
     if not columns and tell_nothing(table.names):
         table, columns = find_unnamed_columns(table, model)
-    layout = detect_layout(table.names, model.joint_names, columns, slides, table.numeric_names())
+    try:
+        layout = detect_layout(table.names, model.joint_names, columns, slides, table.numeric_names())
+    except MeasurementError as error:
+        if len(table.sheets) > 1:
+            raise _other_sheets_error(table.sheets, error) from error
+        raise
     return fill_merged_joints(table, layout.joints, (*layout.position, layout.length)), layout
+
+
+def _other_sheets_error(sheets: Sequence[str], error: MeasurementError) -> MeasurementError:
+    """Return the refusal of a sheet that lacks what another sheet of its workbook may hold."""
+    return MeasurementError(
+        make_message("sheet {sheet!r}: {error}", sheet=sheets[0], error=error.message),
+        remedy=make_message(
+            "The workbook has numbers in {others}, too: one sheet is read (`--sheet`), which needs joints and "
+            "readings in the same rows. Where they stand apart, bring them together by the names of their points.",
+            others=", ".join(repr(name) for name in sheets[1:]),
+        ),
+    )
 
 
 def _find_better_columns(

@@ -37,8 +37,20 @@ _TARGETS = frozenset(
         "nest",
         "prism",
     }
-    | {"tool", "tool_name", "tool_id", "tool_no", "tool_number", "tcp", "tcp_name", "werkzeug", "ziel"}
+    | {
+        "tool",
+        "tool_name",
+        "tool_id",
+        "tool_no",
+        "tool_number",
+        "utool",
+        "tcp",
+        "tcp_name",
+        "werkzeug",
+        "ziel",
+    }
 )
+_MOST_UNUSED, _MOST_WORDS = 12, 8
 _FEWEST_ROWS = 4  # of each word: a column of names has another one in nearly every row
 _FARTHEST_DEG = 3600.0  # ten turns
 _DEG_RAD = float(np.deg2rad(1.0))
@@ -68,6 +80,23 @@ def refuse_several_robots(table: MeasurementTable, rows: Rows, used: Collection[
 def target_column(table: MeasurementTable, rows: Rows, used: Collection[str]) -> tuple[str, tuple[str, ...]]:
     """Return a column that tells several targets or tools of the rows apart, and their names; empty for none."""
     return next(iter(_dividing_columns(table, rows, used, _TARGETS)), ("", ()))
+
+
+def unused_columns(table: MeasurementTable, rows: Rows, used: Collection[str]) -> dict[str, Array]:
+    """Return columns that take no part and differ between rows: numbers, or a code for each word of a few."""
+    found: dict[str, Array] = {}
+    for name in table.names:
+        if name in used or len(found) == _MOST_UNUSED:
+            continue
+        values = table.column_values(name)[rows]
+        if not np.isfinite(values).all():
+            words = [table.column_texts(name)[row].strip() for row in rows]
+            if len(set(words)) > _MOST_WORDS:
+                continue
+            values = np.unique(words, return_inverse=True)[1].reshape(-1).astype(float)
+        if np.ptp(values) > 0.0:
+            found[name] = values
+    return found
 
 
 def _dividing_columns(

@@ -44,6 +44,8 @@ _FEWEST_ROWS, _MOST_SUMMARIES = 8, 6
 _FEWEST_COLUMNS = 4
 _LARGEST = 1e12  # beyond, and what is no number, is no reading
 _EQUAL = 1e-3  # of a column's deviation: summaries are rounded
+_FEWEST_SUMMARIES, _FEWEST_VARYING = 2, 2
+_ROUNDED = 0.05  # of the range of a few rows: their summaries are rounded
 _MOST_SHARE = 0.2  # of the rows: where more have such a name, it is a name
 
 
@@ -59,6 +61,34 @@ def summary_rows(texts: Mapping[tuple[int, int], str], count: int) -> dict[int, 
         if _plain(text) in _PLAIN_WORDS and often[column, _plain(text)] == 1
     }
     return found if len(found) <= _MOST_SHARE * count else {}
+
+
+def block_summaries(texts: Mapping[tuple[int, int], str], numbers: Array) -> dict[int, str]:
+    """Return rows that sum up the few rows above each of them, such as ``P1 average`` behind P1.1 to P1.3.
+
+    A word of a summary ends a cell of theirs, and most of them are, in every column, a statistic of the rows since
+    the summaries before.
+    """
+    said = {
+        row: text
+        for (row, _), text in sorted(texts.items())
+        if _plain(text).rpartition("_")[2] in _PLAIN_WORDS
+    }
+    matches, first, above = 0, 0, numbers[:0]
+    for row in said:
+        if row - 1 not in said:
+            above = numbers[first:row]
+        first = row + 1
+        matches += len(above) > 1 and _is_statistic(numbers[row], above)
+    return said if matches >= _FEWEST_SUMMARIES and 2 * matches > len(said) else {}
+
+
+def _is_statistic(row: Array, above: Array) -> bool:
+    varying = np.isfinite(above).all(axis=0) & (np.ptp(above, axis=0) > 0.0) & np.isfinite(row)
+    if varying.sum() < _FEWEST_VARYING:
+        return False
+    some, tolerance = above[:, varying], _ROUNDED * np.ptp(above[:, varying], axis=0)
+    return any((np.abs(of(some) - row[varying]) <= tolerance).all() for of in _STATISTICS.values())
 
 
 def calculated_rows(numbers: Array) -> dict[int, str]:

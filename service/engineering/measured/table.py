@@ -28,7 +28,8 @@ from cellcal.service.engineering.measured.errors import (
     MeasurementError as MeasurementError,  # noqa: PLC0414  # readers of tables import it from here
 )
 from cellcal.service.engineering.measured.list_cells import has_lists, spread_lists
-from cellcal.service.engineering.measured.summary_rows import calculated_rows, summary_rows
+from cellcal.service.engineering.measured.matrix_columns import name_matrix_elements
+from cellcal.service.engineering.measured.summary_rows import block_summaries, calculated_rows, summary_rows
 from cellcal.service.engineering.measured.table_forms import refuse_divided_numbers, refuse_lying_table
 from cellcal.service.engineering.measured.table_heads import (
     doubled_name,
@@ -80,6 +81,7 @@ class MeasurementTable:
     uncalculated: Mapping[int, int] = field(
         default_factory=dict
     )  # columns with formulas that have no value, and the first such line
+    sheets: tuple[str, ...] = ()  # of a workbook: the one that was read, and others with numbers
 
     def __len__(self) -> int:
         return len(self.lines)
@@ -170,6 +172,7 @@ def _read_text(path: Path, content: bytes) -> MeasurementTable:
 
 
 _LONGEST_LINE = 200_000
+_MOST_NAMED = 6  # summaries
 
 
 def _split_line(line: str, separator: str) -> list[str]:
@@ -227,7 +230,7 @@ def _build_table(path: Path, cells: Iterable[list[float | str]], dialect: str) -
         refuse_lying_table(path, head[first:])
         remarks = [",".join(str(cell) for cell in row) for row in head[:first]]
         names = names_without_heading(head[first][: _filled_width(head[first])], remarks)
-    names = name_quaternion_apart(names, head[first:])
+    names = name_matrix_elements(name_quaternion_apart(names, head[first:]), head[first:])
     if twice := doubled_name(names):
         raise MeasurementError(
             make_message("{path}: the column name {twice!r} occurs twice.", path=path, twice=twice),
@@ -273,12 +276,18 @@ def _fill_table(
 
 def _without_summaries(table: MeasurementTable) -> MeasurementTable:
     """Return a table without the rows that sum others up; its dialect names them."""
-    found = {**calculated_rows(table.numbers), **summary_rows(table.texts, len(table))}
+    found = {
+        **calculated_rows(table.numbers),
+        **block_summaries(table.texts, table.numbers),
+        **summary_rows(table.texts, len(table)),
+    }
     if not found:
         return table
     kept = [row for row in range(len(table)) if row not in found]
     place = {row: at for at, row in enumerate(kept)}
-    shown = ", ".join(f"{word!r} ({table.lines[row]})" for row, word in found.items())
+    shown = ", ".join(f"{word!r} ({table.lines[row]})" for row, word in list(found.items())[:_MOST_NAMED])
+    if len(found) > _MOST_NAMED:
+        shown = make_message("{} and {} more", shown, len(found) - _MOST_NAMED)
     left_out = make_message("summaries of rows left out, with their lines: {shown}", shown=shown)
     return replace(
         table,
@@ -319,4 +328,4 @@ def _filled_width(row: list[float | str]) -> int:
 def _read_excel(path: Path, content: bytes, sheet: str | None) -> MeasurementTable:
     found = read_workbook(path, content, sheet)
     table = _build_table(path, found.rows, found.dialect)
-    return replace(table, uncalculated=found.uncalculated)
+    return replace(table, uncalculated=found.uncalculated, sheets=(found.name, *found.others))

@@ -38,6 +38,7 @@ class WorkbookSheet:
     rows: list[Cells]
     dialect: str  # for people: which sheet, and what they may not expect of it
     uncalculated: dict[int, int]  # column from 0: the first row, from 1, with a formula that has no value
+    others: tuple[str, ...] = ()  # sheets with numbers, too
 
 
 def holds_table(rows: Sequence[Cells]) -> bool:
@@ -153,7 +154,7 @@ def _with_warnings(path: Path, sheet: Any, rows: list[Cells], others: Sequence[s
     if others:
         names = ", ".join(map(repr, others))
         words.append(make_message("not read: {names}, with numbers, too (`--sheet`)", names=names))
-    return WorkbookSheet(sheet.title, rows, "; ".join(words), _uncalculated_columns(xml))
+    return WorkbookSheet(sheet.title, rows, "; ".join(words), _uncalculated_columns(xml), tuple(others))
 
 
 def _count_hidden(xml: bytes, rows: Sequence[Cells]) -> int:

@@ -101,11 +101,9 @@ def _fault_of(error: ErrorDetails, model: type[CheckedTable], data: Mapping[str,
         return TableFault(heading, f"{key} is missing.", table.missing_remedies.get(key, ""))
     if error["type"] == "extra_forbidden":
         known = tuple(table.model_fields)
-        return TableFault(
-            heading,
-            f"unknown {key}; {suggest_key(key, known)}",
-            f"Known here: {', '.join(sorted(known))}.",
-        )
+        meant = suggest_key(key, known)
+        sentence = f"unknown {key}; {meant}" if meant.endswith("?") else f"unknown {key}."
+        return TableFault(heading, sentence, f"Known here: {', '.join(sorted(known))}.")
     if error["type"] == "list_type":
         return TableFault(heading, f"{key} is a list of tables.", f"Begin each with [[{key}]].")
     return TableFault(heading, f"{key} is a table, written {_heading_of(place, data)}.")

@@ -109,6 +109,7 @@ def test_faults_of_a_project_are_named(tmp_path: Path, old: str, new: str, words
             "project.toml: unknown unsayd; did you mean 'unsaid'?",
             "Known here: fixture",
         ),
+        ("[unsaid]", "[qqq]", "project.toml: unknown qqq.", "Known here: fixture"),
         ('serial = "E-1"', "serial = 1", "[robot]: serial is a text in quotes, not 1.", ""),
         ('serial = "E-1"', 'serial = ""', "[robot]: serial is a text in quotes, not ''.", ""),
         ("[-100, -80,", "[true, -80,", "[robot]: lower_deg is a list of finite numbers, not [True, -80", ""),
