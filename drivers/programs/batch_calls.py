@@ -1,0 +1,220 @@
+"""What the routines of a batch do to each other by their calls: tools and frames set, calls of what is missing."""
+
+from collections import defaultdict
+from collections.abc import Mapping, Sequence, Set
+from functools import cached_property
+from pathlib import PurePath
+from typing import TypeAlias
+
+from cellcal.calibration.message import make_message
+from cellcal.drivers.programs.call_graph import Marks, reached_missing, reached_settings
+from cellcal.drivers.programs.file_declarations import FileDeclarations, RoutineEffects
+
+Routine: TypeAlias = tuple[str, str]  # its file and name
+_CALLED = "{} in {}, which its program calls, sets another tool or frame"
+_CALLER = "{} in {} sets the tool or frame before its program is called, or may"
+_UNGIVEN = "{} in {} calls a program that was not given, which may set another tool or frame"
+_NOT_GIVEN = "~"  # what a program sets that was not given; behind all numbers and names
+
+
+class BatchCalls:
+    """The calls between the routines of a batch, whose declarations are each by its file."""
+
+    def __init__(self, declarations: Mapping[str, FileDeclarations]) -> None:
+        self._by_file = declarations
+        self._folders = {file: str(PurePath(file).parent) for file in declarations}
+        self._names = [(file, name) for file, one in declarations.items() for name in one.routines]
+        self._numbers = {routine: number for number, routine in enumerate(self._names)}
+        self._shown: dict[str, list[str]] = defaultdict(list)  # by routine: the files that show it
+        for file, one in declarations.items():
+            for name, routine in one.routines.items():
+                if routine.shown:
+                    self._shown[name].append(file)
+
+    def nearest_files(self, file: str, others: Sequence[str]) -> list[str]:
+        """Return those beside a file, or all where none is."""
+        folder = self._folders[file]
+        return [other for other in others if self._folders[other] == folder] or list(others)
+
+    def why_reached(self, file: str, name: str, /, *, tool: bool = True, frame: bool = True) -> str:
+        """Return why what a routine sets itself is not all: one that it calls, or a caller, sets more; or ""."""
+        number = self._numbers.get((file, name)) if name else None
+        if number is None:
+            return ""
+        own = self._by_file[file].routines[name]
+        tools, frames = self._effects_around
+        effects = [*([(tools, own.tools)] if tool else ()), *([(frames, own.frames)] if frame else ())]
+        below = [(value, subject) for (marks, _), has in effects for value, subject in marks[number]
+                 if value not in has and (has or value != _NOT_GIVEN)]  # fmt: skip
+        if any(has for _, has in effects):
+            below += self._resets_below[number]
+        if below:
+            value, subject = below[0]
+            return self._name_text(_UNGIVEN if value == _NOT_GIVEN else _CALLED, subject)
+        above = [subject for (_, marks), has in effects if not has for value, subject in marks[number]
+                 if value != _NOT_GIVEN]  # fmt: skip
+        if not above and not own.resets:
+            above = [subject for _, subject in self._resets_around[1][number]]
+        return self._name_text(_CALLER, above[0]) if above else ""
+
+    @cached_property
+    def _calls(self) -> list[list[int]]:
+        """Return by routine the numbers of those that it calls."""
+        return [
+            [
+                self._numbers[called]
+                for name in sorted(self._by_file[file].routines[own].calls)
+                for called in self._called_routines(file, name)
+            ]
+            for file, own in self._names
+        ]
+
+    @cached_property
+    def _resets_below(self) -> list[Marks]:
+        """Return by routine those that it calls and that reset."""
+        resets = self._resets_around[0]
+        return [tuple(mark for called in some for mark in resets[called]) for some in self._calls]
+
+    @cached_property
+    def _resets_around(self) -> "_Around":
+        """Return by routine those that reset: it and those that it calls, and those around it."""
+        routines = [self._by_file[file].routines[name] for file, name in self._names]
+        return reached_settings(
+            self._calls, [frozenset([""]) if one.resets else frozenset() for one in routines]
+        )
+
+    @cached_property
+    def _effects_around(self) -> "tuple[_Around, _Around]":
+        """Return what is set below and around each routine: the tools, and the frames."""
+        routines = [self._by_file[file].routines[name] for file, name in self._numbers]
+        more = [
+            frozenset([_NOT_GIVEN]) if self._has_missing_calls(file, one) else frozenset[str]()
+            for (file, _), one in zip(self._numbers, routines, strict=True)
+        ]
+        return (
+            reached_settings(self._calls, [one.tools | its for one, its in zip(routines, more, strict=True)]),
+            reached_settings(
+                self._calls, [one.frames | its for one, its in zip(routines, more, strict=True)]
+            ),
+        )
+
+    def _has_missing_calls(self, file: str, routine: RoutineEffects) -> bool:
+        return self._by_file[file].flat and not all(
+            self._called_routines(file, name) for name in routine.calls
+        )
+
+    def _called_routines(self, file: str, name: str) -> list[Routine]:
+        if name in self._by_file[file].routines:
+            return [(file, name)]
+        others = self._shown.get(name, ())
+        if self._by_file[file].flat:
+            return [(other, name) for other in others if self._folders[other] == self._folders[file]]
+        return [(other, name) for other in self.nearest_files(file, others)]
+
+    def _name_text(self, text: str, number: int) -> str:
+        file, name = self._names[number]
+        return make_message(text, name, PurePath(file).name)
+
+    def computed_beside(self, file: str) -> tuple[dict[str, str], frozenset[str]]:
+        """Return the global places that other files of a folder compute, and the names of its routines."""
+        computing, given = self._flat_folders
+        folder = self._folders[file]
+        computed = {
+            place: next(other for other in others if other != file)
+            for place, others in computing.get(folder, {}).items()
+            if others != [file]
+        }
+        return computed, frozenset(given.get(folder, ()))
+
+    @cached_property
+    def _flat_folders(self) -> tuple[dict[str, dict[str, list[str]]], dict[str, set[str]]]:
+        """Return by folder the files that compute each global place, and the names of the routines."""
+        computing: dict[str, dict[str, list[str]]] = defaultdict(lambda: defaultdict(list))
+        given: dict[str, set[str]] = defaultdict(set)
+        for file, one in self._by_file.items():
+            for name, routine in one.routines.items() if one.flat else ():
+                given[self._folders[file]].add(name)
+                for place in routine.computes:
+                    computing[self._folders[file]][place].append(file)
+        return computing, given
+
+    def numbers_left(self, file: str) -> "tuple[_NumbersOfRoutines, _NumbersOfRoutines]":
+        """Return by routine beside a file the tools that it, or one that it calls, chooses, and the frames."""
+        tools, frames = (left.get(self._folders[file], {}) for left in self._numbers_left)
+        return tools, frames
+
+    @cached_property
+    def _numbers_left(self) -> "tuple[_NumbersLeft, _NumbersLeft]":
+        """Return by folder and routine the tools that it, or a routine that it calls, chooses, and the frames."""
+        found: tuple[_NumbersLeft, _NumbersLeft] = (defaultdict(dict), defaultdict(dict))
+        for number, (file, name) in enumerate(self._names):
+            routine = self._by_file[file].routines[name]
+            lefts = (routine.tool_left, routine.frame_left)
+            for some, (below, _), left in zip(found, self._effects_around, lefts, strict=True):
+                chosen = {value for value, _ in below[number] if value != _NOT_GIVEN}
+                numbers = frozenset(chosen if left is None else {left} - {""})
+                if self._by_file[file].flat and numbers:
+                    some[self._folders[file]][name] = numbers
+        return found
+
+    def numbers_before(self, file: str) -> tuple[frozenset[str], frozenset[str]]:
+        """Return the tools that callers of a file's routines, and what these call, choose, and the frames."""
+        numbers = [self._numbers[file, name] for name in self._by_file[file].routines]
+        tools, frames = (
+            frozenset(value for number in numbers for value, _ in above[number] if value != _NOT_GIVEN)
+            for _, above in self._effects_around
+        )
+        return tools, frames
+
+    def open_beside(self, file: str) -> tuple[Mapping[str, str], dict[str, str]]:
+        """Return which routines of a folder reach one that was not given, and which of those run beside all."""
+        reaching, running = self._open_folders
+        folder = self._folders[file]
+        started = running.get(folder, {})
+        return reaching.get(folder, {}), {name: by for name, by in started.items() if by != file}
+
+    @cached_property
+    def _open_folders(self) -> tuple[dict[str, dict[str, str]], dict[str, dict[str, str]]]:
+        """Return by folder: by routine one not given that it reaches; and those not given that run beside all."""
+        given = self._flat_folders[1]
+        by_folder: dict[str, list[tuple[str, str, RoutineEffects]]] = defaultdict(list)
+        for file, one in self._by_file.items():
+            if one.flat:
+                by_folder[self._folders[file]] += [(file, *each) for each in one.routines.items()]
+        reaching = {
+            folder: reached_missing({name: one.calls for _, name, one in some}, given[folder])
+            for folder, some in by_folder.items()
+        }
+        running: dict[str, dict[str, str]] = {}
+        for folder, some in by_folder.items():
+            reached = reaching[folder]
+            running[folder] = {
+                reached.get(started, started): file
+                for file, _, one in some
+                for started in one.beside
+                if started in reached or started not in given[folder]
+            }
+        return reaching, running
+
+    @cached_property
+    def _called_in(self) -> Set[tuple[str, str]]:
+        """Return the folders, and the routines that are called there."""
+        return {
+            (self._folders[file], name)
+            for file, one in self._by_file.items()
+            for routine in one.routines.values()
+            for name in routine.calls
+        }
+
+    def is_standalone(self, file: str) -> bool:
+        """Tell whether a program calls none and is called by none: a person runs it, to set up the cell."""
+        folder = self._folders[file]
+        return not any(
+            routine.calls or (folder, name) in self._called_in
+            for name, routine in self._by_file[file].routines.items()
+        )
+
+
+_NumbersOfRoutines: TypeAlias = dict[str, frozenset[str]]
+_NumbersLeft: TypeAlias = dict[str, _NumbersOfRoutines]
+_Around: TypeAlias = tuple[list[Marks], list[Marks]]  # by routine: of those it calls, and around it
