@@ -4,7 +4,7 @@ A fit that leaves half a metre is no calibration of anything. Before it is made,
 way that files get wrong: mirrored axes, signs, zeros, order, coupling, units, rows beside each other, another robot.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -25,10 +25,6 @@ from cellcal.calibration.identification.misfit_error import (
 from cellcal.calibration.identification.misfit_fit import fit_quickly, motion_of, places_only
 from cellcal.calibration.identification.misfit_hypotheses import (
     FileNames,
-    JointInterpretation,
-    columns_option,
-    home_reading,
-    with_zeros,
 )
 from cellcal.calibration.identification.misfit_lag import lag_readings
 from cellcal.calibration.identification.misfit_lengths import length_readings
@@ -38,6 +34,7 @@ from cellcal.calibration.identification.misfit_slides import (
     slide_readings,
     turn_readings,
 )
+from cellcal.calibration.identification.misfit_zeros import far_zeros, refuse_far_zero, with_fitted_zeros
 from cellcal.calibration.identification.observations import (
     LengthObservations,
     MeasuredRows,
@@ -60,9 +57,6 @@ _FEWEST_SCREWED = 16
 _FEWEST_TOLD_APART = 20  # rows, for hundreds of robots
 _ALIKE = 1.6  # times the best score: these causes cannot be told apart
 _ALIKE_M = 2e-4
-_FAR_RAD = float(np.deg2rad(5.0))  # of a zero: ten deviations of what mastering may be off by
-_SURE = 0.2  # of a far zero: its standard deviation
-_ROUND_RAD = float(np.deg2rad(2.0))
 _MOST_CAUSES = 4
 _PARTS = 4  # of a series, one of which is likely without a break
 _MANY_REPEATED = 0.5  # of the rows: fewer are typing errors
@@ -130,14 +124,14 @@ def refuse_misfit(
     if stands.score_m > max(_SUSPECT * motion_m, _SUSPECT_M):
         others = [load_model(name) for name in model_names() if name != model.name] if search_models else []
         # A zero far off is a cause itself, which the fit found by chance: any that fits better takes its place.
-        limit_m = stands.score_m / (1.0 if _far_zeros(stands) else _DECISIVE)
+        limit_m = stands.score_m / (1.0 if far_zeros(stands) else _DECISIVE)
         causes = _explaining_causes(model, observations, limit_m, names, others)
         sure_m = min(stands.score_m / _DECISIVE, max(_GROSS * motion_m, _GROSS_M))
         causes = causes or _slides(model, some, sure_m, names)
         if causes:
             raise misfit_error(model, stands.score_m, motion_m, causes)
     if stands.score_m <= max(_GROSS * motion_m, _GROSS_M):
-        _refuse_far_zero(model, some, stands, names)
+        refuse_far_zero(model, some, stands, names)
         return
     _refuse_outer_cause(model, some, (stands.score_m, motion_m), names, rows)
     if _misfits_throughout(model, observations, max(_GROSS * motion_m, _GROSS_M)):
@@ -283,55 +277,6 @@ def _refuse_one_number(
             raise misfit_error(model, left_m, motion_m, (cause,))
 
 
-def _refuse_far_zero(model: RobotModel, some: Observations, stands: MisfitScore, names: FileNames) -> None:
-    """Refuse rows that fit only with a zero further off than any mastering leaves it."""
-    far = _far_zeros(stands)
-    if far:
-        home_cause = home_reading(some.joints_rad, far, names)
-        raise MisfitError(
-            make_message(
-                "the measurements fit {model_name} only if {says}.",
-                model_name=model.name,
-                says=home_cause.says,
-            ),
-            remedy=make_message(
-                "{remedy} Nothing was stored.", remedy=_with_track(model, far, names, home_cause.cure)
-            ),
-            causes=(MisfitCause(("home",), home_cause.says, home_cause.cure, stands.score_m),),
-        )
-
-
-def _with_track(model: RobotModel, far: Mapping[int, float], names: FileNames, cure: str) -> str:
-    """Return the cure of a far zero, and that of a track that runs elsewhere, which looks the same."""
-    if model.sliding is None or not model.sliding[0] or list(far) != [1]:
-        return cure
-    slide = names.joints[0]
-    if abs(far[1]) < np.pi:
-        return make_message(
-            "{cure} It fits as well that {slide} runs in another direction than the description says, by as much: "
-            "see its axis there.",
-            cure=cure,
-            slide=slide,
-        )
-    return make_message(
-        "{cure} It fits as well that {slide} counts the other way round: {columns_option}.",
-        cure=cure,
-        slide=slide,
-        columns_option=columns_option([f"-{slide}", *names.joints[1:]]),
-    )
-
-
-def _far_zeros(stands: MisfitScore) -> dict[int, float]:
-    last = (
-        len(stands.offsets_rad) - 1
-    )  # its zero, and that of the first joint, are hidden by target and device
-    return {
-        joint: _round_angle(offset)
-        for joint, (offset, sigma) in enumerate(zip(stands.offsets_rad, stands.sigma_rad, strict=True))
-        if 0 < joint < last and abs(offset) > _FAR_RAD and sigma < _SURE * abs(offset)
-    }
-
-
 def _explaining_causes(
     model: RobotModel,
     observations: Observations,
@@ -348,7 +293,7 @@ def _explaining_causes(
         fitted = fit_quickly(candidate.model, candidate.observations)
         if fitted.score_m / candidate.scale <= limit_m and _is_believable(candidate, fitted):
             found.append(
-                (replace(candidate, reading=_with_fitted_zeros(candidate.reading, fitted, names)), fitted)
+                (replace(candidate, reading=with_fitted_zeros(candidate.reading, fitted, names)), fitted)
             )
     if not found:
         return ()
@@ -391,26 +336,3 @@ def _slides(
 def _is_believable(candidate: MisfitCandidate, fitted: MisfitScore) -> bool:
     motion_m = motion_of(candidate.model, candidate.observations)
     return fitted.score_m <= max(_GROSS * motion_m, _GROSS_M)
-
-
-def _with_fitted_zeros(
-    reading: JointInterpretation, fitted: MisfitScore, names: FileNames
-) -> JointInterpretation:
-    """Return a reading with the zeros that its fit found, where they are far from none."""
-    total = {
-        joint: _round_angle(reading.zeros_rad.get(joint, 0.0) + offset)
-        for joint, offset in enumerate(fitted.offsets_rad)
-    }
-    zeros = {joint: zero for joint, zero in total.items() if abs(zero) > _FAR_RAD}
-    if not zeros and not reading.zeros_rad:
-        return reading
-    return with_zeros(reading, zeros, names)
-
-
-def _round_angle(angle_rad: float) -> float:
-    """Return an angle as one would write it: whole quarter turns where it is one, else tenths of a degree."""
-    angle_rad = float((angle_rad + np.pi) % (2 * np.pi) - np.pi)
-    quarter = float(np.round(angle_rad / (np.pi / 2)) * (np.pi / 2))
-    if quarter and abs(angle_rad - quarter) < _ROUND_RAD:
-        return quarter
-    return float(np.deg2rad(np.round(np.rad2deg(angle_rad), 1)))
