@@ -2,44 +2,35 @@
 
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from math import nan
 
 from cellcal.calibration.message import make_message
 from cellcal.drivers.fanuc.program_files.ls_computed import (
     ComputedRegisters,
-    RegisterContents,
-    is_computing,
     registers_of,
 )
 from cellcal.drivers.fanuc.program_files.ls_copied_frames import START, copies_in_other_frames
+from cellcal.drivers.fanuc.program_files.ls_motion_findings import (
+    ANY_REGISTER,
+    CAMERA,
+    MotionFindings,
+    axes_of,
+    find_motions,
+)
 from cellcal.drivers.fanuc.program_files.ls_positions import REMOTE
 from cellcal.drivers.fanuc.program_files.ls_registers import frames_in_force
 from cellcal.drivers.fanuc.program_files.ls_shared_registers import shifts_by_other_programs
 from cellcal.drivers.fanuc.program_files.ls_statements import (
-    MotionStatement,
-    Statement,
-    condition_of,
-    motion_of,
     read_statements,
 )
-from cellcal.drivers.programs.conditions import ConditionalBar, ProjectNeed
 from cellcal.drivers.programs.file_declarations import ExternalUses
 from cellcal.drivers.programs.positions import CARTESIAN, JOINTS, Positions
 from cellcal.drivers.programs.shifts import NO_TURN, UNREADABLE, ProgramShift, ShiftAxes
 
-_INCREMENT = "it is an increment: {} in line {} adds it to where the robot is"
-_LED_MOTION = "another motion group leads the motion there ({} in line {})"
-_STANDING_TOOL = "the tool of its motion stands in the cell ({} in line {})"
-_CAMERA = "a camera shifts the motion there while the program runs ({} in line {})"
-_ANY_INCREMENT = "a register chooses the positions of the motion in line {}, and {} makes them no places"
 _AMOUNT = "the program computes with it and does not go there, so it may be a shift"
 _WRITTEN_REMOTE = (
     "it is written with RX to RR, for a tool that stands in the cell; the listing does not say where"
-)
-_GIVEN_HERE = "line {} gives it a value while the program runs"
-_GIVEN = re.compile(  # behind the condition of an IF, too
-    rb"(?:(?:IF|WENN)\b[^=;]*+[^;,]*+,[ \t]*+)?+P(?<![A-Za-z]P)\[ *+(\d{1,5}+) *+(?:,[^\]]*+)?+\][ \t]*+=(?!=)"
 )
 _GIVES = re.compile(rb"(?<![A-Z])P\[[^\]\n]{1,40}+\][ \t]*+=(?!=)")
 _WORDS = (b"INC", b"COORD", b"RTCP", b"VR[", b"OFFSET", b"PR[", b"PAL_", b"SEARCH")
@@ -51,35 +42,10 @@ _HOME = re.compile(  # the robot's own resting posture, which no work moves, whe
     rb"\bJ[ \t]++PR\[ *+(\d{1,5}+) *+:[^\]\n]*?" + _REST, re.IGNORECASE
 )
 _STRAIGHT = re.compile(rb"\b[LCAS][ \t]++PR\[ *+(\d{1,5}+)", re.IGNORECASE)
-_ANY_REGISTER = -1  # in place of a register: a number chooses it
 _CARRY = "Carry it with `cellcal program registers`, or teach it there."
 _TO_PALLET = re.compile(
     rb"[JLCAS][ \t]++(PAL_\d++\[[^\]]{0,20}+\])"
 )  # its places are no positions of the listing
-
-
-@dataclass
-class _MotionFindings:
-    """What was found so far."""
-
-    increments: dict[int, str] = field(default_factory=dict)  # positions that are no places, and why
-    needs: dict[int, ConditionalBar] = field(default_factory=dict)  # of positions, by number
-    any_increment: str = ""
-    places: set[int] = field(default_factory=set)  # positions that a motion goes to as they stand
-    goes_to: dict[int, int] = field(default_factory=dict)  # registers that are gone to, and in which line
-    reached: dict[int, list[int]] = field(
-        default_factory=dict
-    )  # registers gone to, shifted or not: all lines
-    added: dict[int, int] = field(
-        default_factory=dict
-    )  # registers by which a motion goes on, and in which line
-    shifted: dict[int, int] = field(default_factory=dict)  # registers that are gone to with a shift
-    amounts: set[int] = field(default_factory=set)  # registers that shift a motion, or that it adds
-    shifts: list[tuple[int, ProgramShift]] = field(default_factory=list)  # by position
-    any_shift: list[ProgramShift] = field(default_factory=list)  # of positions that a register chooses
-    conditions: set[int] = field(default_factory=set)  # registers that shift by OFFSET CONDITION
-    by_register: list[MotionStatement] = field(default_factory=list)  # motions that registers shift or add to
-    assigned: list[tuple[Statement, int | None]] = field(default_factory=list)
 
 
 def with_motions(positions: Positions, data: bytes, external_uses: ExternalUses | None = None) -> Positions:
@@ -92,12 +58,12 @@ def with_motions(positions: Positions, data: bytes, external_uses: ExternalUses 
         # as in nearly all
         return positions
     in_joints = _positions_in_joints(positions)
-    found = _find_motions(data, in_joints)
+    found = find_motions(data, in_joints)
     registers = registers_of(found.assigned, in_joints)
     found.amounts |= found.conditions
     for motion in found.by_register:
         if registers.camera & set(motion.shifting or found.conditions):
-            why = make_message(_CAMERA, "Offset", motion.line)
+            why = make_message(CAMERA, "Offset", motion.line)
             found.increments = {**dict.fromkeys(motion.targets, why), **found.increments}
     elsewhere = list(copies_in_other_frames(positions, data, external_uses))
     shifts = [
@@ -151,19 +117,19 @@ def _pallet_places(data: bytes) -> Iterator[ProgramShift]:
             )
 
 
-def _added_registers(found: _MotionFindings, registers: ComputedRegisters) -> Iterator[ProgramShift]:
+def _added_registers(found: MotionFindings, registers: ComputedRegisters) -> Iterator[ProgramShift]:
     """Yield the motions by an increment in a register, which stays along the axes of its user frame."""
     for register, line in found.added.items():
-        point, axes = _register_name(register), _axes_of(registers, register)
+        point, axes = _register_name(register), axes_of(registers, register)
         yield ProgramShift(line, "INC", axes, point=point, translation_m=UNREADABLE, quaternion=NO_TURN)
 
 
 def _register_name(register: int) -> str:
-    return f"PR[{register}]" if register != _ANY_REGISTER else "PR[R[...]]"
+    return f"PR[{register}]" if register != ANY_REGISTER else "PR[R[...]]"
 
 
 def _absent_places(
-    data: bytes, frames: Mapping[int, str | None], found: _MotionFindings, registers: ComputedRegisters
+    data: bytes, frames: Mapping[int, str | None], found: MotionFindings, registers: ComputedRegisters
 ) -> Iterator[ProgramShift]:
     """Yield the motions to registers that this program fills from none of its positions, home aside."""
     homes = {int(each) for each in _HOME.findall(data)} - {int(each) for each in _STRAIGHT.findall(data)}
@@ -186,7 +152,7 @@ def _first_lines(lines: Sequence[int], frames: Mapping[int, str | None]) -> dict
 
 
 def _shifts_of_places_here(
-    frames: Mapping[int, str | None], found: _MotionFindings, registers: ComputedRegisters
+    frames: Mapping[int, str | None], found: MotionFindings, registers: ComputedRegisters
 ) -> Iterator[ProgramShift]:
     """Yield what is added to, or set in, registers that got where the robot was before any position."""
     places = [
@@ -201,7 +167,7 @@ def _shifts_of_places_here(
             yield ProgramShift(
                 line,
                 point,
-                _axes_of(registers, each),
+                axes_of(registers, each),
                 point=point,
                 user_frame=frame,
                 translation_m=UNREADABLE if each in found.shifted else registers.added_to(each),
@@ -225,126 +191,7 @@ def _positions_in_joints(positions: Positions) -> frozenset[int]:
     )
 
 
-def _find_motions(data: bytes, in_joints: frozenset[int]) -> _MotionFindings:
-    found, contents, region = _MotionFindings(), RegisterContents(), False
-    last: int | None = None
-    computing = [(each, None) for each in read_statements(data) if is_computing(each)]
-    registers = registers_of(computing, in_joints)
-    for statement in read_statements(data):
-        if not statement.is_motion:
-            contents.follow_statement(statement)
-            region = _touch_offset(statement, region)
-            found.conditions.update(condition_of(statement))
-            _take_given(found, statement)
-            if is_computing(statement):
-                found.assigned.append((statement, last))
-            continue
-        motion = motion_of(statement)
-        contents.follow_statement(statement)
-        _take_targets(found, motion)
-        _take_reached(found, motion, region)
-        if motion.search:  # it goes along an axis of the touch sensor's frame, as far as it finds something
-            _add_shift(found, motion, ProgramShift(motion.line, motion.search, ShiftAxes.USER_FRAME))
-        if motion.offset or region:
-            amount, quaternion = (
-                contents.shift_of_motion(motion, registers.turned | registers.joints)
-                if not region
-                else (UNREADABLE, None)
-            )
-            option = "Offset" if motion.offset else "Touch Offset"
-            axes = _axes_of(registers, *motion.offset_registers)
-            shift = ProgramShift(motion.line, option, axes, translation_m=amount, quaternion=quaternion)
-            _add_shift(found, motion, shift)
-            found.shifted |= dict.fromkeys(motion.register_targets, motion.line)
-        last = motion.targets[-1] if motion.targets else last
-        if motion.stored:
-            found.assigned.append((Statement(motion.stored, motion.line), last))
-    return found
-
-
-def _take_reached(found: _MotionFindings, motion: MotionStatement, region: bool) -> None:
-    """Take up which registers a motion goes to, shifted or not."""
-    some = (*motion.register_targets, *((_ANY_REGISTER,) if motion.any_register else ()))
-    if motion.relative:
-        found.added |= dict.fromkeys(some, motion.line)
-    elif motion.is_place or motion.offset or region:
-        for register in some:
-            found.reached.setdefault(register, []).append(motion.line)
-
-
-def _take_given(found: _MotionFindings, statement: Statement) -> None:
-    """Take up that a statement gives a position a value, behind the condition of an IF or not."""
-    if (given := _GIVEN.match(statement.text)) is not None:
-        found.increments.setdefault(int(given[1]), make_message(_GIVEN_HERE, statement.line))
-
-
-def _add_shift(found: _MotionFindings, motion: MotionStatement, shift: ProgramShift) -> None:
-    found.shifts += [(number, shift) for number in motion.targets]
-    found.any_shift += [shift] if motion.any_target else []
-
-
-def _axes_of(registers: ComputedRegisters, *shifting: int) -> ShiftAxes:
-    """Return the axes of a shift by registers: no user frame changes what joints do."""
-    return ShiftAxes.BASE if registers.joints.intersection(shifting) else ShiftAxes.USER_FRAME
-
-
-def _touch_offset(statement: Statement, region: bool) -> bool:
-    text = b" ".join(statement.text.split()).upper()
-    if text.startswith(b"TOUCH OFFSET"):
-        return not text.startswith(b"TOUCH OFFSET END")
-    return region
-
-
-def _take_targets(found: _MotionFindings, motion: MotionStatement) -> None:
-    why, condition = _why_no_place(motion), _condition_of_motion(motion)
-    for number in motion.targets:
-        if condition is not None:
-            found.needs[number] = condition.joined_with(found.needs.get(number))
-        elif why:
-            found.increments.setdefault(number, why)
-        else:
-            found.places.add(number)
-    if motion.any_target and why:
-        word = motion.relative or motion.led or motion.standing_tool or motion.camera
-        found.any_increment = found.any_increment or make_message(_ANY_INCREMENT, motion.line, word)
-    found.amounts.update(motion.shifting)
-    if motion.offset or motion.tool_offset or (why and motion.register_targets):
-        found.by_register.append(motion)
-    for number in motion.register_targets:
-        if why:
-            found.amounts.add(number)
-        else:
-            found.goes_to.setdefault(number, motion.line)
-
-
-def _why_no_place(motion: MotionStatement) -> str:
-    for word, text in (
-        (motion.relative, _INCREMENT),
-        (motion.led, _LED_MOTION),
-        (motion.standing_tool, _STANDING_TOOL),
-        (motion.camera, _CAMERA),
-    ):
-        if word:
-            return make_message(text, word, motion.line)
-    return ""
-
-
-def _condition_of_motion(motion: MotionStatement) -> ConditionalBar | None:
-    """Return what a project must state of a led motion or one at a standing tool; None where that does not help."""
-    if motion.relative or motion.camera or motion.offset or motion.tool_offset:
-        return None
-    needs = {
-        need
-        for need, word in (
-            (ProjectNeed.LEADER, motion.led),
-            (ProjectNeed.STANDING_TOOL, motion.standing_tool),
-        )
-        if word
-    }
-    return ConditionalBar(frozenset(needs), _why_no_place(motion)) if needs else None
-
-
-def _amount_reason(number: int, found: _MotionFindings, registers: ComputedRegisters) -> str:
+def _amount_reason(number: int, found: MotionFindings, registers: ComputedRegisters) -> str:
     """Return why a position is left that no motion goes to as it stands, and that the program uses otherwise."""
     if number in found.places or number in found.needs:
         return ""
@@ -360,14 +207,14 @@ def _amount_reason(number: int, found: _MotionFindings, registers: ComputedRegis
 
 
 def _shifts_by_registers(
-    found: _MotionFindings, registers: ComputedRegisters
+    found: MotionFindings, registers: ComputedRegisters
 ) -> Iterator[tuple[int, ProgramShift]]:
     """Yield shifts of positions whose copy in a register is computed before a motion goes to the register."""
     for register, line in {**found.goes_to, **found.shifted}.items():
         if register in registers.altered or register in found.shifted or registers.any_altered:
             turn = None if register in registers.turned else NO_TURN
             amount = UNREADABLE if register in found.shifted else registers.added_to(register)
-            axes = _axes_of(registers, register)
+            axes = axes_of(registers, register)
             for number in sorted(registers.origins.get(register, ())):
                 yield (
                     number,
@@ -395,7 +242,7 @@ def _set_elements(register: int, registers: ComputedRegisters) -> Iterator[Progr
 
 
 def _shifts_by_places(
-    found: _MotionFindings, registers: ComputedRegisters
+    found: MotionFindings, registers: ComputedRegisters
 ) -> Iterator[tuple[int, ProgramShift]]:
     """Yield what a motion adds or is shifted by where that is computed from positions, which themselves change."""
     for motion in found.by_register:

@@ -1,0 +1,176 @@
+"""What the motions of a listing do: where they go as it stands, what they add, and what shifts them."""
+
+import re
+from dataclasses import dataclass, field
+
+from cellcal.calibration.message import make_message
+from cellcal.drivers.fanuc.program_files.ls_computed import (
+    ComputedRegisters,
+    RegisterContents,
+    is_computing,
+    registers_of,
+)
+from cellcal.drivers.fanuc.program_files.ls_statements import (
+    MotionStatement,
+    Statement,
+    condition_of,
+    motion_of,
+    read_statements,
+)
+from cellcal.drivers.programs.conditions import ConditionalBar, ProjectNeed
+from cellcal.drivers.programs.shifts import UNREADABLE, ProgramShift, ShiftAxes
+
+_INCREMENT = "it is an increment: {} in line {} adds it to where the robot is"
+_LED_MOTION = "another motion group leads the motion there ({} in line {})"
+_STANDING_TOOL = "the tool of its motion stands in the cell ({} in line {})"
+CAMERA = "a camera shifts the motion there while the program runs ({} in line {})"
+_ANY_INCREMENT = "a register chooses the positions of the motion in line {}, and {} makes them no places"
+_GIVEN_HERE = "line {} gives it a value while the program runs"
+_GIVEN = re.compile(  # behind the condition of an IF, too
+    rb"(?:(?:IF|WENN)\b[^=;]*+[^;,]*+,[ \t]*+)?+P(?<![A-Za-z]P)\[ *+(\d{1,5}+) *+(?:,[^\]]*+)?+\][ \t]*+=(?!=)"
+)
+ANY_REGISTER = -1  # in place of a register: a number chooses it
+
+
+@dataclass
+class MotionFindings:
+    """What was found so far of a listing's motions."""
+
+    increments: dict[int, str] = field(default_factory=dict)  # positions that are no places, and why
+    needs: dict[int, ConditionalBar] = field(default_factory=dict)  # of positions, by number
+    any_increment: str = ""
+    places: set[int] = field(default_factory=set)  # positions that a motion goes to as they stand
+    goes_to: dict[int, int] = field(default_factory=dict)  # registers that are gone to, and in which line
+    reached: dict[int, list[int]] = field(
+        default_factory=dict
+    )  # registers gone to, shifted or not: all lines
+    added: dict[int, int] = field(
+        default_factory=dict
+    )  # registers by which a motion goes on, and in which line
+    shifted: dict[int, int] = field(default_factory=dict)  # registers that are gone to with a shift
+    amounts: set[int] = field(default_factory=set)  # registers that shift a motion, or that it adds
+    shifts: list[tuple[int, ProgramShift]] = field(default_factory=list)  # by position
+    any_shift: list[ProgramShift] = field(default_factory=list)  # of positions that a register chooses
+    conditions: set[int] = field(default_factory=set)  # registers that shift by OFFSET CONDITION
+    by_register: list[MotionStatement] = field(default_factory=list)  # motions that registers shift or add to
+    assigned: list[tuple[Statement, int | None]] = field(default_factory=list)
+
+
+def find_motions(data: bytes, in_joints: frozenset[int]) -> MotionFindings:
+    """Return what the motions of a listing do; ``in_joints`` are the positions that are held in joint angles."""
+    found, contents, region = MotionFindings(), RegisterContents(), False
+    last: int | None = None
+    computing = [(each, None) for each in read_statements(data) if is_computing(each)]
+    registers = registers_of(computing, in_joints)
+    for statement in read_statements(data):
+        if not statement.is_motion:
+            contents.follow_statement(statement)
+            region = _touch_offset(statement, region)
+            found.conditions.update(condition_of(statement))
+            _take_given(found, statement)
+            if is_computing(statement):
+                found.assigned.append((statement, last))
+            continue
+        motion = motion_of(statement)
+        contents.follow_statement(statement)
+        _take_targets(found, motion)
+        _take_reached(found, motion, region)
+        if motion.search:  # it goes along an axis of the touch sensor's frame, as far as it finds something
+            _add_shift(found, motion, ProgramShift(motion.line, motion.search, ShiftAxes.USER_FRAME))
+        if motion.offset or region:
+            amount, quaternion = (
+                contents.shift_of_motion(motion, registers.turned | registers.joints)
+                if not region
+                else (UNREADABLE, None)
+            )
+            option = "Offset" if motion.offset else "Touch Offset"
+            axes = axes_of(registers, *motion.offset_registers)
+            shift = ProgramShift(motion.line, option, axes, translation_m=amount, quaternion=quaternion)
+            _add_shift(found, motion, shift)
+            found.shifted |= dict.fromkeys(motion.register_targets, motion.line)
+        last = motion.targets[-1] if motion.targets else last
+        if motion.stored:
+            found.assigned.append((Statement(motion.stored, motion.line), last))
+    return found
+
+
+def _take_reached(found: MotionFindings, motion: MotionStatement, region: bool) -> None:
+    """Take up which registers a motion goes to, shifted or not."""
+    some = (*motion.register_targets, *((ANY_REGISTER,) if motion.any_register else ()))
+    if motion.relative:
+        found.added |= dict.fromkeys(some, motion.line)
+    elif motion.is_place or motion.offset or region:
+        for register in some:
+            found.reached.setdefault(register, []).append(motion.line)
+
+
+def _take_given(found: MotionFindings, statement: Statement) -> None:
+    """Take up that a statement gives a position a value, behind the condition of an IF or not."""
+    if (given := _GIVEN.match(statement.text)) is not None:
+        found.increments.setdefault(int(given[1]), make_message(_GIVEN_HERE, statement.line))
+
+
+def _add_shift(found: MotionFindings, motion: MotionStatement, shift: ProgramShift) -> None:
+    found.shifts += [(number, shift) for number in motion.targets]
+    found.any_shift += [shift] if motion.any_target else []
+
+
+def axes_of(registers: ComputedRegisters, *shifting: int) -> ShiftAxes:
+    """Return the axes of a shift by registers: no user frame changes what joints do."""
+    return ShiftAxes.BASE if registers.joints.intersection(shifting) else ShiftAxes.USER_FRAME
+
+
+def _touch_offset(statement: Statement, region: bool) -> bool:
+    text = b" ".join(statement.text.split()).upper()
+    if text.startswith(b"TOUCH OFFSET"):
+        return not text.startswith(b"TOUCH OFFSET END")
+    return region
+
+
+def _take_targets(found: MotionFindings, motion: MotionStatement) -> None:
+    why, condition = _why_no_place(motion), _condition_of_motion(motion)
+    for number in motion.targets:
+        if condition is not None:
+            found.needs[number] = condition.joined_with(found.needs.get(number))
+        elif why:
+            found.increments.setdefault(number, why)
+        else:
+            found.places.add(number)
+    if motion.any_target and why:
+        word = motion.relative or motion.led or motion.standing_tool or motion.camera
+        found.any_increment = found.any_increment or make_message(_ANY_INCREMENT, motion.line, word)
+    found.amounts.update(motion.shifting)
+    if motion.offset or motion.tool_offset or (why and motion.register_targets):
+        found.by_register.append(motion)
+    for number in motion.register_targets:
+        if why:
+            found.amounts.add(number)
+        else:
+            found.goes_to.setdefault(number, motion.line)
+
+
+def _why_no_place(motion: MotionStatement) -> str:
+    for word, text in (
+        (motion.relative, _INCREMENT),
+        (motion.led, _LED_MOTION),
+        (motion.standing_tool, _STANDING_TOOL),
+        (motion.camera, CAMERA),
+    ):
+        if word:
+            return make_message(text, word, motion.line)
+    return ""
+
+
+def _condition_of_motion(motion: MotionStatement) -> ConditionalBar | None:
+    """Return what a project must state of a led motion or one at a standing tool; None where that does not help."""
+    if motion.relative or motion.camera or motion.offset or motion.tool_offset:
+        return None
+    needs = {
+        need
+        for need, word in (
+            (ProjectNeed.LEADER, motion.led),
+            (ProjectNeed.STANDING_TOOL, motion.standing_tool),
+        )
+        if word
+    }
+    return ConditionalBar(frozenset(needs), _why_no_place(motion)) if needs else None
