@@ -165,3 +165,28 @@ def test_joints_and_places_of_every_move_go_along_or_are_named(
     assert set(statuses_of(moved).values()) == ({"changed", "left"} if copied else {"changed"})
     assert len(statuses_of(moved)) == (4 if "optimovel" in lines[1] else 2)
     assert moved.code == (ExitCode.REFUSED if copied else ExitCode.PASS)
+
+
+@pytest.mark.parametrize(
+    ("lines", "name"),
+    [
+        (("go_to_station([0.2, -1.5, 1.8, -1.9, -1.5, 0.2])",), "line 4"),
+        (("station = [0.2, -1.5, 1.8, -1.9, -1.5, 0.2]", "go_to_station(station, 0.5)"), "station"),
+    ],
+    ids=["written", "by name"],
+)
+def test_joints_given_to_a_function_of_another_file_are_left_and_named(
+    tmp_path: Path, lines: tuple[str, ...], name: str
+) -> None:
+    moved = move_script(tmp_path, TOOL, HOME, *lines)
+    assert moved.code == ExitCode.REFUSED
+    assert statuses_of(moved)[name] == "left"
+
+
+def test_numbers_of_the_controllers_own_functions_are_no_joints(tmp_path: Path) -> None:
+    lines = (
+        "set_target_payload(1.2, [0, 0, 0.05], [0.01, 0.01, 0.01, 0, 0, 0])",
+        "reset_revolution_counter([0, 0, 0, 0, 0, 1])",
+        "textmsg([0.2, -1.5, 1.8, -1.9, -1.5, 0.2])",
+    )
+    assert set(statuses_of(move_script(tmp_path, TOOL, HOME, *lines))) == {"line 3"}

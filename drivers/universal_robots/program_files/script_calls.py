@@ -17,6 +17,19 @@ _TARGETS = {
     "get_forward_kin": (1, frozenset({"q"})),
     "set_tcp": (1, frozenset({"pose"})),
 }
+# What takes lists of numbers that are no joints to go to (speeds, forces, tables), or tells itself what they are for.
+NUMBER_TAKERS = frozenset(_TARGETS) | frozenset(
+    (
+        "if", "elif", "while", "and", "or", "not", "xor", "return",
+        "speedj", "speedl", "force_mode", "set_payload", "set_target_payload", "set_gravity",
+        "torque_command", "direct_torque", "wrench_trans", "tool_contact", "joint_stop", "estimate_payload",
+        "get_list_length", "length", "norm", "dot_product", "transpose", "inv", "size", "to_str", "str_cat",
+        "textmsg",
+        "popup", "write_output_float_register", "rtde_set_watchdog", "rpc_factory", "make_list", "struct", "clear",
+        "append", "insert", "extend", "remove", "slice", "is_within_safety_limits", "set_conveyor_tick_count",
+        "set_joint_friction_parameters", "freedrive_mode", "reset_revolution_counter", "socket_send_string",
+    )
+)  # fmt: skip
 
 
 @dataclass(slots=True)

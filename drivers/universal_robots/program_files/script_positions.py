@@ -9,16 +9,15 @@ a place of its own, the pose is a step from there, and is reported.
 import re
 from bisect import bisect_right
 from collections import Counter
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cellcal.calibration.message import make_message
-from cellcal.drivers.programs.positions import Remark
 from cellcal.drivers.universal_robots.program_files.script_arguments import PassedArguments
+from cellcal.drivers.universal_robots.program_files.script_calls import NUMBER_TAKERS
 from cellcal.drivers.universal_robots.program_files.script_frames import settle_assigned_frames
 from cellcal.drivers.universal_robots.program_files.script_numbers import LARGEST_RAD, without_comments
 from cellcal.drivers.universal_robots.program_files.script_text import ScriptLiteral, ScriptStatements
@@ -26,7 +25,6 @@ from cellcal.drivers.universal_robots.program_files.script_text import ScriptLit
 BASE = "base"
 NOT_READ = "no move that is understood goes to it, and it is not changed"
 CONFLICTS = "the program goes to it in different frames"
-_SHOWN = 6
 _LONGEST_NAME, _LONGEST_LIST = 60, 100_000
 _FUNCTION = re.compile(r"^[ \t]*+def[ \t]++(\w++)", re.ASCII | re.MULTILINE)
 _NEAR_PAIR = re.compile(
@@ -42,10 +40,6 @@ _LIST = re.compile(r"=[ \t]*\[[^=()]*\Z", re.ASCII)
 _NO_POSITION = frozenset(
     ("force_mode", "set_payload", "set_target_payload", "set_tcp", "path_offset_set", "set_gravity", "speedl")
 )
-_RELATIVE = ("pose_trans", "pose_add", "pose_sub", "interpolate_pose", "point_dist", "pose_inv")
-_FREE = ("speedl", "speedj", "servoj", "servoc", "force_mode", "freedrive_mode", "path_offset_set")
-_WIRES = ("socket_read_ascii_float", "socket_read_string", "socket_read_binary_integer", "rpc_factory", "get_var",
-          "read_input_float_register", "read_port_register", "modbus_get_signal_status")  # fmt: skip
 
 
 class ScriptPlace(NamedTuple):
@@ -213,15 +207,19 @@ class PositionFinder:
         return found[1] if found else ""
 
     def _is_posture(self, literal: ScriptLiteral) -> bool:
-        """Tell whether six numbers without p are joints of a list or copy, or given to a function of this script."""
+        """Tell whether six numbers without p are joints of a list or copy, or given to a function that may move."""
         if literal.role == "other":
-            return self._in_list(literal.start) or self._function_at(literal.call) in self.functions
+            return self._in_list(literal.start) or self._may_move(self._function_at(literal.call))
         if literal.role != "value" or literal.name in self.reached or literal.name in self.near:
             return False
         uses = self.found.uses.get(literal.name, ())
-        if any(self._in_list(at) or where in self.functions for at, _, where in uses):
+        if any(self._in_list(at) or self._may_move(where) for at, _, where in uses):
             return True
         return bool(uses) and bool(self._passed.moves_to_copies(literal.name, literal.start))
+
+    def _may_move(self, function: str) -> bool:
+        """Tell whether a function of this script, or one that nothing here tells of, may go to what it is given."""
+        return function in self.functions or (bool(function) and function not in NUMBER_TAKERS)
 
     def _in_list(self, at: int) -> bool:
         before = self.text[:at].rstrip(" \t\r\n[")
@@ -275,54 +273,6 @@ class PositionFinder:
                 if role == "tool":
                     tools[calls[bisect_right(calls, offset) - 1]] = (name if pose else "", pose)
         return [(offset, *tools[offset]) for offset in calls]
-
-    def list_remarks(self) -> Iterator[Remark]:
-        """Yield what else holds or changes positions."""
-        yield from self._grouped_remarks(
-            "relative", [each.start for each in self.steps],
-            "a pose is a step from another place; it is not changed, and follows that place",
-        )  # fmt: skip
-        yield from self._grouped_remarks(
-            "computed", [each.start for each in self.unused_poses],
-            "a pose is given that no move goes to directly; it is not changed",
-        )  # fmt: skip
-        for function in sorted({name for _, name in self.found.computed}):
-            offsets = [offset for offset, name in self.found.computed if name == function]
-            yield from self._grouped_remarks(
-                "computed",
-                offsets,
-                make_message("{function} goes where the program computes", function=function),
-            )
-        unknown = [
-            offset
-            for name, uses in self.found.uses.items()
-            if not self._is_constant(name)
-            for offset, role, _ in uses
-            if role in ("target", "in_frame")
-        ]
-        yield from self._grouped_remarks(
-            "computed", unknown, "a move goes to a variable that holds no recorded pose, or more than that"
-        )
-        yield from self._of_functions("relative", _RELATIVE, "poses are computed from others")
-        yield from self._of_functions("computed", _FREE, "the arm moves without a recorded position")
-        yield from self._of_functions(
-            "foreign", _WIRES, "values come from elsewhere while the program runs, and may be positions"
-        )
-
-    def _of_functions(self, code: str, functions: Iterable[str], text: str) -> Iterator[Remark]:
-        for function in functions:
-            yield from self._grouped_remarks(
-                code,
-                self.found.calls.get(function, []),
-                make_message("{function}: {text}", function=function, text=text),
-            )
-
-    def _grouped_remarks(self, code: str, offsets: list[int], text: str) -> Iterator[Remark]:
-        if offsets:
-            lines = sorted({self.line_of(offset) for offset in offsets})
-            more = f" and {len(lines) - _SHOWN} more" if len(lines) > _SHOWN else ""
-            where = ", ".join(map(str, lines[:_SHOWN])) + more
-            yield Remark(lines[0], code, make_message("{text} (line {where}).", text=text, where=where))
 
     def _is_constant(self, name: str) -> bool:
         return len(self.literals_by_name.get(name, ())) == 1 and name not in self.found.assigned

@@ -35,6 +35,7 @@ from cellcal.drivers.universal_robots.program_files.script_positions import (
     PositionFinder,
     ScriptPlace,
 )
+from cellcal.drivers.universal_robots.program_files.script_remarks import list_remarks
 from cellcal.drivers.universal_robots.program_files.script_shifts import ScriptShifts
 from cellcal.drivers.universal_robots.program_files.script_text import ScriptLiteral, ScriptText
 from cellcal.drivers.universal_robots.program_files.script_tools import (
@@ -75,7 +76,7 @@ class ScriptProgram:
         shifts = ScriptShifts(text, finder, places)
         columns["shifts"] = shifts.all_shifts()
         columns["barred"] |= dict(shifts.barred_places())
-        remarks = (*finder.list_remarks(), *tools.list_remarks(places))
+        remarks = (*list_remarks(finder), *tools.list_remarks(places))
         frames = ProgramFrames(
             frames_of(source, finder.frame_literals()) | {BASE: Pose((0.0, 0.0, 0.0))}, tools.flange_tip
         )
