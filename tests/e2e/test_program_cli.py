@@ -6,6 +6,7 @@ import json
 import re
 import resource
 import shutil
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -352,8 +353,10 @@ def test_the_examples_that_ship_are_what_their_maker_makes(tmp_path: Path, monke
 
 
 def test_a_full_disk_is_reported_and_leaves_nothing_half_written(
-    door_line_project: Path, tmp_path: Path, capsys
+    door_line_project: Path, tmp_path: Path, capsys, monkeypatch
 ) -> None:
+    # A module that is imported here first would be cached cut short, for every test after this one.
+    monkeypatch.setattr(sys, "dont_write_bytecode", True)
     master, _ = project_paths(door_line_project)
     out, report, before = tmp_path / "out", tmp_path / "points.json", hash_files(door_line_project)
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
