@@ -255,3 +255,21 @@ def test_targets_in_a_list_or_a_record_are_copies(
     record = "  RECORD st\n    robtarget p;\n    num n;\n  ENDRECORD\n"
     moved = move(tmp_path, f"{declared}\n{BOTH}{value}\n{IN.format(goal, frame)}", record, offset=ALONG)
     assert moved["points"]["p10"]["status"] == status
+
+
+@pytest.mark.parametrize("is_abroad", [False, True], ids=["own routine", "another module's"])
+@pytest.mark.parametrize("frame", ["wobj1", "wobj2"])
+@pytest.mark.parametrize("value", ["r1:=[p10,1];", "r1.p:=p10;"])
+@pytest.mark.parametrize(
+    "passed", [("Pick r1;", "st p", "p.p"), ("Pick r1.p;", "robtarget p", "p")], ids=["record", "component"]
+)
+def test_a_copy_in_a_record_is_followed_into_routines(
+    tmp_path: Path, passed: tuple[str, str, str], value: str, frame: str, is_abroad: bool
+) -> None:
+    call, parameter, goal = passed
+    record = "  RECORD st\n    robtarget p;\n    num n;\n  ENDRECORD\n"
+    routine = pick(IN.format(goal, frame), parameter)
+    more, abroad = (record, routine) if is_abroad else (record + routine, "")
+    moved = move(tmp_path, f"VAR st r1;\n{BOTH}{value}\n{call}", more, abroad=abroad, offset=ALONG)
+    status = "left" if frame == "wobj2" else "changed"
+    assert moved["points"]["p10"]["status"] == status, moved["points"]["p10"]

@@ -28,6 +28,10 @@ _PLACE = re.compile(  # a target, or what a function makes of one that is its fi
     re.ASCII | re.IGNORECASE,
 )
 _COMPONENT = re.compile(rf"{W}({NAME}){W}(?:\{{[^{{}};]*+\}}{W})?+\.[^;,(]*+", re.ASCII)
+_RECORD = re.compile(  # a component of a record of the program's own, which may be a target
+    rf"{W}({NAME}){W}(?:\{{([^{{}};]*+)\}}{W})?+(?:\.{W}(?!(?:trans|rot|robconf|extax|robax)\b)\w++{W}(?:\{{[^{{}};]*+\}}{W})?+){{1,4}}+",
+    re.ASCII | re.IGNORECASE,
+)
 _HEADER = re.compile(rf"{W}\((?:[^()!]++|![^\n]*+){{0,1000}}+\)", re.ASCII)
 _COMMENT = re.compile(r"![^\n]*+")
 _PASSES = re.compile(rf"{W}[\\A-Za-z\x80-\xff]", re.ASCII)
@@ -36,6 +40,15 @@ _LEADING = frozenset(  # a statement follows
 )
 _WORK_OBJECT = "wobj"  # the option that names one
 _COMPUTING_JOINTS = frozenset(("calcjointt",))  # functions of the language, for which no work object is wobj0
+_NO_TARGETS = frozenset(  # types of the language that hold no target; a record of the program's own may
+    ("num", "dnum", "bool", "byte", "string", "pos", "orient", "pose", "confdata", "extjoint", "robjoint",
+     "jointtarget", "tooldata", "wobjdata", "loaddata", "speeddata", "zonedata", "stoppointdata", "clock", "intnum",
+     "iodev", "identno", "signaldi", "signaldo", "signalai", "signalao", "signalgi", "signalgo", "mecunit", "errnum",
+     "errstr", "errdomain", "errtype", "progdisp", "triggdata", "listitem", "buttondata", "switch", "rawbytes",
+     "socketdev", "socketstatus", "taskid", "tasks", "syncident", "corrdescr", "trapdata", "tunetype", "shapedata",
+     "wzstationary", "wztemporary", "bytes", "datapos", "dir", "motsetdata", "dionum", "opnum", "symnum", "tpnum",
+     "aiotrigg", "restartdata", "inposdata", "o_robtarget", "o_jointtarget", "loadsession", "paridnum", "ee_event")
+)  # fmt: skip
 _MOST_TOKENS = 400
 _MOST_ROUNDS = 20
 
@@ -60,7 +73,7 @@ class RoutineParameters:
             RoutineParameter(
                 decode_name(one["name"]).lower(),
                 one["before"] in ("\\", "|"),
-                one["type"].lower() == "robtarget",
+                one["type"].lower() not in _NO_TARGETS,
                 one["mode"] is None,
             )
             for one in found
@@ -260,8 +273,8 @@ def _read_call(text: str, span: tuple[int, int], call: tuple[str, str]) -> Routi
 
 
 def _passed_name(part: str) -> str:
-    """Return the name of the data that an argument is, Offs and RelTool of it included; "" for anything else."""
-    place = _PLACE.fullmatch(part)
+    """Return the name of the data that an argument is, or Offs of it, or a component of a record; "" for else."""
+    place = _PLACE.fullmatch(part) or _RECORD.fullmatch(part)
     if place is None:
         return ""
     index = "".join((place[2] or "").split())
