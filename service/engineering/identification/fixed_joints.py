@@ -16,6 +16,7 @@ from cellcal.service.engineering.measured.measurements import ReadOptions, read_
 
 _MOST_ROWS = 80
 _FITS, _FITS_M = 0.004, 2e-3  # of the motion: a nominal arm with its mastering fitted leaves less
+_LESS_LIKELY = (("column",), ("model",))  # than a joint of the description: a column's track, another robot
 _MOVES = {"revolute": "turns", "prismatic": "slides"}
 
 
@@ -39,9 +40,10 @@ def naming_fixed_joints(path: Path, robot: str, read: ReadOptions) -> Iterator[N
 
 
 def _name_fixed_joint(refused: MisfitError, path: Path, robot: str, read: ReadOptions) -> MisfitError:
-    """Return the refusal; as it was where it names a cause, or where no fixed joint explains the rows."""
+    """Return the refusal; as it was where it names a likelier cause, or where no fixed joint explains the rows."""
     reference = parse_reference(robot)
-    if refused.causes or not reference.is_description:
+    is_known = any(cause.kinds not in _LESS_LIKELY for cause in refused.causes)
+    if is_known or not reference.is_description:
         return refused
     for freed, left_m in _fitting_joints(path, reference, read):
         says = f"joint {freed.joint} {_MOVES[freed.kind]}, which the description has as fixed"
