@@ -2,13 +2,14 @@
 
 import multiprocessing
 import os
+import pickle
 import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from functools import partial
-from typing import Protocol, TypeVar
+from typing import Any, Protocol, TypeVar
 
 from cellcal.calibration.identification.work_parts import PartRunner
 from cellcal.service.engineering.forked_processes import prepare_process, processor_count
@@ -48,7 +49,8 @@ class ForkedRunner:
         """Begin a part, as soon as a process is free."""
         here = partial(function, *arguments)
         try:
-            part = self._pool.submit(function, *arguments)
+            # Packed here: the pool's own thread would do so later, while this one goes on and changes what it holds.
+            part: Future[Result] = self._pool.submit(_carry_out, pickle.dumps(here))
         except BrokenProcessPool:
             return here
         self._parts.append(part)  # type: ignore[arg-type]  # looked at for its end only
@@ -70,6 +72,10 @@ class ForkedRunner:
 
     def _show_parts(self) -> None:
         self._display.show_parts(sum(part.done() for part in self._parts), len(self._parts))
+
+
+def _carry_out(packed: bytes) -> Any:
+    return pickle.loads(packed)()
 
 
 class DisplayedRunner:
