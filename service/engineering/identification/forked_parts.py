@@ -2,13 +2,13 @@
 
 import multiprocessing
 import os
-import pickle
 import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from functools import partial
+from multiprocessing.reduction import ForkingPickler
 from typing import Any, Protocol, TypeVar
 
 from cellcal.calibration.identification.work_parts import PartRunner
@@ -50,7 +50,7 @@ class ForkedRunner:
         here = partial(function, *arguments)
         try:
             # Packed here: the pool's own thread would do so later, while this one goes on and changes what it holds.
-            part: Future[Result] = self._pool.submit(_carry_out, pickle.dumps(here))
+            part: Future[Result] = self._pool.submit(_carry_out, bytes(ForkingPickler.dumps(here)))
         except BrokenProcessPool:
             return here
         self._parts.append(part)  # type: ignore[arg-type]  # looked at for its end only
@@ -75,7 +75,7 @@ class ForkedRunner:
 
 
 def _carry_out(packed: bytes) -> Any:
-    return pickle.loads(packed)()
+    return ForkingPickler.loads(packed)()
 
 
 class DisplayedRunner:
