@@ -183,7 +183,7 @@ def _measurement_remedy(names: Sequence[str], plain: Mapping[str, str], numeric:
             "`deploy/layouts/README.md`).",
             names=", ".join(some),
         )
-    if not [name for name in names if name in (names if numeric is None else numeric)]:
+    if not (names if numeric is None else set(names).intersection(numeric)):
         return (
             "It holds joints alone: every row needs what a device read. Postures that touch one pin with one tip are "
             'described by a layout (`--layout`, `kind = "pin"`, see `deploy/layouts/README.md`).'

@@ -90,7 +90,8 @@ def unused_columns(table: MeasurementTable, rows: Rows, used: Collection[str]) -
             continue
         values = table.column_values(name)[rows]
         if not np.isfinite(values).all():
-            words = [table.column_texts(name)[row].strip() for row in rows]
+            cells = table.column_texts(name)
+            words = [cells[row].strip() for row in rows]
             if len(set(words)) > _MOST_WORDS:
                 continue
             values = np.unique(words, return_inverse=True)[1].reshape(-1).astype(float)
