@@ -121,8 +121,8 @@ def select_level(
         mounted = with_mounting(observations, mounting_of(len(observations), at))
     folds = assign_folds(groups, options.folds, options.seed)
     trial = _LevelTrial(model, mounted.select_rows(rows), groups, folds, places, options)
-    level, reasons = _choose_level(trial, options.level, runner)
-    of_all_rows = trial.fits if len(rows) == len(observations) else {}
+    level, reasons, of_some = _choose_level(trial, options.level, runner)
+    of_all_rows = of_some if len(rows) == len(observations) else {}
     return LevelSelection(breaks, break_reasons, places, mounted, level, reasons, of_all_rows)
 
 
@@ -141,7 +141,6 @@ class _LevelTrial:
     folds: Rows
     places: ArmState
     options: IdentificationOptions
-    fits: dict[int, RobustFit] = field(default_factory=dict)  # of all rows, by level
 
     def task_of(self, level: int) -> LevelTask:
         """Return what the fits of a level start from."""
@@ -161,14 +160,8 @@ class _LevelTrial:
         level = level_of(start, every)
         return level, (f"level {level}, {LEVEL_NAMES[level]}, has what is free: {', '.join(start.free)}",)
 
-    def start_level(self, level: int, runner: PartRunner) -> Callable[[], Callable[[], Array]]:
-        """Begin the fit of a level to all rows; return what waits for it and begins the fits without each fold."""
-        whole = runner.submit(_fit_whole, self, level)
-        return lambda: self._start_folds(level, whole(), runner)
-
-    def _start_folds(self, level: int, whole: RobustFit, runner: PartRunner) -> Callable[[], Array]:
-        """Begin the fits without each fold; return what waits for the errors (N,)."""
-        self.fits[level] = whole
+    def start_folds(self, level: int, whole: RobustFit, runner: PartRunner) -> Callable[[], Array]:
+        """Begin the fits without each fold, from that of all rows; return what waits for the errors (N,)."""
         folds = range(int(self.folds.max()) + 1)
         fitted = [runner.submit(_errors_of_fold, self, level, whole, fold) for fold in folds]
         return partial(self._join_folds, fitted)
@@ -194,31 +187,40 @@ def _errors_of_fold(trial: _LevelTrial, level: int, whole: RobustFit, fold: int)
 
 def _choose_level(
     trial: _LevelTrial, forced_level: int | None, runner: PartRunner
-) -> tuple[int, tuple[str, ...]]:
+) -> tuple[int, tuple[str, ...], dict[int, RobustFit]]:
+    """Return the level, the reasons, and the fits of the trial's rows that this took, by level."""
+    fits: dict[int, RobustFit] = {}
     if forced_level is not None:
-        return forced_level, (
-            make_message(
-                "level {level}, {level_name}, was asked for",
-                level=forced_level,
-                level_name=LEVEL_NAMES[forced_level],
-            ),
+        why = make_message(
+            "level {level}, {level_name}, was asked for",
+            level=forced_level,
+            level_name=LEVEL_NAMES[forced_level],
         )
+        return forced_level, (why,), fits
     if trial.options.start.free:
-        return trial.level_of_free()
+        return *trial.level_of_free(), fits
     sizes = {level: trial.unknown_count(level) for level in LEVELS}
     few = len(trial.observations) <= FEW_ROWS and trial.options.start.is_nominal
     possible, notes = possible_levels(sizes, trial.observations.channels * len(trial.observations), few=few)
     voting = np.ones(len(trial.observations), dtype=bool)
     runner.show_stage("comparing levels on rows left out")
+
+    def start_folds(level: int, wait_for_whole: Callable[[], RobustFit]) -> Callable[[], Array]:
+        fits[level] = wait_for_whole()
+        return trial.start_folds(level, fits[level], runner)
+
+    def start_whole(level: int) -> Callable[[], RobustFit]:
+        return runner.submit(_fit_whole, trial, level)
+
     # Gear ratios wait for what ripple does.
-    whole = {level: trial.start_level(level, runner) for level in possible if level != GEAR}
-    begun = {level: start_folds() for level, start_folds in whole.items()}
-    held_out = cache(lambda level: (begun.get(level) or trial.start_level(level, runner)())())
+    whole = {level: start_whole(level) for level in possible if level != GEAR}
+    begun = {level: start_folds(level, wait) for level, wait in whole.items()}
+    held_out = cache(lambda level: (begun.get(level) or start_folds(level, start_whole(level)))())
     level, reasons = best_level(possible, held_out, trial.grouping.groups, voting)
     if few and level < GEOMETRY in possible:
         raised, why = _level_of_few(level, {each: held_out(each) for each in (level, GEOMETRY)})
-        return raised, (*notes, *reasons, why)
-    return level, (*notes, *reasons)
+        return raised, (*notes, *reasons, why), fits
+    return level, (*notes, *reasons), fits
 
 
 def _level_of_few(narrow: int, errors: Mapping[int, Array]) -> tuple[int, str]:
