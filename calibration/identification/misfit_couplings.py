@@ -10,7 +10,7 @@ from cellcal.calibration.arm.kinematics import RobotModel, chain_frames
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.identification.misfit_hypotheses import FileNames, JointInterpretation, join_words
 from cellcal.calibration.identification.observations import PointObservations
-from cellcal.calibration.identification.quick_fit import trimmed_point_scores
+from cellcal.calibration.identification.quick_fit import refine_number, trimmed_joint_scores
 from cellcal.calibration.message import make_message
 
 _PARALLEL = 1e-3
@@ -110,15 +110,11 @@ def screw_readings(
 
 
 def _best_pitch_m(model: RobotModel, some: PointObservations, slide: int, turn: int) -> float:
-    centre, width = 0.0, _WIDEST_PITCH_M
-    for step in _PITCH_STEPS_M:
-        pitches = centre + np.arange(-width, width + step / 2, step)
-        joints = _screwed(some.joints_rad, slide, turn, pitches)
-        flanges = model.base_flange(joints.reshape(-1, model.axis_count)).reshape(*joints.shape[:2], 4, 4)
-        positions = np.broadcast_to(some.positions_m, (len(pitches), *some.positions_m.shape))
-        scores = trimmed_point_scores(flanges, positions, np.zeros(len(pitches), dtype=bool))
-        centre, width = float(pitches[int(np.argmin(scores))]), step
-    return centre
+    def scores_of(pitches_m: Array) -> Array:
+        joints = _screwed(some.joints_rad, slide, turn, pitches_m)
+        return trimmed_joint_scores(model, joints, some.positions_m)
+
+    return refine_number(scores_of, _WIDEST_PITCH_M, _PITCH_STEPS_M)
 
 
 def _screwed(joints_rad: Array, slide: int, turn: int, pitches_m: Array) -> Array:

@@ -8,7 +8,7 @@ from cellcal.calibration.arm.kinematics import RobotModel
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.identification.misfit_hypotheses import JointInterpretation
 from cellcal.calibration.identification.observations import Observations, PointObservations, Rows
-from cellcal.calibration.identification.quick_fit import trimmed_point_scores
+from cellcal.calibration.identification.quick_fit import refine_number, trimmed_joint_scores
 from cellcal.calibration.message import make_message
 
 _STEPS = (0.1, 0.01)  # of the time between two rows
@@ -23,21 +23,14 @@ def lag_readings(model: RobotModel, observations: Observations, rows: Rows) -> I
         return
     joints = observations.joints_rad
     change = np.gradient(joints, axis=0)
-    centre, width = 0.0, _LONGEST
-    for step in _STEPS:
-        parts = centre + np.arange(-width, width + step / 2, step)
+
+    def scores_of(parts: Array) -> Array:
         moved = joints[inner] + parts[:, None, None] * change[inner]
-        flanges = model.base_flange(moved.reshape(-1, model.axis_count)).reshape(*moved.shape[:2], 4, 4)
-        positions = np.broadcast_to(observations.positions_m[inner], (*moved.shape[:2], 3))
-        scores = trimmed_point_scores(flanges, positions, np.zeros(len(parts), dtype=bool))
-        centre, width = float(parts[int(np.argmin(scores))]), step
-    if abs(centre) >= _LEAST:
-        yield JointInterpretation("lag", 1, _moved(joints, change, centre)[rows], *_texts(centre))
+        return trimmed_joint_scores(model, moved, observations.positions_m[inner])
 
-
-def _moved(joints_rad: Array, change: Array, part: float) -> Array:
-    moved: Array = joints_rad + part * change
-    return moved
+    part = refine_number(scores_of, _LONGEST, _STEPS)
+    if abs(part) >= _LEAST:
+        yield JointInterpretation("lag", 1, (joints + part * change)[rows], *_texts(part))
 
 
 def _texts(part: float) -> tuple[str, str]:

@@ -9,7 +9,7 @@ from cellcal.calibration.arm.kinematics import RobotModel
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.identification.misfit_error import MisfitCause
 from cellcal.calibration.identification.observations import LengthObservations
-from cellcal.calibration.identification.quick_fit import has_enough_lengths, length_scores
+from cellcal.calibration.identification.quick_fit import has_enough_lengths, length_scores, refine_number
 from cellcal.calibration.message import make_message
 
 _PIECES_M = (0.02, 1e-3, 1e-4)
@@ -64,13 +64,14 @@ def length_readings(
 
 def _best(flanges: Array, search: tuple[float, tuple[float, ...]], along: Array, read: Array) -> float:
     """Return how much of ``along`` (N,) is to be added to lengths (N,) so that they fit the flange (N, 4, 4) best."""
-    centre, (width, steps) = 0.0, search
-    for step in steps:
-        parts = centre + np.arange(-width, width + step / 2, step)
+
+    def scores_of(parts: Array) -> Array:
         lengths = read + parts[:, None] * along
-        parts, lengths = parts[(lengths > 0.0).all(axis=1)], lengths[(lengths > 0.0).all(axis=1)]
+        is_length = (lengths > 0.0).all(axis=1)
+        some, scores = lengths[is_length], np.full(len(parts), np.inf)
         # Errors of longer lengths are larger for the same fit.
-        scores = length_scores(np.broadcast_to(flanges, (len(parts), *flanges.shape)), lengths)
-        centre = float(parts[int(np.argmin(scores / np.std(lengths, axis=1)))])
-        width = 2 * step
-    return centre
+        fitted = length_scores(np.broadcast_to(flanges, (len(some), *flanges.shape)), some)
+        scores[is_length] = fitted / np.std(some, axis=1)
+        return scores
+
+    return refine_number(scores_of, *search, spread=2.0)

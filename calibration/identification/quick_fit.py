@@ -4,8 +4,11 @@ A reading is the same rows understood in another way: other joint angles, anothe
 have the reading first and the row second.
 """
 
+from collections.abc import Callable, Sequence
+
 import numpy as np
 
+from cellcal.calibration.arm.kinematics import RobotModel
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.identification.first_guess import START_OFF_AXIS, stand_still
 from cellcal.calibration.identification.observations import Rows
@@ -45,6 +48,28 @@ def trimmed_point_scores(base_flange: Array, positions_m: Array, mirrored: Array
         sizes = np.linalg.norm(point_residuals(base_flange, positions_m, mirrored, weights), axis=2)
         weights = (sizes <= np.quantile(sizes, _KEPT_SHARE, axis=1, keepdims=True)).astype(float)
     return point_scores(base_flange, positions_m, mirrored, weights)
+
+
+def trimmed_joint_scores(model: RobotModel, joints_rad: Array, positions_m: Array) -> Array:
+    """Return the same of one series of positions (N, 3) with joints of each reading (H, N, n)."""
+    readings, rows = joints_rad.shape[:2]
+    flanges = model.base_flange(joints_rad.reshape(-1, model.axis_count)).reshape(readings, rows, 4, 4)
+    positions = np.broadcast_to(positions_m, (readings, rows, 3))
+    return trimmed_point_scores(flanges, positions, np.zeros(readings, dtype=bool))
+
+
+def refine_number(
+    scores_of: Callable[[Array], Array], width: float, steps: Sequence[float], *, spread: float = 1.0
+) -> float:
+    """Return the number about zero with the least score.
+
+    It is looked for within the width in the first step, then in each finer one within ``spread`` of the step before.
+    """
+    best = 0.0
+    for step in steps:
+        numbers = best + np.arange(-width, width + step / 2, step)
+        best, width = float(numbers[int(np.argmin(scores_of(numbers)))]), spread * step
+    return best
 
 
 def point_residuals(
