@@ -38,7 +38,14 @@ def find_alike_orders(source: Array, target: Array) -> list[AlikeOrder]:
     scores = _order_scores(a, b[orders])
     most_m = max(_AS_GOOD * float(_order_scores(a, b[None])[0]), _AS_GOOD_M)
     alike = [int(at) for at in np.argsort(scores) if scores[at] <= most_m]
-    return [AlikeOrder(tuple(orders[at].tolist()), _best_rotation(a, b[orders[at]])) for at in alike]
+    return [AlikeOrder(tuple(orders[at].tolist()), best_rotation(a, b[orders[at]])) for at in alike]
+
+
+def best_rotation(source: Array, target: Array) -> Array:
+    """Return the rotation (3, 3) that carries points (n, 3) onto others best, each about their mean."""
+    left, _, right = np.linalg.svd((target - target.mean(axis=0)).T @ (source - source.mean(axis=0)))
+    left[:, 2] *= np.linalg.det(left) * np.linalg.det(right)
+    return np.asarray(left @ right)
 
 
 def refuse_other_order(source: Array, target: Array, residuals: Array) -> None:
@@ -116,15 +123,8 @@ def _widest_triangle(points: Array) -> Array:
 def _placed_on(points: Array, three: Array, onto: Array) -> Array:
     """Return points (n, 3) moved with the rigid motion that brings three of them onto three others."""
     centre, goal = three.mean(axis=0), onto.mean(axis=0)
-    moved: Array = (points - centre) @ _best_rotation(three - centre, onto - goal).T + goal
+    moved: Array = (points - centre) @ best_rotation(three, onto).T + goal
     return moved
-
-
-def _best_rotation(source: Array, target: Array) -> Array:
-    """Return the rotation (3, 3) that carries centred points onto others."""
-    left, _, right = np.linalg.svd(target.T @ source)
-    left[:, 2] *= np.linalg.det(left) * np.linalg.det(right)
-    return np.asarray(left @ right)
 
 
 def _order_scores(source: Array, targets: Array) -> Array:

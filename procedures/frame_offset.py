@@ -50,6 +50,7 @@ from cellcal.procedures.teaching.moved_frame import (
     predict_touches,
     saving_text,
 )
+from cellcal.procedures.teaching.point_remarks import with_remarks
 from cellcal.procedures.verdict import ProcedureVerdict, known_within, state_fact, state_figure
 from cellcal.procedures.write_review import (
     frame_changes,
@@ -240,10 +241,7 @@ def _result_instruction(spec: FrameOffset, found: FoundFrameOffset, verdict: Pro
             angle_u_deg=math.degrees(found.placed.angle_u_rad),
         ),
     )
-    if remarks := exchange_remarks(spec, found):
-        shown = replace(
-            shown, text=make_message("{text} Beware: {remark}.", text=shown.text, remark=remarks[0])
-        )
+    shown = replace(shown, text=with_remarks(shown.text, exchange_remarks(spec, found)))
     question = "Write it to the controller? Every point recorded in this frame goes along."
     instruction = with_verdict(shown, verdict, question, spec.write_anyway, writes=True)
     changed = frame_changes(found.base_frame_old, found.base_frame_new)

@@ -42,6 +42,7 @@ from cellcal.procedures.refit import Refit, values_of
 from cellcal.procedures.run import Run
 from cellcal.procedures.run_history import Finding
 from cellcal.procedures.setting_texts import OWN_LIMITS, describe_setting
+from cellcal.procedures.teaching.point_remarks import with_remarks
 from cellcal.procedures.teaching.simulation_refit import refit_place, refit_robot
 from cellcal.procedures.teaching.simulation_verdict import placed_verdict, robot_verdict, tag_remarks
 from cellcal.procedures.verdict import NOTHING_MEASURED, ProcedureVerdict
@@ -297,8 +298,7 @@ def _result_instruction(spec: SimulationCell, found: CalibratedRobot | PlacedTag
             position_u_mm=found.origin_uncertainty.expanded_uncertainty * 1000.0,
             angle_u_deg=math.degrees(found.angle_uncertainty.expanded_uncertainty),
         )
-        for remark in tag_remarks(found, match_tags(spec.simulated, spec.measured)):
-            text = make_message("{text} Beware: {remark}.", text=text, remark=remark)
+        text = with_remarks(text, _remarks_on_tags(spec, found))
     return Instruction("accept_part", make_message("{text} Take it over into the simulation?", text=text))
 
 
@@ -327,11 +327,12 @@ def verdict_on_part(spec: SimulationCell, result: CalibratedPart) -> ProcedureVe
         verdict = placed_verdict(
             result.found, limits, limits_text(spec.accuracy_class, spec.limits), spec.sigma_m
         )
-        verdict = replace(
-            verdict,
-            remarks=(*verdict.remarks, *tag_remarks(result.found, match_tags(spec.simulated, spec.measured))),
-        )
+        verdict = replace(verdict, remarks=(*verdict.remarks, *_remarks_on_tags(spec, result.found)))
     return replace(verdict, remarks=(*verdict.remarks, NOTHING_MEASURED))
+
+
+def _remarks_on_tags(spec: SimulationCell, found: PlacedTags) -> tuple[str, ...]:
+    return tag_remarks(found, match_tags(spec.simulated, spec.measured))
 
 
 def _forecast_run(spec: SimulationCell, knowledge: Knowledge) -> Forecast:
