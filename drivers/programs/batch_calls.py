@@ -31,6 +31,10 @@ class BatchCalls:
                 if routine.shown:
                     self._shown[name].append(file)
 
+    def folder_of(self, file: str) -> str:
+        """Return where a file stands."""
+        return self._folders[file]
+
     def nearest_files(self, file: str, others: Sequence[str]) -> list[str]:
         """Return those beside a file, or all where none is."""
         folder = self._folders[file]

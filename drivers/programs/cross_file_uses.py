@@ -7,7 +7,6 @@ files together (`BatchDeclarations`) give for each file how the others use its p
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from functools import cached_property
-from pathlib import PurePath
 
 from cellcal.drivers.programs.barred import COMPUTED, MOVED_FRAMES, SEEN_FROM_FLANGE
 from cellcal.drivers.programs.batch_calls import BatchCalls
@@ -45,7 +44,6 @@ class BatchDeclarations:
         )
         self._absent: dict[str, dict[str, frozenset[MoveFrames]]] = defaultdict(dict)  # by file and name
         self._doubtful = BatchReasons()
-        self._folders = {file: str(PurePath(file).parent) for file in declarations}
         self._found_declarations: dict[tuple[str, str], tuple[Sequence[str], str]] = {}
         self._own: dict[str, tuple[list[str], Imports]] = {}  # by file: those of its module, their imports
         self._tools = DeclaredPoses({file: one.tools for file, one in declarations.items() if one.tools})
@@ -67,7 +65,8 @@ class BatchDeclarations:
         one = self._by_file[file]
         uses = {name: self._deciding_uses(move_uses) for name, move_uses in self._uses.get(file, {}).items()}
         visible = frozenset(name for name, is_visible in one.declares.items() if is_visible or one.public)
-        tools, bases = (every.poses_visible_from(self._folders[file]) for every in (self._tools, self._bases))
+        folder = self._calls.folder_of(file)
+        tools, bases = (every.poses_visible_from(folder) for every in (self._tools, self._bases))
         tools, bases = self._local.with_local(file, tools, bases)
         computed, given = self._calls.computed_beside(file) if one.flat else ({}, frozenset[str]())
         open_calls, running = self._calls.open_beside(file) if one.flat else ({}, {})

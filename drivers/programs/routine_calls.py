@@ -1,6 +1,6 @@
 """Places that routines get as parameters, and what their calls pass for these."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 PARAMETER = "\0"  # begins the name of a tool or frame that a routine's caller gives
@@ -49,6 +49,13 @@ class RoutineCall(NamedTuple):
     def caller(self) -> str:
         """Return the routine that calls."""
         return self.scope.rpartition("/")[2]
+
+    def with_sources(self, sources: Sequence[Iterable[str]]) -> Iterator["RoutineCall"]:
+        """Yield the call as if it passed the data themselves whose copies its arguments, in this order, are."""
+        for at, some in enumerate(sources):
+            for source in some:
+                arguments = (*self.arguments[:at], source, *self.arguments[at + 1 :])
+                yield self._replace(arguments=arguments, options={}, parts=(), stated=None, of_copy=True)
 
     def data_for(self, parameters: Sequence["RoutineParameter"], name: str) -> str:
         """Return the data of which a parameter gets the whole or a component; "" for nothing that has a name."""

@@ -46,8 +46,8 @@ _NO_TARGETS = frozenset(  # types of the language that hold no target; a record 
      "iodev", "identno", "signaldi", "signaldo", "signalai", "signalao", "signalgi", "signalgo", "mecunit", "errnum",
      "errstr", "errdomain", "errtype", "progdisp", "triggdata", "listitem", "buttondata", "switch", "rawbytes",
      "socketdev", "socketstatus", "taskid", "tasks", "syncident", "corrdescr", "trapdata", "tunetype", "shapedata",
-     "wzstationary", "wztemporary", "bytes", "datapos", "dir", "motsetdata", "dionum", "opnum", "symnum", "tpnum",
-     "aiotrigg", "restartdata", "inposdata", "o_robtarget", "o_jointtarget", "loadsession", "paridnum", "ee_event")
+     "wzstationary", "wztemporary", "datapos", "dir", "motsetdata", "dionum", "opnum", "symnum", "tpnum",
+     "aiotrigg", "restartdata", "inposdata", "loadsession", "paridnum")
 )  # fmt: skip
 _MOST_TOKENS = 400
 _MOST_ROUNDS = 20
@@ -180,11 +180,10 @@ def _call_abroad(uses: TargetUses, call: RoutineCall) -> RoutineCall | None:
 
 def _calls_with_sources(uses: TargetUses, call: RoutineCall) -> Iterator[RoutineCall]:
     """Yield a call, as other files see it, as if it passed the targets themselves of which it passes copies."""
-    for at, name in enumerate(call.arguments):
-        for source in uses.copied_into(name, call.scope) if name else ():
-            others = [uses.key_abroad(each, call.scope) if each else "" for each in call.arguments]
-            arguments = (*others[:at], source, *others[at + 1 :])
-            yield call._replace(arguments=arguments, options={}, parts=(), stated=None, of_copy=True)
+    sources = [uses.copied_into(name, call.scope) if name else [] for name in call.arguments]
+    if any(sources):
+        names = tuple(uses.key_abroad(each, call.scope) if each else "" for each in call.arguments)
+        yield from call._replace(arguments=names).with_sources(sources)
 
 
 def _routine_scope(parameters: RoutineParameters, call: RoutineCall) -> str:

@@ -144,7 +144,7 @@ class RmiLink:
         yield
         if self._failure is None:
             with contextlib.suppress(RefusedError):
-                await self.send_command(_CONFIRMING[self._last_asked == _CONFIRMING[0]])
+                await self.send_command(next(each for each in _CONFIRMING if each != self._last_asked))
         if self._failure is not None:
             raise self._failure
         if self.connections != connection:

@@ -126,11 +126,7 @@ def copies_of_file(points: PointUses) -> tuple[tuple[str, str], ...]:
 
 
 def _calls_with_sources(points: PointUses, call: RoutineCall) -> Iterator[RoutineCall]:
-    """Yield a call as if it passed the points themselves of which it passes copies."""
-    for at, name in enumerate(call.arguments):
-        for source in sorted(points.copied_into(name)) if name else ():
-            arguments = (*call.arguments[:at], source, *call.arguments[at + 1 :])
-            yield call._replace(arguments=arguments, parts=(), of_copy=True)
+    return call.with_sources([sorted(points.copied_into(name)) if name else () for name in call.arguments])
 
 
 def _key_abroad(name: str, routine: KrlRoutine) -> str:

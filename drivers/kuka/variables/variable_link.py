@@ -62,7 +62,7 @@ class VariableLink:
 
     async def read_serial(self) -> str:
         """Return the serial number of the robot; errors as for ``read_variable``."""
-        return (await self.read_variable(_SERIAL)).strip().strip('"')
+        return _unquoted(await self.read_variable(_SERIAL))
 
     async def read_variable(self, variable: str) -> str:
         """Return a variable's value as the controller writes it.
@@ -93,7 +93,7 @@ class VariableLink:
         """Hold that the controller of the last connection answers on this one, too."""
         found = await self._ask(_READ, _SERIAL, None)
         try:
-            check_serial_number(self.device, found.strip().strip('"'), self.serial)
+            check_serial_number(self.device, _unquoted(found), self.serial)
         except DeviceError:
             await self.close()  # the next question looks again
             raise
@@ -170,6 +170,10 @@ class VariableLink:
             remedy="Check that the address is that of a KUKA variable server.",
             frame=body[:200].hex(),
         )
+
+
+def _unquoted(text: str) -> str:
+    return text.strip().strip('"')
 
 
 def _packed(text: str) -> bytes:

@@ -264,8 +264,8 @@ def _controller_table(
 ) -> tuple[UrKinematics, tuple[str, ...]]:
     """Return the table as its controller writes it, where the hash tells that, and what it cannot hold."""
     found = standard_dh(model, nominal)
-    rest = log_transform(found.flange_rest)
-    return UrKinematics(table_of_hash(found.table, factory_hash) or found.table), _flange_notes(rest)
+    own_table = table_of_hash(found.table, factory_hash) if factory_hash else None
+    return UrKinematics(own_table or found.table), _flange_notes(log_transform(found.flange_rest))
 
 
 def _write_ros(model: RobotModel, nominal: RobotModel, factory_hash: str) -> tuple[bytes, tuple[str, ...]]:
