@@ -45,7 +45,7 @@ class DeclaredFrames:
     def drop_ambiguous(self) -> None:
         """Take away what is declared twice, differently."""
         for poses in (self.tools, self.bases):
-            for name in [name for name in poses if name.lower() in self.uses.several]:
+            for name in [name for name in poses if name.lower() in self.uses.facts.several]:
                 del poses[name]
 
     def to_frames(self) -> ProgramFrames:
@@ -87,7 +87,7 @@ class DeclaredFrames:
     def _take_tool(self, name: str, found: re.Match[str]) -> None:
         pose = pose_of(found.groups()[1:8])
         if found[1].upper() == "FALSE":
-            self.uses.seen_from_flange.add(name.lower())
+            self.uses.facts.seen_from_flange.add(name.lower())
             self.found.add_remark(found.start(), "foreign", make_message(_STATIONARY_TEXT, name))
         elif pose is not None:
             self._store_pose(self.tools, name, pose)
@@ -95,11 +95,11 @@ class DeclaredFrames:
     def _take_work_object(self, name: str, found: re.Match[str]) -> None:
         user, obj = pose_of(found.groups()[3:10]), pose_of(found.groups()[10:17])
         if found[1].upper() == "TRUE":
-            self.uses.seen_from_flange.add(name.lower())
-            self.uses.held_objects.add(name.lower())
+            self.uses.facts.seen_from_flange.add(name.lower())
+            self.uses.facts.held_objects.add(name.lower())
             self.found.add_remark(found.start(), "foreign", make_message(_HELD_WORK_TEXT, name))
         elif found[2].upper() == "FALSE":
-            self.uses.moved.add(name.lower())
+            self.uses.facts.moved.add(name.lower())
             self.found.add_remark(found.start(), "foreign", make_message(_MOVED_TEXT, name, found[3]))
         elif user is not None and obj is not None:
             self._store_pose(self.bases, name, user @ obj)
@@ -108,7 +108,7 @@ class DeclaredFrames:
         """Take a tool's or a work object's pose; modules and routines of one file may each have their own."""
         name = self.uses.spell_name(name)
         if poses.setdefault(name, pose) != pose:
-            self.uses.several.add(name.lower())
+            self.uses.facts.several.add(name.lower())
 
 
 def _poses_of(poses: Mapping[str, Pose], names: Set[str]) -> dict[str, Pose | None]:

@@ -143,7 +143,7 @@ class AbbFile:
                 uses={
                     name: frozenset(frames_of_moves) for name, frames_of_moves in uses.external_uses.items()
                 },
-                doubtful=uses.doubtful_frames(),
+                doubtful=uses.facts.doubtful_frames(),
                 tools=module.frames.public_poses(module.frames.tools),
                 bases=module.frames.public_poses(module.frames.bases),
                 local_tools=module.frames.local_poses(module.frames.tools),

@@ -156,7 +156,7 @@ class RapidModule(RapidDeclarations):
         for place in unread_positions(self.found.source.text, set(self.found.starts)):
             self.found.add_unread(f"line {self.found.source.line_of(place)}", place, _INSIDE)
         self.written = self.found.compute_usual()
-        self.uses.set_while_running |= {
+        self.uses.facts.set_while_running |= {
             name for name in self.set_names if name in self.frames.declared or name not in self.uses.shown
         }
         for name, scope in [*(one[1:] for one in self.assigned), *self.assigned_here]:
@@ -181,7 +181,7 @@ class RapidModule(RapidDeclarations):
         for one in find_written(text, routines, self.parameters, given):
             bare = one.name.partition("{")[0].lower()
             if bare in self.frames.declared or bare not in self.uses.shown:
-                self.uses.set_while_running.add(bare)
+                self.uses.facts.set_while_running.add(bare)
             if one.part:
                 self.shifts.set_component(one.place, one.name, one.scope, one.part)
             else:

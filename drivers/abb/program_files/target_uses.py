@@ -3,34 +3,18 @@
 from collections import defaultdict
 from collections.abc import Mapping, Sequence, Set
 from dataclasses import dataclass, field
-from typing import NamedTuple
 
 from cellcal.calibration.message import make_message
 from cellcal.drivers.abb.program_files.collected_positions import RapidPositions
+from cellcal.drivers.abb.program_files.frame_facts import BARRED_COMPUTED, AgreedUse, FrameFacts, ToolAndFrame
 from cellcal.drivers.programs.barred import MOVED_BY_UNIT, ONLY_SEEN_THERE, SEEN_FROM_FLANGE
 from cellcal.drivers.programs.conditions import ConditionalBar, ProjectNeed
 from cellcal.drivers.programs.file_declarations import COPIED, MoveFrames
 from cellcal.drivers.programs.positions import CARTESIAN
 from cellcal.drivers.programs.routine_calls import OWN, PARAMETER, ParameterUse, RoutineCall
 
-ToolAndFrame = tuple[str | None, str | None]  # tool, work object; None where it is computed
-
 _DIFFERENT = "{} is used with different tools or work objects; its user frame and tool are not known."
-_BARRED_DIFFERENT = "the program uses it with different tools or work objects"
-_BARRED_COMPUTED = "the program uses it with a tool or work object that is computed"
-_BARRED_SEVERAL = "its file declares several tools or work objects of one name"
-BARRED_SET = "its tool or work object is set while the program runs"
 _MOST_USES = 64  # of one target that are told apart
-
-
-class _AgreedUse(NamedTuple):
-    """What all uses of a target together say."""
-
-    tool: str | None
-    frame: str | None
-    why: str  # why tool or frame cannot be determined; "" where they can
-    different: bool
-    seen_from_flange: bool
 
 
 @dataclass
@@ -38,6 +22,7 @@ class TargetUses:
     """Declared targets by scope, and the moves that name them."""
 
     scope: str = "/"  # module/routine
+    facts: FrameFacts = field(default_factory=FrameFacts)
     shown: dict[str, bool] = field(default_factory=dict)  # targets of modules, and whether others see them
     copied: set[tuple[str, str, str]] = field(default_factory=set)  # scope, name, and to what
     returned: set[tuple[str, str, str]] = field(
@@ -47,10 +32,6 @@ class TargetUses:
         default_factory=lambda: defaultdict(set)
     )  # by where it is declared, and its name: the parameters that get it
     parameters: set[tuple[str, str]] = field(default_factory=set)  # scope, name: each call gives its own
-    several: set[str] = field(
-        default_factory=set
-    )  # tools and work objects that are declared twice, differently
-    set_while_running: set[str] = field(default_factory=set)  # tools and work objects
     local_frames: set[str] = field(default_factory=set)  # tools and work objects that other files do not see
     local_keys: dict[int, str] = field(default_factory=dict)  # rows of routines' own targets
     external_uses: dict[str, set[MoveFrames]] = field(
@@ -66,9 +47,6 @@ class TargetUses:
     of_row: dict[int, list[ToolAndFrame]] = field(default_factory=lambda: defaultdict(list))
     tools_of_moves: set[str] = field(default_factory=lambda: {"tool0"})  # in small letters
     spelling: dict[str, str] = field(default_factory=lambda: {"wobj0": "wobj0", "tool0": "tool0"})
-    seen_from_flange: set[str] = field(default_factory=set)
-    held_objects: set[str] = field(default_factory=set)  # those of them that are work objects
-    moved: set[str] = field(default_factory=set)  # work objects that a mechanical unit moves
     held_work: set[int] = field(default_factory=set)  # rows seen from the work in the gripper
     conditions: dict[int, ConditionalBar] = field(default_factory=dict)
     user_frames: dict[int, str] = field(default_factory=dict)
@@ -158,7 +136,7 @@ class TargetUses:
     def seen_abroad(self, tool: str | None, frame: str | None) -> ParameterUse:
         """Return a use for other files, which do not see all tools and work objects of this one."""
         if not (tool and frame):
-            return ParameterUse(tool, frame, _BARRED_COMPUTED)
+            return ParameterUse(tool, frame, BARRED_COMPUTED)
         is_local = {tool.lower(), frame.lower()} & self.local_frames
         return ParameterUse(tool, frame, ONLY_SEEN_THERE if is_local else "")
 
@@ -208,11 +186,11 @@ class TargetUses:
                 self.of_row[row] += some
         self._take_uses_of_copies()
         self._bar_copied_targets(found)
-        settled: dict[frozenset[ToolAndFrame], _AgreedUse] = {}  # nearly all targets have the same
+        settled: dict[frozenset[ToolAndFrame], AgreedUse] = {}  # nearly all targets have the same
         for row, some in sorted(self.of_row.items()):
             what = frozenset(some)
             if what not in settled:
-                settled[what] = self._agreed_use(what)
+                settled[what] = self.facts.agree_on(what)
             self._settle_row(found, row, settled[what])
 
     def _take_uses_of_copies(self) -> None:
@@ -286,16 +264,16 @@ class TargetUses:
         if not self._is_own(name, scope):
             self.external_uses.setdefault(name.lower(), set()).add(MoveFrames(None, None, why))
 
-    def _settle_row(self, found: RapidPositions, row: int, settled: "_AgreedUse") -> None:
+    def _settle_row(self, found: RapidPositions, row: int, settled: AgreedUse) -> None:
         if found.kinds[row] != CARTESIAN:  # axes are in no frame, but a tool is at their end
-            open_tools = self.several | self.set_while_running | self.seen_from_flange
+            open_tools = self.facts.open_tools()
             if settled.tool is not None and settled.tool.lower() not in open_tools:
                 self.tools[row] = settled.tool
             return
         self._settle_reason(row, settled.why)
         if settled.different:
             found.add_remark(found.starts[row], "indirect", make_message(_DIFFERENT, found.names[row]))
-        if settled.seen_from_flange and not self._is_held_work(settled):
+        if settled.seen_from_flange and not self.facts.is_held_work(settled):
             found.drop_coordinates(row, SEEN_FROM_FLANGE)
             return
         if settled.seen_from_flange:
@@ -311,48 +289,6 @@ class TargetUses:
             self.conditions[row] = ConditionalBar.for_need(ProjectNeed.MOVED_FRAME, why)
         elif why:
             self.barred[row] = why
-
-    def _is_held_work(self, settled: "_AgreedUse") -> bool:
-        """Tell whether a tool in the cell works at a work object in the gripper, and nothing else is named."""
-        tool, frame = (settled.tool or "").lower(), (settled.frame or "").lower()
-        return (
-            not settled.different
-            and tool in self.seen_from_flange - self.held_objects
-            and frame in self.held_objects
-        )
-
-    def _agreed_use(self, uses: frozenset[ToolAndFrame]) -> "_AgreedUse":
-        tools, frames = {use[0] for use in uses}, {use[1] for use in uses}
-        return _AgreedUse(
-            next(iter(tools)) if len(tools) == 1 else None,
-            next(iter(frames)) if len(frames) == 1 else None,
-            self._barred_reason(uses),
-            different=len(uses) > 1,
-            seen_from_flange=any(
-                part is not None and part.lower() in self.seen_from_flange for part in tools | frames
-            ),
-        )
-
-    def _barred_reason(self, uses: frozenset[ToolAndFrame]) -> str:
-        """Return why a target's place cannot be told though the moves to it name tools and frames; or ""."""
-        if any(part is not None and part.lower() in self.several for use in uses for part in use):
-            return _BARRED_SEVERAL
-        if any(part is not None and part.lower() in self.set_while_running for use in uses for part in use):
-            return BARRED_SET
-        if len(uses) > 1:
-            return _BARRED_DIFFERENT
-        tool, frame = next(iter(uses))
-        if tool is None or frame is None:
-            return _BARRED_COMPUTED
-        return MOVED_BY_UNIT if frame.lower() in self.moved else ""
-
-    def doubtful_frames(self) -> dict[str, str]:
-        """Return tools and work objects in which no target may be carried, and why."""
-        return (
-            dict.fromkeys(self.moved, MOVED_BY_UNIT)
-            | dict.fromkeys(self.seen_from_flange, SEEN_FROM_FLANGE)
-            | dict.fromkeys(self.set_while_running, BARRED_SET)
-        )
 
     def _spell_use(self, tool: str | None, frame: str | None) -> ToolAndFrame:
         spelled = self.known_here.get((tool, frame))
