@@ -87,13 +87,16 @@ def record(
         Which robot of the controller it is.
     """
     from cellcal.service.cli.printing import STDERR_CONSOLE, print_json
+    from cellcal.service.engineering.controller_files.copied_mastering import with_copies_named
     from cellcal.service.engineering.controller_files.nightly_watch import read_controller
     from cellcal.service.engineering.controller_files.record_from_files import make_records
     from cellcal.service.engineering.controller_files.stored_records import store_record
     from cellcal.service.exit_codes import ExitCode
 
     files = read_controller(source, _login(ftp), with_programs=ftp.programs)
-    made = make_records(files, group=whose.group, model=whose.model, serial=whose.serial)
+    made = with_copies_named(
+        make_records(files, group=whose.group, model=whose.model, serial=whose.serial), records
+    )
     stored = [store_record(records, each, files) for each in made.records]
     if as_json:
         print_json(_records_document(made, stored))

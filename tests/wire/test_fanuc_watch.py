@@ -241,10 +241,42 @@ def test_a_robot_that_has_another_address_is_known_by_its_number(tmp_path: Path,
         assert watched(second, tmp_path, capsys) == (ExitCode.PASS, {})
 
 
+@pytest.mark.parametrize(
+    ("numbers", "own_axes", "is_named"),
+    [
+        (("F100001", "F100002"), (), True),
+        (("F100001", "F100002"), (0, 4), True),  # two axes were mastered since
+        (("F100001", "F100002"), (0, 1, 2, 3), False),
+        (("F00000", "F00000"), (), False),  # numbers that were never set: it may be the same arm
+    ],
+)
+def test_a_mastering_that_another_robot_has_as_well_is_named(
+    tmp_path: Path, capsys, numbers: tuple[str, str], own_axes: tuple[int, ...], is_named: bool
+) -> None:
+    cabinets = [FanucCabinet(f_number=number) for number in numbers]
+    for axis in own_axes:
+        cabinets[1].counts_at_zero[axis] += 4321
+    with ftp_controllers(*cabinets) as servers:
+        for server in servers:
+            capsys.readouterr()
+            assert take_record(address_of(server), tmp_path, "--json") == ExitCode.PASS
+        (second,) = json.loads(capsys.readouterr().out)["records"]
+        assert any(numbers[0] in finding for finding in second["findings"]) is is_named
+        code, changes = watched(servers[1], tmp_path, capsys)
+    assert (code, "copied mastering" in changes) == (
+        ExitCode.OUT_OF_TOLERANCE if is_named else ExitCode.PASS,
+        is_named,
+    )
+    if is_named:
+        assert all(
+            f"J{axis + 1}" not in changes["copied mastering"].partition(" have ")[0] for axis in own_axes
+        )
+
+
 def test_a_hundred_controllers_in_one_night(tmp_path: Path, capsys) -> None:
     cabinets = [FanucCabinet(f_number=f"F{100_000 + n}", robot_name=f"R{n:03d}") for n in range(MANY)]
     for n, cabinet in enumerate(cabinets):
-        cabinet.counts_at_zero[0] += n
+        cabinet.counts_at_zero = [count + 1013 * n for count in cabinet.counts_at_zero]
     with ftp_controllers(*cabinets) as servers:
         for server in servers:
             assert take_record(address_of(server), tmp_path, "--no-programs") == ExitCode.PASS

@@ -10,6 +10,7 @@ class ChangeKind(StrEnum):
     LOSS = "loss"
     OTHER_ROBOT = "other robot"
     CONTRADICTION = "contradiction"
+    COPIED = "copied mastering"
     OLD_BACKUP = "old backup"
     MASTERING = "mastering"
     FRAME = "frame"

@@ -16,6 +16,7 @@ from cellcal.drivers.fanuc.controller_files.ftp_source import FtpLogin, FtpSourc
 from cellcal.drivers.fanuc.program_files.va_backup import MASTERING
 from cellcal.drivers.programs.errors import ProgramFileError
 from cellcal.service.engineering.controller_files.backup_folder import open_backup_folder, refuse_file
+from cellcal.service.engineering.controller_files.copied_mastering import describe_copied_mastering
 from cellcal.service.engineering.controller_files.file_change import ChangeKind, FileChange
 from cellcal.service.engineering.controller_files.file_changes import (
     compare_files,
@@ -166,6 +167,7 @@ def compare_with_records(
     for group in sorted(groups):
         *earlier, last = [each for each in ours if each.controller.group == group]
         changes += compare_files(files, last, earlier, groups)
+        changes += _find_copies(files, group, stored)
         compared_with = max(compared_with, last.day)
         left_out += [describe_uncompared_angles(files, last), *list_unread_files(files, last)]
         if last.controller.other_axes is None:
@@ -178,6 +180,14 @@ def compare_with_records(
     axes = tuple(map(name_axis, sorted(not_compared)))
     angles = tuple(dict.fromkeys(filter(None, left_out)))
     return WatchedController(address, state, files.serial, compared_with, unique, axes, angles)
+
+
+def _find_copies(files: ControllerFiles, group: int, stored: Sequence[StoredRecord]) -> list[FileChange]:
+    mastering = files.variables.mastering.get(group)
+    if mastering is None:
+        return []
+    texts = describe_copied_mastering(mastering.counts_at_zero, files.serial, files.device, stored)
+    return [FileChange(ChangeKind.COPIED, text) for text in texts]
 
 
 def _records_of(files: ControllerFiles, stored: Sequence[StoredRecord]) -> list[StoredRecord]:
