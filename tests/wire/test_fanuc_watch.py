@@ -100,6 +100,10 @@ def break_cable(cabinet: FanucCabinet) -> None:
     cabinet.alarms.append(("SRVO-068", "DTERR alarm (Group:1 Axis:5)"))
 
 
+def let_battery_run_low(cabinet: FanucCabinet) -> None:
+    cabinet.alarms.append(("SRVO-065", "BLAL alarm (Group:1 Axis:5)"))
+
+
 def master_anew(cabinet: FanucCabinet) -> None:
     cabinet.counts_at_zero[2] += COUNTS_PER_TURN
 
@@ -141,6 +145,10 @@ def update_software(cabinet: FanucCabinet) -> None:
         (lose_position, {"loss": "$EACHMST_DON"}),
         (forget_silently, {"loss": "axis 5 was lost"}),
         (break_cable, {"loss": "SRVO-068 on J5"}),
+        (
+            let_battery_run_low,
+            {"low battery": "SRVO-065 on J5: the encoder battery is low. Change the battery"},
+        ),
         (master_anew, {"mastering": "J3 by +524288 counts (-2.697 deg, +1 turns of the motor)"}),
         (shift_zero, {"mastering": "J1 by -1234 counts (-0.006 deg)"}),
         (move_frame, {"frame": "frame 1: Z 250.000 to 251.500"}),

@@ -13,6 +13,7 @@ class ChangeKind(StrEnum):
     COPIED = "copied mastering"
     OLD_BACKUP = "old backup"
     MASTERING = "mastering"
+    BATTERY = "low battery"
     FRAME = "frame"
     TOOL = "tool"
     SAFETY = "DCS"

@@ -72,9 +72,18 @@ def alarm_meaning(alarm: ControllerAlarm) -> CodeEntry | None:
 
 def position_alarms(files: ControllerFiles) -> tuple[tuple[ControllerAlarm, CodeEntry], ...]:
     """Return the active alarms that speak of a lost position or a failing encoder."""
+    return tuple(pair for pair in _known_alarms(files) if pair[1].kind in _POSITION_KINDS)
+
+
+def describe_low_batteries(files: ControllerFiles) -> tuple[str, ...]:
+    """Say of each active alarm of a low encoder battery what it means and what to do, without a full stop."""
+    low = [pair for pair in _known_alarms(files) if pair[1].kind == "battery_low"]
+    return tuple(f"{describe_alarm(*pair)}. {pair[1].remedy}".rstrip(".") for pair in low)
+
+
+def _known_alarms(files: ControllerFiles) -> list[tuple[ControllerAlarm, CodeEntry]]:
     alarms = () if files.alarms is None else files.alarms.alarms
-    pairs = [(alarm, entry) for alarm in alarms if (entry := alarm_meaning(alarm)) is not None]
-    return tuple(pair for pair in pairs if pair[1].kind in _POSITION_KINDS)
+    return [(alarm, entry) for alarm in alarms if (entry := alarm_meaning(alarm)) is not None]
 
 
 def describe_alarm(alarm: ControllerAlarm, entry: CodeEntry) -> str:

@@ -19,11 +19,10 @@ from cellcal.service.engineering.controller_files.other_axes import find_other_a
 from cellcal.service.engineering.controller_files.record_checks import (
     AngleCheck,
     ControllerRecordError,
-    alarm_meaning,
     angles_untold,
     check_angles,
     choose_groups,
-    describe_alarm,
+    describe_low_batteries,
     read_pulses,
     refuse_unhealthy,
     require_drives,
@@ -247,13 +246,7 @@ def _list_not_checked(files: ControllerFiles, angles: AngleCheck) -> tuple[str, 
 def _list_findings(
     files: ControllerFiles, mastering: GroupMastering, pulses: tuple[int, ...], others: Sequence[int]
 ) -> tuple[str, ...]:
-    alarms = () if files.alarms is None else files.alarms.alarms
-    low = [
-        (alarm, entry)
-        for alarm in alarms
-        if (entry := alarm_meaning(alarm)) is not None and entry.kind == "battery_low"
-    ]
-    found = [*(f"{describe_alarm(*pair)}. {pair[1].remedy}".rstrip(".") for pair in low), *mastering.findings]
+    found = [*describe_low_batteries(files), *mastering.findings]
     differs = bool(mastering.pulse_counts and pulses) and not _is_flicker(mastering, pulses)
     if differs and files.axes is not None and files.axes.servo_ready is False:
         found.append(f"{MASTERING} holds other counts than {AXES} ($SPC_COUNT), although the drives are off")
