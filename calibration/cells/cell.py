@@ -211,9 +211,11 @@ def _check_covariance(name: str, observations: CellObservations, covariance: Arr
 
 
 def _refuse_doubles(what: str, names: list[str]) -> None:
-    doubled = next((name for name in names if names.count(name) > 1 or not name), None)
+    if not all(names):
+        raise CalibrationError(f"every {what} needs a name; one has none")
+    doubled = next((name for name in names if names.count(name) > 1), None)
     if doubled is not None:
-        raise CalibrationError(f"every {what} needs a name of its own; {doubled!r} has none")
+        raise CalibrationError(f"two {what} entries are called {doubled!r}; each needs a name of its own")
 
 
 def _require_name(what: str, name: str, names: list[str], where: str) -> None:

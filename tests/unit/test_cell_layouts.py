@@ -268,6 +268,38 @@ def test_a_robot_that_the_layout_does_not_know_is_named(tmp_path):
         read_cell(path, read_cell_layout(TWO), "ur10")
 
 
+@pytest.mark.parametrize("readings", [1, 2])  # one for both robots, or one for each
+def test_a_target_that_rows_of_two_robots_name_is_a_point_of_each(tmp_path, readings):
+    path, _ = two_robots(tmp_path / "two.csv")
+    path.write_text(path.read_text(encoding="utf-8").replace(",B,", ",A,"), encoding="utf-8")
+    layout = tmp_path / "two.toml"
+    text = TWO.read_text(encoding="utf-8")
+    tracked = '[[reading]]\nname = "tracked"\nkind = "point"\ncolumns = ["X", "Y", "Z"]\nsigma_mm = 0.05\n'
+    assert tracked in text
+    of_each = "".join(
+        tracked.replace('"tracked"', f'"{arm}"') + f'where = {{ arm = "{arm}" }}\n'
+        for arm in ("left", "right")
+    )
+    if readings == 2:
+        text = text.replace(f'{tracked}where = {{ instrument = "AT960" }}\n', of_each)
+    layout.write_text(text, encoding="utf-8")
+    cell = read_cell(path, read_cell_layout(layout), "ur10").cell
+    carried = {series.target: cell.robot_of(series.target).name for series in cell.series}
+    assert carried == {"A (left)": "left", "A (right)": "right"}
+    assert [len(series.observations) for series in cell.series] == [30, 30, 6]
+
+
+def test_a_target_of_one_robot_is_not_taken_for_that_of_another(tmp_path):
+    path, _ = two_robots(tmp_path / "two.csv")
+    layout = tmp_path / "two.toml"
+    layout.write_text(
+        TWO.read_text(encoding="utf-8")
+        + '\n[[tool]]\nname = "B"\nrobot = "left"\nplace_mm = [0.0, 0.0, 100.0]\n'
+    )
+    with pytest.raises(MeasurementError, match="rows of robot 'right' name target 'B'"):
+        read_cell(path, read_cell_layout(layout), "ur10")
+
+
 def test_every_kind_can_be_read(tmp_path):
     world = SimulatedWorld(seed=4)
     joints, other = np.rad2deg(world.draw_joints(12)), np.rad2deg(world.draw_joints(12))

@@ -83,9 +83,11 @@ def read_cell(path: Path, layout: CellLayoutFile, robot: str) -> CellMeasurement
         for tool in layout.tools
     }
     targets = [CellTarget(t.name, t.words["tool"], t.place) for t in layout.targets if t.place is not None]
-    target_names = {*tools, *(target.name for target in targets)}
+    carriers = {name: tool.robot for name, tool in tools.items()}
+    carriers |= {target.name: carriers.get(target.tool, "") for target in targets}
+    parts = _with_own_targets(path, parts, carriers)
     for part in parts:
-        if part.target not in target_names:
+        if part.target not in carriers:
             tools.setdefault(part.target, CellTool(part.target, part.robot))
     standings = _device_placements(path, layout, parts)
     owner = {name: device for device, names in standings.items() for name in names}
@@ -120,6 +122,37 @@ def read_cell(path: Path, layout: CellLayoutFile, robot: str) -> CellMeasurement
         tuple(file.left_out.items()),
         standings,
     )
+
+
+def _with_own_targets(
+    path: Path, parts: list["_SeriesPart"], carriers: Mapping[str, str]
+) -> list["_SeriesPart"]:
+    """Give each robot a target of its own where rows of several name one that no table describes.
+
+    Raises
+    ------
+    MeasurementError
+        Rows of one robot name a target that a table fixes to another one.
+    """
+    robots_of: dict[str, set[str]] = {}
+    for part in parts:
+        robots_of.setdefault(part.target, set()).add(part.robot)
+        carrier = carriers.get(part.target)
+        if carrier and carrier != part.robot:
+            raise MeasurementError(
+                make_message(
+                    "{path}: rows of robot {robot!r} name target {target!r}, which the layout fixes to {carrier!r}.",
+                    path=path,
+                    robot=part.robot,
+                    target=part.target,
+                    carrier=carrier,
+                ),
+                remedy="Give each robot's target a name of its own, and its tool the robot that carries it.",
+            )
+    return [
+        replace(part, target=f"{part.target} ({part.robot})") if len(robots_of[part.target]) > 1 else part
+        for part in parts
+    ]
 
 
 def _device_placements(
@@ -195,8 +228,11 @@ class _CellTable:
                     remedy="Write a [[robot]] with its model.",
                 )
             mine = rows[[other == label for other in labels]]
-            many = len(set(labels)) > 1
-            name = f"{reading.name}: {device}, {target}" if many else reading.name
+            name = reading.name
+            if len(set(labels)) > 1:
+                name += f": {device}, {target}"
+            if any(other[0] != robot and other[1:] == label[1:] for other in labels):
+                name += f", {robot}"
             mine = self._with_readings(reading, mine, models[robot])
             observations = self._build_observations(reading, mine, models[robot])
             yield _SeriesPart(
