@@ -416,6 +416,29 @@ def test_a_cell_of_several_devices_around_an_arm_on_a_track(tmp_path):
         identify_cell_file(path, layout, TRACK, CellOptions())
 
 
+def test_two_robots_on_one_track(tmp_path):
+    """Two carriages of one rail, a target each; a tracker beside it sees both. Folds leave 40 points of each."""
+    arms = {name: HiddenArm(load_model(TRACK), seed) for name, seed in (("left", 1), ("right", 2))}
+    lines = ["arm,J1,J2,J3,J4,J5,J6,J7,X,Y,Z"]
+    for name, hidden in arms.items():
+        joints = hidden.postures(54)
+        shown = np.where(hidden.slides(), joints * 1e3, np.degrees(joints))
+        rows = np.column_stack([shown, hidden.measured(joints) * 1e3])
+        lines += [f"{name},{','.join(f'{value:.6f}' for value in row)}" for row in rows]
+    path, layout = tmp_path / "cell.csv", tmp_path / "layout.toml"
+    path.write_text("\n".join(lines) + "\n")
+    layout.write_text(
+        '[columns]\njoints = ["J1", "J2", "J3", "J4", "J5", "J6", "J7"]\nrobot = "arm"\n'
+        '[[robot]]\nname = "left"\n[[robot]]\nname = "right"\n'
+        '[[reading]]\nname = "tracked"\nkind = "point"\ncolumns = ["X", "Y", "Z"]\ndevice = "tracker"\n'
+        'target = "ball"\nsigma_mm = 0.05\n'
+    )
+    report = identify_cell_file(path, layout, TRACK, CellOptions(folds=4))
+    for series in report.series:
+        assert series.held_out.rmse_m < WITHIN * NOISE_M * np.sqrt(3.0) < series.before.rmse_m
+    assert {frame.name for frame in report.frames} >= {"right", "tracker", "ball (left)", "ball (right)"}
+
+
 @pytest.mark.parametrize(
     ("written", "cause", "cure"),
     [
