@@ -14,7 +14,7 @@ from cellcal.calibration.message import join_messages
 
 
 class CellError(Exception):
-    """Something went wrong that we can name, with what to do about it."""
+    """An error with a stated cause and a remedy."""
 
     code = "cell"
 

@@ -13,7 +13,7 @@ from cellcal.calibration.message import make_message
 
 
 class Verdict(StrEnum):
-    """What may be said about a limit. UNDECIDED means: measure more."""
+    """The statement that is justified about a limit. UNDECIDED means: measure more."""
 
     PASS = "pass"
     FAIL = "fail"

@@ -37,7 +37,7 @@ class TroubleDocument(TypedDict):
 
 @dataclass(frozen=True, slots=True)
 class TaskTrouble:
-    """What went wrong in a task: shown on pages, counted in metrics."""
+    """An exception in a task: shown on pages, counted in metrics."""
 
     task: str
     message: str

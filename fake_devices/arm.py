@@ -43,7 +43,7 @@ def make_generator(seed: int, *labels: str) -> np.random.Generator:
 
 @dataclass(frozen=True)
 class ArmDeviations:
-    """What the maker's drawing does not say about this arm."""
+    """The deviations of this arm from the maker's drawing."""
 
     dh_errors: Array  # (n, 5)
     compliance_rad_nm: Array  # (n,)

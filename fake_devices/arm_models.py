@@ -49,7 +49,7 @@ class LinkMass:
 
 @dataclass(frozen=True)
 class ArmModel:
-    """What is printed in the data sheet."""
+    """The contents of the data sheet."""
 
     name: str
     dh: tuple[tuple[float, float, float, float], ...]  # theta, d, a, alpha

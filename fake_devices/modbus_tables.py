@@ -20,7 +20,7 @@ _ON, _OFF = 0xFF00, 0x0000
 
 
 class ModbusTables(Protocol):
-    """What lies where; addresses count from 0. Raise ModbusError(2) for what is not there."""
+    """The contents by address; addresses count from 0. Raise ModbusError(2) for what is not there."""
 
     def read_words(self, function: int, address: int, count: int) -> list[int]: ...
     def read_bits(self, function: int, address: int, count: int) -> list[bool]: ...

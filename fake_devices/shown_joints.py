@@ -29,7 +29,7 @@ def ratios_of(table: Mapping[str, Any], axes: int) -> tuple[float, ...]:
 
 
 class ShownJoints:
-    """What a controller shows, less what is true, for each axis [rad]; the marks of all axes are at joint zero."""
+    """Joints shown by a controller less the true ones, axis by axis [rad]; the marks of all axes are at zero."""
 
     def __init__(self, arm: SimulatedArm, ratios: Sequence[float], rng: np.random.Generator) -> None:
         self._arm, self._rng = arm, rng

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class ProcedureEntry:
-    """What a list shows of one procedure."""
+    """The entry of one procedure in a list."""
 
     name: str
     title: str

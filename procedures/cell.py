@@ -36,7 +36,7 @@ from cellcal.procedures.surroundings import NOTHING_KNOWN, Surroundings
 
 
 class MotionLevel(StrEnum):
-    """Who moves a robot. Procedures do not know it; `procedures.motion.motion_gate` does."""
+    """The way in which a robot is moved. Procedures do not know it; `procedures.motion.motion_gate` does."""
 
     OBSERVE = "observe"  # a person with the pendant, to the joints that are shown
     PROGRAM = "program"  # a person lets the pendant run a small program that was written for it
@@ -61,7 +61,7 @@ class PendantProgramWriter(Protocol):
 
 @dataclass(slots=True)
 class MotionApproval:
-    """What the gate remembers of one entry into a run."""
+    """The approvals of one entry into a run that the gate remembers."""
 
     approved: bool = False  # a person has said yes to the plan, or to moving from where the robot stands
     agreed_at_s: float | None = None  # when an operator last agreed to motion; None: never
@@ -126,7 +126,7 @@ class DeviceMark:
 
 @dataclass(frozen=True, slots=True)
 class Fingerprint:
-    """What must be the same when a run is resumed."""
+    """The facts that must be the same when a run is resumed."""
 
     cell: str
     devices: tuple[DeviceMark, ...]
@@ -150,7 +150,7 @@ class DeviceCertificate:
 
 @dataclass(frozen=True, slots=True)
 class MasteringBackup:
-    """What a robot's controller held before a run wrote its mastering, and the hash of its stored form."""
+    """The mastering in a robot's controller before a run wrote its own, and the hash of its stored form."""
 
     of_run: str
     at_utc: str

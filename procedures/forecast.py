@@ -23,7 +23,7 @@ SAMPLE_S = 0.1
 
 @dataclass(frozen=True)
 class Knowledge:
-    """What is known of a cell without asking it: the cell file, the journal, what the watch saw."""
+    """The facts known of a cell without asking it: the cell file, the journal, the watch's findings."""
 
     model: RobotModel | None = None
     gauge_setup: GaugeSetup | None = None

@@ -50,7 +50,7 @@ class MasteringUndo:
 
 @dataclass(frozen=True, slots=True)
 class UndoResult:
-    """What the controller held, what it holds again, and the hash of the stored form of both."""
+    """The mastering that the controller had, the one it has again, and the hash of the stored form of both."""
 
     of_run: str
     joint_names: tuple[str, ...]

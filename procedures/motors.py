@@ -24,7 +24,7 @@ class PositionLostAgainError(ProcedureError):
 
 @dataclass(frozen=True, slots=True)
 class MotorState:
-    """What the controller says about itself at one moment."""
+    """The state that the controller reports at one moment."""
 
     identity: Identity
     condition: Condition
@@ -42,7 +42,7 @@ class MotorState:
 
 @dataclass(frozen=True, slots=True)
 class Motors:
-    """What the controller says about its motors, in a cell with or without a draw-wire."""
+    """The controller's values of its motors, in a cell with or without a draw-wire."""
 
     identity: Identity
     condition: Condition

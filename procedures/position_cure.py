@@ -55,7 +55,7 @@ WANTED_SHARE = 0.8  # of the limit of a new zero: its U (k = 2), where the serie
 
 @dataclass(frozen=True, slots=True)
 class PositionCureSpec:
-    """What is brought back, how the zero of these axes was set, and how well it must be proved."""
+    """The axes to bring back, how their zero was set, and how well it must be proved."""
 
     zero: Annotated[
         Literal["usual", "kept", "new"],

@@ -67,7 +67,7 @@ class PositionRecordResult:
 
 @dataclass(frozen=True, slots=True)
 class ShownPosition:
-    """What the controller shows about the position at one moment."""
+    """The position data that the controller shows at one moment."""
 
     values: tuple[ShownValue, ...]
     cure: PositionCure | None

@@ -16,7 +16,7 @@ INTENTIONS: Mapping[Intention, str] = {
 
 @dataclass(frozen=True, slots=True)
 class GuideEntry:
-    """What a person reads before choosing a procedure."""
+    """The text that a person reads before choosing a procedure."""
 
     intention: Intention
     when: str

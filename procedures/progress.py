@@ -10,7 +10,7 @@ from cellcal.procedures.instruction_page import InstructionPage
 
 @dataclass(frozen=True, slots=True)
 class StepProgress:
-    """What a screen needs: which step, the how-manieth of how many, and what came of it."""
+    """The progress that a screen shows: which step, its number and their count, and its outcome."""
 
     kind: str  # started, finding, replayed, condition, failed, asked, answered, paused, resumed, ended
     step: str

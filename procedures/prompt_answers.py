@@ -11,7 +11,7 @@ from functools import lru_cache
 
 @dataclass(frozen=True, slots=True)
 class PromptAnswers:
-    """What a screen shows of one question. An empty ``question`` leaves the instruction's own words."""
+    """The texts with which a screen shows one question. An empty ``question`` leaves the instruction's own words."""
 
     yes: str
     no: str

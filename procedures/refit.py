@@ -51,7 +51,7 @@ class FitPoint:
 
 @dataclass(frozen=True, slots=True)
 class PointMiss:
-    """What a point misses the fit by; along a wire with its sign, measured minus computed."""
+    """The distance of a point from the fit; along a wire with its sign, measured minus computed."""
 
     size_m: float
     deviations: float  # of what it may be

@@ -94,7 +94,7 @@ class Ledger(Protocol):
 
 @dataclass(slots=True)
 class _RunState:
-    """What a run and its sub-procedures share."""
+    """The state that a run and its sub-procedures share."""
 
     cell: Cell
     ledger: Ledger

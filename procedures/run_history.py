@@ -30,7 +30,7 @@ class EventKind(StrEnum):
 
 
 class StepEffect(StrEnum):
-    """What a step does to the world."""
+    """The effect of a step on the world."""
 
     NONE = "none"
     MOVE = "move"

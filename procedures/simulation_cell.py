@@ -188,7 +188,7 @@ class CalibratedRobot:
 
 @dataclass(frozen=True, slots=True)
 class CalibratedPart:
-    """What was found of one part of the simulated cell."""
+    """The result for one part of the simulated cell."""
 
     part: Part
     found: CalibratedRobot | PlacedTags

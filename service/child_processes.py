@@ -27,7 +27,7 @@ class ChildEndedError(CellError):
 
 
 class StderrTail:
-    """What a process prints as errors: passed on to our own, and the end of it kept."""
+    """The errors that a process prints: passed on to our own, and the end of it stored."""
 
     def __init__(self) -> None:
         self._tail = b""

@@ -11,7 +11,7 @@ _NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?", re.ASCII)
 
 
 class CsvSink(Protocol):
-    """What rows are written to."""
+    """The text stream to which rows are written."""
 
     def write(self, text: str, /) -> Any:
         """Take a piece of text."""

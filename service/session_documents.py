@@ -46,7 +46,7 @@ class RunEventDocument(TypedDict):
 
 
 class SignatureDocument(TypedDict):
-    """Who signed the lines of a verdict, and when."""
+    """The person who signed the lines of a verdict, and when."""
 
     who: str
     at_s: float
@@ -110,7 +110,7 @@ class RunDocument(TypedDict):
 
 
 class QuestionDocument(TypedDict):
-    """What identifies a question: an approval counts for exactly this text."""
+    """The identity of a question: an approval counts for exactly this text."""
 
     id: str
     key: str
@@ -179,7 +179,7 @@ class SettleDocument(TypedDict):
 
 
 class StopDocument(TypedDict):
-    """What stops a robot, such as a pressed emergency stop."""
+    """The cause of a stopped robot, such as a pressed emergency stop."""
 
     message: str
     remedy: str
@@ -225,7 +225,7 @@ class GuidanceDocument(TypedDict):
 
 
 class LiveValues(TypedDict):
-    """What the selected robot's connection knows of the devices."""
+    """The values that the selected robot's connection has of the devices."""
 
     devices: list[DeviceDocument]
     record: NotRequired[RecordingDocument | None]

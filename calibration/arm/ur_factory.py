@@ -25,7 +25,7 @@ _NEARLY_PARALLEL = 0.1  # sine of the angle between two axes
 
 @dataclass(frozen=True, slots=True)
 class FactoryCalibration:
-    """What a controller's ``calibration.conf`` holds: deltas to the nominal table, standard DH."""
+    """The contents of a controller's ``calibration.conf``: deltas to the nominal table, standard DH."""
 
     delta_theta_rad: Six
     delta_a_m: Six

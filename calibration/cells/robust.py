@@ -28,7 +28,7 @@ _FEW_FREEDOM = 6.0  # redundant readings: from fewer, a scale is a guess
 
 @dataclass(frozen=True, eq=False)
 class SeriesResult:
-    """What the fit found about one series."""
+    """The result of the fit for one series."""
 
     name: str
     rejected: Rows

@@ -23,7 +23,7 @@ _BLOCK = 2048  # postures at once
 
 @dataclass(frozen=True, eq=False)
 class PreparedPostures:
-    """What the joints of some rows bring along, whatever the unknowns are."""
+    """Quantities of the rows' joints that do not depend on the unknowns."""
 
     values: Array  # (K, N) of the joint terms
     angles_rad: Array  # (n, N): what the joints add to the angles of the arm

@@ -39,7 +39,7 @@ _POSE = 6  # numbers of a pose: as many joints must be free
 
 
 class PointStatus(IntEnum):
-    """What became of a point. Only a converged one stands where it shall."""
+    """The outcome for a point. Only a converged one stands where it shall."""
 
     CONVERGED = 0
     LIMIT = 1  # a joint limit is in the way

@@ -58,7 +58,7 @@ class ProbableCause:
 
 @dataclass(frozen=True, slots=True)
 class DriftFinding:
-    """What changed, and why: likeliest first."""
+    """A change and its possible causes: likeliest first."""
 
     suspects: tuple[ProbableCause, ...]
     change_rms_m: float  # of one coordinate

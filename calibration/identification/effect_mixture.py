@@ -44,7 +44,7 @@ _PLACES = ("base", "anchor", "tool")
 
 @dataclass(frozen=True, eq=False)
 class UnmodelledEffects:
-    """What the rows say beside the parameters."""
+    """Effects in the rows that the parameters do not describe."""
 
     covariance: Array  # (p, p) of the parameters about their estimate
     probability: tuple[float, ...]  # that an effect of each of `KINDS` is there

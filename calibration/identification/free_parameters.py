@@ -67,7 +67,7 @@ class KnownPlaces:
 
 @dataclass(frozen=True, eq=False)
 class StartingPoint:
-    """What was known before a fit, and which parameters it may move."""
+    """Parameters known before a fit, and which of them it may change."""
 
     values: Mapping[str, float] = field(default_factory=dict)  # by parameter's name, SI, off nominal
     free: tuple[str, ...] = ()  # names and groups; none: everything of a level

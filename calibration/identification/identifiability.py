@@ -21,7 +21,7 @@ _PLACE_ROLES = ("base", "anchor", "tool")
 
 
 class FreeUnknowns(Protocol):
-    """What was free."""
+    """The unknowns that were free in a fit."""
 
     @property
     def parameters(self) -> tuple[Parameter, ...]: ...

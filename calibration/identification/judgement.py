@@ -102,7 +102,7 @@ def start_judgement(
 
 @dataclass(frozen=True, eq=False)
 class _FoldJudgement:
-    """What the other folds say about the rows of one."""
+    """How the other folds judge the rows of one fold."""
 
     before_m: Array
     held_out_m: Array

@@ -65,7 +65,7 @@ def terms_of_level(model: RobotModel, joints_rad: Array, level: int) -> tuple[Jo
 
 @dataclass(frozen=True, slots=True)
 class LevelTask:
-    """What the fit of a level starts from."""
+    """The inputs of the fit of a level."""
 
     model: RobotModel
     places: ArmState  # of devices and tool, as any state of the same arm has them

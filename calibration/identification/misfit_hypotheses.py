@@ -37,7 +37,7 @@ _SLIDE_UNITS = (
 
 @dataclass(frozen=True, slots=True)
 class FileNames:
-    """What the file calls its columns, for cures that can be typed."""
+    """The file's own names of its columns, for cures that can be typed."""
 
     joints: tuple[str, ...]
     position: tuple[str, ...] = ("X", "Y", "Z")

@@ -45,7 +45,7 @@ class HeldOutErrors:
 
 @dataclass(frozen=True, slots=True)
 class ModelError:
-    """What has to be added to the covariance of the parameters, and the factors to 95 % in space."""
+    """The covariance to be added to that of the parameters, and the factors to 95 % in space."""
 
     variance_m2: float  # a coordinate: noise of the device and what the model lacks
     growth: float  # of the parameters' variance, where what the model lacks bends them

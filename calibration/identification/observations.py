@@ -34,7 +34,7 @@ class DevicePlacement:
 
 
 class MeasuredRows:
-    """What all kinds share: every field is an array with one entry a row, joints first."""
+    """The fields that all kinds share: every field is an array with one entry a row, joints first."""
 
     joints_rad: Array  # (N, n)
     sigma_m: Array  # (N,)

@@ -40,7 +40,7 @@ class OffsetAcceptance:
 
 @dataclass(frozen=True, eq=False)
 class OffsetEvidence:
-    """What is known of an arm's offsets: a fit, from how many rows, and what hides what it cannot tell."""
+    """Evidence about an arm's offsets: a fit, from how many rows, and what hides those it cannot determine."""
 
     fit: ArmFit
     rows: int

@@ -47,7 +47,7 @@ Columns = NDArray[np.intp]
 
 @dataclass(frozen=True, slots=True)
 class SeriesChange:
-    """What changed, from which usable row on (from 0), up to which, and by how much."""
+    """A change in a series: its kind, from which usable row on (from 0), up to which, and by how much."""
 
     kind: str
     row: int

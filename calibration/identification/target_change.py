@@ -52,7 +52,7 @@ class TargetChange:
 
 @dataclass(frozen=True, eq=False)
 class SeriesColumns:
-    """What the unknowns of a fit without a change move, and what the rows of a series leave over."""
+    """Columns of the unknowns of a fit without a change, and the residuals that the rows of a series leave."""
 
     layout: ParameterLayout
     columns: Array  # (p, 3, N), whitened

@@ -28,7 +28,7 @@ _ROUNDS = 3  # of slopes and arm in turn: what one took from the other comes bac
 
 @dataclass(frozen=True, eq=False)
 class TemperatureEffect:
-    """What readings shift by a degree, in the device's frame, and the temperature to which they were brought."""
+    """The shift of readings by a degree, in the device's frame, and the temperature to which they were brought."""
 
     slopes: Array  # (channels,) [m/K]
     at: float  # [deg C]

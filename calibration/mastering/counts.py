@@ -136,7 +136,7 @@ class RecoveryKit:
 
 @dataclass(frozen=True, slots=True)
 class MasteringRecord:
-    """What is stored while the robot is healthy, so that lost turns can be found again. Never changed.
+    """Data stored while the robot is healthy, so that lost turns can be found again. Never changed.
 
     One taken without a draw-wire has a kit of places, and no wire, prior or captures. A controller's backup tells
     counts at zero and drives only: such a record has not even a kit, and where its quick-master reference is void no

@@ -28,7 +28,7 @@ _ASSUMED_NESTS_M = ((1.6, 0.9, -0.4), (1.4, -1.0, 0.5), (-0.6, 1.2, 0.2), (0.3, 
 
 @dataclass(frozen=True, slots=True)
 class KitPlan:
-    """What a kit is made of, before any place is known: how many places of which kind, and how well each is met."""
+    """The composition of a kit before any place is known: how many places of which kind, and how well each is met."""
 
     kind: str  # point, seat or target
     tip_in_flange_m: tuple[float, float, float]
@@ -41,7 +41,7 @@ class KitPlan:
 
 @dataclass(frozen=True, slots=True)
 class KitPrediction:
-    """What a recovery by a kit would reach.
+    """The predicted result of a recovery by a kit.
 
     ``sigma_turns`` (n,) is of the motors [turns]; ``offset_u_rad`` (n,) of the joints' zeros, k = 2 [rad], were they
     all lost; ``check_sigmas`` is at how many deviations the check places would show the wrong turn that they show

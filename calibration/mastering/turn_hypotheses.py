@@ -129,7 +129,7 @@ def bent_links(by_geometry: Array, axes: int) -> dict[str, Array]:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Equipment:
-    """What measures, and how the residuals change where it is no longer as recorded.
+    """The measuring equipment, and how residuals change where it is no longer as recorded.
 
     ``columns`` (m, k) are derivatives by its parameters, each of the size of one deviation; ``parts`` are the names
     of the parts of ``LocalResiduals`` that belong to it; ``groups`` are columns that often change without the others.

@@ -16,7 +16,7 @@ class GateCheck:
 
 @dataclass(frozen=True, slots=True)
 class TurnRecovery:
-    """What the captures say about the lost counts, and whether it may be used.
+    """The lost counts that the captures show, and whether they may be used.
 
     ``mode`` is "memory" (nothing was lost but the controller's own data), "turns" (whole turns only: exact),
     "motor" (``replaced_axes`` are off by real amounts), "all" (every reference lost), "geometry" (the robot or

@@ -60,7 +60,7 @@ Obstacle = SphereObstacle | PlaneObstacle | BoxObstacle
 
 @dataclass(frozen=True, eq=False)
 class CellShape:
-    """What is known of the shapes of arm and cell, and the distances to keep."""
+    """The known shapes of arm and cell, and the distances to keep."""
 
     arm: tuple[LinkCapsule, ...]
     obstacles: tuple[Obstacle, ...] = ()

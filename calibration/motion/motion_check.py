@@ -30,7 +30,7 @@ _RATE_SAMPLE_RAD = 0.02  # paths are looked at this densely; more so where colli
 
 
 class ClearanceCheck(Protocol):
-    """What knows the shapes of arm and cell: `calibration.motion.collision.CollisionCheck`."""
+    """A check that knows the shapes of arm and cell: `calibration.motion.collision.CollisionCheck`."""
 
     @property
     def not_checked(self) -> tuple[str, ...]: ...
@@ -60,7 +60,7 @@ class WirePath:
 
 @dataclass(frozen=True, slots=True)
 class MotionLimits:
-    """What a move must keep. ``None`` means that nothing is known, and the verdict says so."""
+    """The limits of a move. ``None`` means that nothing is known, and the verdict says so."""
 
     joint_margin_rad: float = 0.0523599  # 3 deg
     mastering_uncertainty_rad: tuple[float, ...] = ()  # per joint, added to the margin

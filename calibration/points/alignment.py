@@ -17,7 +17,7 @@ FORMAT = "alignment 1"
 
 @dataclass(frozen=True, slots=True)
 class WirePoints:
-    """What a wire's lengths told of the alignment points: all that a fit with another robot's needs of them.
+    """The alignment points as a wire's lengths show them: all that a fit with another robot's needs of them.
 
     ``covariance`` is of the points x y z one after the other [m^2], then of the wire: its scale [1], lip [m]
     and slow linearity [m, m].

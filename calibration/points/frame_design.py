@@ -36,7 +36,7 @@ class FramePoint:
 
 @dataclass(frozen=True, slots=True)
 class FrameGoal:
-    """What touches are worth, and what is asked for: expanded uncertainties, k = 2."""
+    """The uncertainty of touches, and the expanded uncertainties that are asked for, k = 2."""
 
     sigma_m: float  # of one coordinate of one touch
     origin_u_m: float
@@ -45,7 +45,7 @@ class FrameGoal:
 
 @dataclass(frozen=True, slots=True)
 class FramePrediction:
-    """What to touch again, in order, until the goal is met; and what will be known then."""
+    """The points to touch again, in order, until the goal is met; and the uncertainty then."""
 
     again: tuple[int, ...]  # indices of points; may hold one several times
     reached: bool

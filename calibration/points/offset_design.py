@@ -22,7 +22,7 @@ _HERE = Pose((0.0, 0.0, 0.0))  # of touches alike in all directions the frame's 
 
 @dataclass(frozen=True, slots=True)
 class OffsetGoal:
-    """What touches and given places are worth, one coordinate each, and what is asked for: U, k = 2."""
+    """The uncertainty of touches and given places, one coordinate each, and the U that is asked for, k = 2."""
 
     sigma_m: float
     given_sigma_m: float

@@ -42,7 +42,7 @@ class FoundValue:
 
 @dataclass(frozen=True, slots=True)
 class UnidentifiedValue:
-    """What the tags cannot tell, what it hides behind, and what would show it."""
+    """A value that the tags cannot determine, what it hides behind, and what would show it."""
 
     name: str
     partner: str

@@ -50,7 +50,7 @@ class ToolPoint:
 
 @dataclass(frozen=True, slots=True)
 class AxesLimits:
-    """What `tool_axes` accepts."""
+    """The limits within which `tool_axes` accepts."""
 
     min_move_m: float = 0.1  # shortest move
     turn_rad: float = math.radians(0.1)  # largest turn of the flange between poses

@@ -53,7 +53,7 @@ def maker_priors() -> Priors:
 
 @dataclass(frozen=True, slots=True)
 class ArmTask:
-    """What is fitted: which arm, seen by what, and what is known beforehand."""
+    """The task of a fit: which arm, which observations, and what is known beforehand."""
 
     model: str
     kind: str  # length | point

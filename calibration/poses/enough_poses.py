@@ -21,7 +21,7 @@ _ENDLESS = 1e6  # repetitions of every candidate
 
 @dataclass(frozen=True, slots=True)
 class AcceptanceLimits:
-    """What must be known how well: standard deviations in SI; ``None`` does not matter.
+    """How well each quantity must be known: standard deviations in SI; ``None`` does not matter.
 
     The margin divides the limits: predictions hold for the sigma that the instrument was said to have, and for
     an arm that the model can describe.

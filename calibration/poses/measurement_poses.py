@@ -35,7 +35,7 @@ PostureFilter = Callable[[Array], NDArray[np.bool_]]
 
 
 class DesignCriterion(StrEnum):
-    """What the chosen poses shall make small."""
+    """The quantity that the chosen poses shall make small."""
 
     DETERMINANT = "determinant"  # volume of the uncertainty of all parameters (D)
     OFFSETS = "offsets"  # mean variance of the joint offsets that can be known (A)

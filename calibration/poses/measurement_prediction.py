@@ -49,7 +49,7 @@ Observe = Callable[[Array], Observations]
 
 @dataclass(frozen=True, slots=True)
 class DesignInstrument:
-    """What a measuring device would say of one pose; values are one standard deviation."""
+    """The deviations of a measuring device's readings at one pose; values are one standard deviation."""
 
     kind: str  # point | pose | length
     sigma_m: float
@@ -79,7 +79,7 @@ class DesignInstrument:
 
 @dataclass(frozen=True, eq=False)
 class MeasurementPrediction:
-    """What would be measured, what is unknown, and the information at hand in units of the design scales."""
+    """The predicted readings, the unknowns, and the information at hand in units of the design scales."""
 
     layout: ParameterLayout
     state: ArmState

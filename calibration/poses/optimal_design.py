@@ -22,7 +22,7 @@ _BOUND_GAP = 2e-3  # of the criterion, where the search for the bound may stop
 
 @dataclass(frozen=True, eq=False)
 class DesignTask:
-    """What is to be chosen from, and what counts.
+    """The candidates of a choice, and its criterion.
 
     Columns are best scaled by the expected sizes of the parameters, so that metres and radians meet on one
     scale; a parameter that no block can see must be carried by ``information``.

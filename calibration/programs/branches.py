@@ -138,7 +138,7 @@ def branch_numbers(zero: AxesAtZero, joints_rad: Array) -> NDArray[np.intp]:
 
 
 class _RemainingMotion:
-    """What is left of a motion when a turn before it is taken back."""
+    """The rest of a motion when a turn before it is taken back."""
 
     def __init__(self, axis: Array, angle: Array) -> None:
         self._axis, self._cos, self._sin = axis, np.cos(angle)[:, None], np.sin(angle)[:, None]

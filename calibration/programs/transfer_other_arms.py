@@ -23,7 +23,7 @@ _POSE = 6
 
 @dataclass(frozen=True, eq=False)
 class OtherArm:
-    """What keeps the posture of an arm that has not six turning joints."""
+    """The posture rules of an arm that has not six turning joints."""
 
     model: RobotModel  # nominal
     held: tuple[int, ...]  # joints (from 0) that stay at their values

@@ -12,7 +12,7 @@ from cellcal.calibration.wires.network import WireBelief, WireEquations, WireMou
 
 @dataclass(frozen=True, eq=False, slots=True)
 class WirePrediction:
-    """What is known of places after the lengths so far, and what each candidate would add."""
+    """The uncertainty of places after the lengths so far, and what each candidate would add."""
 
     covariance: Array  # (3 P, 3 P) of the places asked for [m^2]
     gains: Array  # (C,) by how much a candidate would shrink the trace of the covariance of the first place [m^2]

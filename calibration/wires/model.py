@@ -14,7 +14,7 @@ FRAME_PARAMETERS = 8  # anchor x y z, hook x y z, zero, scale; geometry errors f
 
 @dataclass(frozen=True, slots=True)
 class WirePrior:
-    """What is known before measuring: nominal places, and how far off anything may be (one deviation).
+    """Knowledge before measuring: nominal places, and how far off anything may be (one deviation).
 
     The first group are parameters that a record estimates. The second group is what no parameter describes;
     it enters the covariance of every length, shared between captures whose poses or lengths are alike.

@@ -45,7 +45,7 @@ class WirePlace:
 
 @dataclass(frozen=True, slots=True)
 class WireBelief:
-    """What is known of wire and arm before measuring; ``wire`` gives zero, scale, geometry and disturbances.
+    """Knowledge of wire and arm before measuring; ``wire`` gives zero, scale, geometry and disturbances.
 
     With the sag of the joints among the parameters, what is left of flexing is small: the defaults of
     ``with_certified_scale``.

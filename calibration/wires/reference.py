@@ -27,7 +27,7 @@ _LOG_FACTOR_SIGMA, _MOST_LOG_FACTOR, _FACTOR_STEPS = 0.5, 1.5, 31  # belief in t
 
 @dataclass(frozen=True, slots=True)
 class WireReference:
-    """What the healthy robot's wire lengths say, kept whole: recovery needs the correlations.
+    """The healthy robot's wire lengths as a reference, stored whole: recovery needs the correlations.
 
     The parameter order of ``covariance`` is: anchor x y z [m], hook x y z [m], zero [m], scale [1], then the
     geometry errors row by row: theta, d, a, alpha, beta of each DH row [rad, m], or, for a model without a DH
@@ -232,7 +232,7 @@ def _to_triple(values: Array) -> tuple[float, float, float]:
 
 
 class WirePredictor:
-    """What lengths to expect of the healthy robot at other joints, and how surely.
+    """Predicts lengths of the healthy robot at other joints, with their covariance.
 
     The expectation is the fitted model plus what the record's residuals say about the disturbance nearby; the
     covariance carries the whole posterior of the record, the disturbances that are not shared with it, and

@@ -24,7 +24,7 @@ _Read = Callable[[int, int], Awaitable[bytes]]
 
 @dataclass(frozen=True, slots=True)
 class GaugeOptions:
-    """What the cell file says about this gauge."""
+    """The cell file's options of this gauge."""
 
     serial: int
     range_m: float

@@ -22,7 +22,7 @@ _ALARM_BITS = 8  # the status word's low byte repeats settings, the next one hol
 
 @dataclass(frozen=True, slots=True)
 class EncoderOptions:
-    """What the cell file says about this gauge."""
+    """The cell file's options of this gauge."""
 
     serial: int
     step_m: float

@@ -25,7 +25,7 @@ class ObjectEntry(BaseModel):
 
 
 class ObjectTable(BaseModel):
-    """What a draw-wire of CiA 406 keeps where."""
+    """The addresses of a draw-wire's objects by CiA 406."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 

@@ -32,7 +32,7 @@ _AGAIN = "Read the instrument again; if its unit is another, correct the cell fi
 
 @dataclass(frozen=True, slots=True)
 class InstrumentOptions:
-    """What the cell file says about the instrument."""
+    """The cell file's options of the instrument."""
 
     name: str
     identity: Identity
@@ -44,7 +44,7 @@ class InstrumentOptions:
 
 @dataclass(frozen=True, slots=True)
 class FrameOptions:
-    """What it says of one that measures places."""
+    """The cell file's options of an instrument that measures places."""
 
     station: int
     orientation: str  # a name of cellcal.calibration.orientation; empty for points only
@@ -53,7 +53,7 @@ class FrameOptions:
 
 
 class _Instrument:
-    """What all readings from a file or a person have in common."""
+    """The parts that all readings from a file or a person have in common."""
 
     def __init__(self, rows: RowSource, options: InstrumentOptions) -> None:
         self._rows, self._options = rows, options

@@ -14,7 +14,7 @@ Column = int | str
 
 
 class TextError(ValueError):
-    """What is written has no meaning here; the sentence says where and why."""
+    """The text has no meaning here; the sentence says where and why."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,7 +7,7 @@ from typing import Protocol, runtime_checkable
 
 @dataclass(frozen=True, slots=True)
 class Identity:
-    """Who answers at this address."""
+    """The identity of the device that answers at this address."""
 
     vendor: str
     model: str
@@ -26,7 +26,7 @@ class Readiness(StrEnum):
 
 
 class AlarmKind(StrEnum):
-    """What an alarm says about the position; every driver tells it of its maker's codes."""
+    """The meaning of an alarm for the position; every driver maps its maker's codes to it."""
 
     TURNS = "turns"  # the turns of a motor are lost, or its count is not the one from before
     ENCODER = "encoder"  # an encoder or its cable fails; whether the position is lost shows when it is mended

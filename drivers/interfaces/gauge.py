@@ -8,7 +8,7 @@ from cellcal.drivers.interfaces.device import Device
 
 @dataclass(frozen=True, slots=True)
 class GaugeCapabilities:
-    """What a length gauge can do."""
+    """The capabilities of a length gauge."""
 
     range_m: float
     resolution_m: float

@@ -25,7 +25,7 @@ class Question:
 
 @dataclass(frozen=True, slots=True)
 class Answer:
-    """What a person said, and who."""
+    """An answer, and the person who gave it."""
 
     who: str
     value: str = "yes"

@@ -8,7 +8,7 @@ from cellcal.drivers.interfaces.device import Device
 
 @dataclass(frozen=True, slots=True)
 class ProbeCapabilities:
-    """What a touch probe can do. The delay leads from the touch to the closed contact in the image."""
+    """The capabilities of a touch probe. The delay leads from the touch to the closed contact in the image."""
 
     tip_radius_m: float
     pretravel_m: float  # how far the tip gives way before its contact closes

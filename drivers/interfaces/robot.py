@@ -34,7 +34,7 @@ class PositionCure(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class RobotCapabilities:
-    """What this robot can do; a procedure's needs are compared with this before it is offered."""
+    """The capabilities of a robot; a procedure's needs are compared with them before it is offered."""
 
     axes: int
     moves_joints: bool = True
@@ -161,7 +161,7 @@ class UserFrameStore(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class ActiveFrames:
-    """What the controller works with at one moment; None is what it does not tell."""
+    """The tool and frame that the controller uses at one moment; None where it does not tell."""
 
     tool_number: int | None = None  # None also where tools have no numbers
     flange_tool: Pose | None = None  # the active tool itself, seen from the flange

@@ -9,7 +9,7 @@ from cellcal.drivers.interfaces.device import Device
 
 @dataclass(frozen=True, slots=True)
 class TrackerCapabilities:
-    """What a device that measures places can do."""
+    """The capabilities of a device that measures places."""
 
     measures_poses: bool
     range_m: float  # farthest target it is used for

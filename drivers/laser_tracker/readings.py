@@ -21,7 +21,7 @@ _AGAIN = "Let the arm come to rest, clear the line of sight, then measure again.
 
 @dataclass(frozen=True, slots=True)
 class TrackerLimits:
-    """What is known of this tracker, and what is believed of it."""
+    """The known limits of this tracker, and the deviations assumed for it."""
 
     range_m: float
     sigma_m: float

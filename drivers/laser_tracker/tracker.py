@@ -51,7 +51,7 @@ _NEW_STATION = (
 
 @dataclass(frozen=True, slots=True)
 class TrackerOptions:
-    """What the cell file says about this tracker."""
+    """The cell file's options of this tracker."""
 
     serial: int
     station: int

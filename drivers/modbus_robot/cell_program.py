@@ -51,7 +51,7 @@ class RequestPhase(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class ProgramState:
-    """What the program says of itself, from one telegram."""
+    """The state that the program reports, from one telegram."""
 
     answered: int
     phase: int

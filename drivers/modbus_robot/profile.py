@@ -28,7 +28,7 @@ class ProfileLimits(_ProfileTable):
 
 
 class ProfileAbilities(_ProfileTable):
-    """What the controller's document does not offer is false."""
+    """The abilities that the controller's document offers; the others are false."""
 
     jogs_single_axes: bool = True  # also one that is not mastered
     writes_mastering: bool = True  # and makes it effective

@@ -25,7 +25,7 @@ _WORDS_PER_VALUE = {"float32": 2, "int32": 2, "int16": 1, "text": 1}
 
 
 class RegisterAccess(StrEnum):
-    """Who may write a register."""
+    """The writers that a register allows."""
 
     READ = "read"
     WRITE = "write"

@@ -54,7 +54,7 @@ _RESET_NEEDS_MORE = (2, 6, 11)  # reasons after which condition() says what is s
 
 @dataclass(frozen=True, slots=True)
 class ModbusMotionOptions:
-    """What the cell file says about motion."""
+    """The cell file's options of motion."""
 
     deadline_s: float
     speed_limit_rad_s: float

@@ -71,7 +71,7 @@ _Choice = Callable[[RobotNodes], Sequence[ua.NodeId]]
 
 @dataclass(frozen=True, slots=True)
 class OpcUaOptions:
-    """What the cell file says about the robot."""
+    """The cell file's options of the robot."""
 
     serial: str
     motion_device: str

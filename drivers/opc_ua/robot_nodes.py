@@ -22,7 +22,7 @@ PLATE = ("Manufacturer", "Model", "ProductCode", "SerialNumber")
 
 @dataclass(frozen=True, slots=True)
 class RobotSelection:
-    """What the cell file says about which nodes are meant."""
+    """The cell file's selection of the robot's nodes."""
 
     motion_device: str
     axes: tuple[str, ...]

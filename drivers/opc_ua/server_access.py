@@ -23,7 +23,7 @@ class CertificateFiles:
 
 @dataclass(frozen=True, slots=True)
 class ServerAccess:
-    """What the cell file says about access; no files: a channel that is not encrypted."""
+    """The cell file's options of access; no files: a channel that is not encrypted."""
 
     user: str = ""
     password: str = ""

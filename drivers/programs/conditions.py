@@ -6,7 +6,7 @@ from enum import Enum, StrEnum, auto
 
 
 class AxisUnit(StrEnum):
-    """What a file writes the values of an external axis in."""
+    """The unit in which a file writes the values of an external axis."""
 
     MILLIMETRES = "mm"
     DEGREES = "deg"
@@ -25,7 +25,7 @@ class ExternalColumn:
 
 
 class ProjectNeed(Enum):
-    """What a project must state before a position may be changed."""
+    """A statement that a project must make before a position may be changed."""
 
     LEADER = auto()  # of a motion that another group leads: a coordinated positioner
     MOVED_FRAME = auto()  # of a frame that an axis moves: a coordinated positioner that carries it

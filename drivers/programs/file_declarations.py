@@ -31,7 +31,7 @@ class MoveFrames(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class RoutineEffects:
-    """What a routine that other files may call sets, and what it calls."""
+    """The variables that a routine sets which other files may call, and the routines that it calls."""
 
     tools: frozenset[str] = frozenset()
     frames: frozenset[str] = frozenset()
@@ -75,7 +75,7 @@ class BatchReasons(dict[str, str]):
 
 @dataclass(frozen=True, slots=True)
 class FileDeclarations:
-    """What one file says that counts for others; all names in the language's one case."""
+    """The declarations of one file that count for others; all names in the language's one case."""
 
     module: str
     declares: Mapping[str, bool] = field(default_factory=dict)  # names, and whether other modules see them
@@ -118,7 +118,7 @@ class FindDeclarations(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class ExternalUses:
-    """What the files of a batch declare and do that counts for one of them."""
+    """The declarations and actions of a batch's files that count for one of them."""
 
     uses: Mapping[str, Sequence[tuple[MoveFrames, str]]]  # by declared name; the file that uses it
     doubtful: BatchReasons

@@ -79,7 +79,7 @@ class RoutineCall(NamedTuple):
 
 
 class RoutineTargets(NamedTuple):
-    """What a routine does to places that it gets as parameters."""
+    """The use that a routine makes of places that it gets as parameters."""
 
     parameters: tuple[RoutineParameter, ...]
     uses: Mapping[str, frozenset[ParameterUse]]  # of its moves, by parameter

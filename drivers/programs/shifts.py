@@ -22,7 +22,7 @@ NO_TURN: Quaternion = (1.0, 0.0, 0.0, 0.0)
 
 
 class ShiftAxes(StrEnum):
-    """What the axes of a shift belong to."""
+    """The frame to which the axes of a shift belong."""
 
     USER_FRAME = "user_frame"
     BASE = "base"

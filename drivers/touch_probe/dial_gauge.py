@@ -12,7 +12,7 @@ from cellcal.drivers.wire.deadline import answer_deadline
 
 @dataclass(frozen=True, slots=True)
 class DialOptions:
-    """What the cell file says about this gauge."""
+    """The cell file's options of this gauge."""
 
     range_m: float
     sigma_m: float

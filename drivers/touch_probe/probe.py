@@ -17,7 +17,7 @@ _WORDS_KEPT = 64
 
 @dataclass(frozen=True, slots=True)
 class ProbeOptions:
-    """What the cell file says about watching this probe."""
+    """The cell file's options of watching this probe."""
 
     deadline_s: float
     poll_s: float
@@ -30,7 +30,7 @@ class ProbeOptions:
 
 @dataclass(slots=True)
 class _TouchWatch:
-    """What has been seen of one touch so far."""
+    """The observations of one touch so far."""
 
     open_asked_s: float  # of the last image before the first closed one
     first_closed_s: float = math.inf

@@ -67,7 +67,7 @@ class ArmType:
 
 @dataclass(frozen=True, slots=True)
 class ReportedArm:
-    """What a controller says about its arm."""
+    """The arm as its controller reports it."""
 
     version: ControllerVersion
     type_code: int  # of the primary interface

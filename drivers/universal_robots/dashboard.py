@@ -21,7 +21,7 @@ _ASK_TO_REPORT = "Report this with the controller's version; nothing in the cell
 
 
 class UrDashboard:
-    """What we ask of the dashboard, and no more: it could also release brakes and clear stops."""
+    """The dashboard commands that are used, and no more: it could also release brakes and clear stops."""
 
     def __init__(self, device: str, address: str, *, deadline_s: float) -> None:
         self._device, self._address, self._deadline_s = device, address, deadline_s

@@ -42,7 +42,7 @@ READ_ONLY_CAPABILITIES = RobotCapabilities(
 
 @dataclass(frozen=True, slots=True)
 class UrMotionOptions:
-    """What the cell file says about motion."""
+    """The cell file's options of motion."""
 
     deadline_s: float
     speed_limit_rad_s: float

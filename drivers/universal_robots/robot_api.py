@@ -30,7 +30,7 @@ _SWITCHED_ON = (
 
 
 class RobotApiClient:
-    """What we ask of the Robot API, and no more: it could also switch power and clear stops."""
+    """The Robot API requests that are used, and no more: it could also switch power and clear stops."""
 
     def __init__(self, device: str, address: str, port: int, *, deadline_s: float) -> None:
         self._device, self._address, self._deadline_s = device, address, deadline_s

@@ -27,7 +27,7 @@ class MessageType(IntEnum):
 
 
 class RuntimeState(IntEnum):
-    """What the controller's program does."""
+    """The state of the controller's program."""
 
     STOPPING = 0
     STOPPED = 1

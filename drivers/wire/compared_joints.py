@@ -17,7 +17,7 @@ _TRIES = 3  # readings of the other link until the arm stood through one
 
 @dataclass(frozen=True, slots=True)
 class JointComparison:
-    """What both links say of an arm, and how the stream comes."""
+    """The comparison of both links' joints, and the state of the stream."""
 
     difference_rad: float | None  # largest of all axes; None: the arm moves
     rate_hz: float

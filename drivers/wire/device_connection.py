@@ -6,7 +6,7 @@ from typing import Protocol
 
 
 class ConnectedDevice(Protocol):
-    """What the connection of a device is opened and closed by."""
+    """The context that opens and closes a device's connection."""
 
     async def connect(self) -> None: ...
     async def close(self) -> None: ...

@@ -34,7 +34,7 @@ Address = tuple[str, int]
 
 @dataclass(frozen=True, slots=True)
 class StreamPacket:
-    """What one datagram says."""
+    """The contents of one datagram."""
 
     sequence: int  # rises with every packet
     sent_at_s: float | None  # the controller's clock; None where it sends none that surely keeps time
@@ -43,7 +43,7 @@ class StreamPacket:
 
 @dataclass(frozen=True, slots=True)
 class StreamReading:
-    """What the packets of a short time say together."""
+    """The reading that the packets of a short time give together."""
 
     joints_rad: Joints  # their mean
     is_still: bool  # no joint moved in this time by more than the limit

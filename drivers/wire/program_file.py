@@ -8,7 +8,7 @@ Way = tuple[tuple[float, ...], ...]
 
 @dataclass(frozen=True, slots=True)
 class ProgramHeader:
-    """What the head of a program says: its name, the token of its moves, for whom it is, and what it is not."""
+    """The head of a program: its name, the token of its moves, for whom it is, and what it is not."""
 
     name: str
     token: str

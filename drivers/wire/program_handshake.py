@@ -17,7 +17,7 @@ _POLLS_AT_STOP = 100
 
 
 class ProgramState(IntEnum):
-    """What the program does."""
+    """The state of the program."""
 
     OFF = 0
     WAITING = 1

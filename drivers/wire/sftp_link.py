@@ -21,7 +21,7 @@ _CHECK = "Check the address, the cable, and that SSH is enabled in the controlle
 
 @dataclass(frozen=True, slots=True)
 class SshLogin:
-    """Who asks, and which SSH keys the controller may show: fingerprints such as ``SHA256:…``, any of them."""
+    """The user, and which SSH keys the controller may show: fingerprints such as ``SHA256:…``, any of them."""
 
     user: str
     password: str

@@ -31,7 +31,7 @@ IsFinished = Callable[[], Awaitable[bool]]
 
 @dataclass(frozen=True, slots=True)
 class StepwiseOptions:
-    """What the cell file says about motion."""
+    """The cell file's options of motion."""
 
     axes: int
     deadline_s: float

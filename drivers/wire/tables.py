@@ -8,7 +8,7 @@ from importlib.resources import files
 
 @dataclass(frozen=True, slots=True)
 class CodeEntry:
-    """What one code means: ``kind`` says which error it becomes, the rest is for people."""
+    """The meaning of one code: ``kind`` says which error it becomes, the rest is for people."""
 
     code: int
     kind: str

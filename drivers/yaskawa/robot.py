@@ -58,7 +58,7 @@ CAPABILITIES = RobotCapabilities(
 
 @dataclass(frozen=True, slots=True)
 class YaskawaOptions:
-    """What the cell file says about the robot and its motion."""
+    """The cell file's options of the robot and its motion."""
 
     controller_type: str
     serial: str

@@ -46,7 +46,7 @@ _DEVICES = frozenset(("md:", "fr:", "mc:", "mdb:"))
 
 @dataclass
 class FtpFaults:
-    """What goes wrong on the link, until it is set back."""
+    """Faults of the link that last until they are reset."""
 
     refuses_login: bool = False
     wants_password: bool = False  # answers USER with 331

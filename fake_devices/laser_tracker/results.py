@@ -29,7 +29,7 @@ _PROBE_WORDS = (0, 0x01 | 0x3 << 13, 1, 1, 0, 1, 0)  # trigger, turn valid and w
 
 @dataclass
 class EmsconSettings:
-    """What a client can set; as the server starts with it."""
+    """The settings that a client can change, as the server starts with them."""
 
     units: tuple[int, ...] = (1, 1, 0, 1, 0)  # millimetre, degree, Celsius, hPa, per cent
     axes: int = 6  # spherical, clockwise

@@ -32,7 +32,7 @@ FIRST_TOOL = (12.5, -3.0, 118.0, 0.0, -15.0, 30.0)
 
 
 class ModbusRobotController:
-    """What runs in the cabinet. Computed on request; ``catch_up`` catches up with time."""
+    """The programs and values of the cabinet. Computed on request; ``catch_up`` catches up with time."""
 
     def __init__(
         self,

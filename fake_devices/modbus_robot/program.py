@@ -67,7 +67,7 @@ class ProgramRefusalError(Exception):
 
 
 class Firmware(Protocol):
-    """What the program needs of the controller."""
+    """The controller's functions that the program needs."""
 
     arm: SimulatedArm
     override_percent: int

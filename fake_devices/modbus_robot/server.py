@@ -51,7 +51,7 @@ KINDS: dict[str, dict[str, Any]] = {
 
 
 class HoldingRegisters(Protocol):
-    """What the server serves."""
+    """The registers that the server serves."""
 
     def read(self, address: int, count: int) -> list[int]: ...
     def write(self, address: int, values: list[int]) -> None: ...

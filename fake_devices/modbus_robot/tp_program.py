@@ -42,7 +42,7 @@ _DECELERATION = 8.0
 
 
 class TpFirmware(Protocol):
-    """What the programs need of the controller."""
+    """The controller's functions that the programs need."""
 
     arm: SimulatedArm
     override_percent: int

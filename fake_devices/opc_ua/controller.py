@@ -22,7 +22,7 @@ _BRAKING_RAD_S2 = 4.0
 
 @dataclass(frozen=True)
 class NamePlate:
-    """What is written on the arm."""
+    """The data on the arm's plate."""
 
     manufacturer: str = "Example Robotics"
     model: str = "ER-16"

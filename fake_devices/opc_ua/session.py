@@ -34,7 +34,7 @@ _ANONYMOUS, _BY_NAME = "anonymous", "user"
 
 @dataclass
 class ServerState:
-    """What all connections of one server share; a restart makes it anew."""
+    """The state that all connections of one server share; a restart makes it anew."""
 
     table: NodeTable
     endpoint: str

@@ -41,7 +41,7 @@ _DIAL_KINDS: dict[str, dict[str, Any]] = {
 
 
 class IoDevice:
-    """What probe and dial have in common: a place on a rail."""
+    """The parts that probe and dial have in common: a place on a rail."""
 
     def __init__(self, world: World, table: Mapping[str, Any], kinds: Mapping[str, dict[str, Any]]) -> None:
         self._name, self._world = str(table["name"]), world

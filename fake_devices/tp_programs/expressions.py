@@ -31,7 +31,7 @@ class TpSyntaxError(ValueError):
 
 
 class TpState(Protocol):
-    """What expressions ask the controller for."""
+    """The controller's state that expressions read."""
 
     def read_item(self, kind: str, number: int, element: int) -> Value: ...
     def read_system(self, name: str) -> Value: ...

@@ -34,7 +34,7 @@ _MOST_LINES = 10_000  # without waiting: a program that loops for ever
 
 
 class TaskStatus(Enum):
-    """What a task does."""
+    """The state of a task."""
 
     RUNNING = "running"
     PAUSED = "paused"

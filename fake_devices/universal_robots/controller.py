@@ -31,7 +31,7 @@ _HISTORY_STEPS = 200
 
 
 class ArmPort(Protocol):
-    """What the controller needs of the arm it drives."""
+    """The arm's functions that the controller needs."""
 
     known_dh: NDArray[np.float64]  # (6, 5): what this controller's factory calibration says
     nominal_dh: NDArray[np.float64]

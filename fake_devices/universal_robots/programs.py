@@ -34,7 +34,7 @@ class Waypoint:
 
 @dataclass(frozen=True)
 class ParsedProgram:
-    """What was understood of a text."""
+    """The statements that were understood of a text."""
 
     name: str
     is_control_script: bool

@@ -36,7 +36,7 @@ JsonReply = tuple[int, dict[str, Any]]
 
 
 class RobotApi:
-    """What is answered to a request; all connections share it."""
+    """The answers to requests; all connections share it."""
 
     def __init__(self, controller: UrController) -> None:
         self._c = controller

@@ -82,7 +82,7 @@ Getter = Callable[[], Any]
 
 @dataclass(frozen=True)
 class OutputRecipe:
-    """What one client wants to read, and how often."""
+    """The values that one client wants to read, and how often."""
 
     kinds: tuple[str, ...]
     getters: tuple[Getter, ...]
@@ -118,7 +118,7 @@ class DataPacker:
 
 @dataclass(frozen=True)
 class InputRecipe:
-    """What one client writes with one data package."""
+    """The values that one client writes with one data package."""
 
     names: tuple[str, ...]
     kinds: tuple[str, ...]

@@ -37,7 +37,7 @@ NOT_FOUND, IN_USE = "NOT_FOUND", "IN_USE"
 
 
 class RtdeServer:
-    """What all RTDE clients share."""
+    """The state that all RTDE clients share."""
 
     def __init__(self, controller: UrController) -> None:
         self.controller = controller

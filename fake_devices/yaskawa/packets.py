@@ -31,7 +31,7 @@ class CommandRefusal(Exception):  # noqa: N818 - an answer, no fault of the prog
 
 @dataclass(frozen=True)
 class HostRequest:
-    """What a host asks."""
+    """A request of a host."""
 
     division: int
     confirms: bool  # an acknowledgement of a block

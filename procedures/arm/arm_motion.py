@@ -36,7 +36,7 @@ _HUBS, _WORTH_A_HUB = 8, 0.1  # and the share of what is left that a hub must se
 
 @dataclass(frozen=True, slots=True)
 class MotionSpace:
-    """What limits the motion of one series; hashable, so that a way is looked at once."""
+    """The limits of the motion of one series; hashable, so that a way is checked once."""
 
     model: str
     target_in_flange_m: Triple

@@ -50,7 +50,7 @@ LEVEL: dict[str, int] = {"offsets": OFFSETS, "geometry": GEOMETRY, "sag": GRAVIT
 
 @dataclass(frozen=True, slots=True)
 class SeriesGoal:
-    """What must be known how well before a series ends. ``None`` does not matter."""
+    """How well each quantity must be known before a series ends. ``None`` does not matter."""
 
     tip_u_m: float | None  # U (k = 2) of the target over the work, RMS
     offset_sigma_rad: float | None  # acceptance angular standard deviation
@@ -120,7 +120,7 @@ class CalibrationSeries:
 
 @dataclass(frozen=True, slots=True)
 class SeriesProgress:
-    """What was captured, which captures were taken again, and where the robot is."""
+    """The captures so far, which of them were taken again, and where the robot is."""
 
     captures: tuple[ArmCapture, ...]
     retaken: tuple[int, ...]

@@ -49,7 +49,7 @@ class JointOffset:
 
 @dataclass(frozen=True, slots=True)
 class HiddenParameter:
-    """What these readings cannot tell."""
+    """A parameter that these readings cannot determine."""
 
     parameter: str
     partner: str

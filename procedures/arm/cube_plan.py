@@ -35,7 +35,7 @@ _CENTRES = 12
 
 
 class CubeRules(Protocol):
-    """What a plan is made by."""
+    """The rules of a plan."""
 
     @property
     def centre_m(self) -> Triple | None: ...

@@ -35,7 +35,7 @@ NEXT = {
 
 @dataclass(frozen=True, slots=True)
 class DriftCaptures:
-    """What was measured so far, at which poses of the reference."""
+    """The measurements so far, and at which poses of the reference."""
 
     reference: DriftReference
     poses: tuple[int, ...]
@@ -55,7 +55,7 @@ class DriftCaptures:
 
 @dataclass(frozen=True, slots=True)
 class DriftAssessment:
-    """What the poses measured so far say, and which further one would decide; -1 for none."""
+    """The assessment of the poses measured so far, and which further one would decide; -1 for none."""
 
     finding: DriftFinding
     decided: bool

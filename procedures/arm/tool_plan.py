@@ -79,7 +79,7 @@ class PointPlan:
 
 @dataclass(frozen=True, slots=True)
 class ToolPlan:
-    """What is expected of the points."""
+    """The expected deviations of the points."""
 
     points: tuple[PointPlan, ...]
     captures: tuple[int, ...]  # expected at each

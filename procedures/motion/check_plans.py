@@ -32,7 +32,7 @@ _CHOICES_TRIED = 8
 
 @dataclass(frozen=True, slots=True)
 class CheckContext:
-    """What a recovery knows when it plans its checks."""
+    """The facts that a recovery has when it plans its checks."""
 
     here_rad: Joints
     visited: tuple[Joints, ...]

@@ -17,7 +17,7 @@ READ_PAUSE_S = 0.005
 
 @dataclass(slots=True)
 class GuardedTravel:
-    """What was seen on the way."""
+    """The observations along a guarded way."""
 
     readings: list[TimedJoints] = field(default_factory=list)
     edge: ContactEdge | None = None

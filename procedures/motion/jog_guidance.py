@@ -14,7 +14,7 @@ WRONG_WAY_RAD = math.radians(0.3)
 
 
 class Advice(StrEnum):
-    """What the person should do now."""
+    """The next action for the person."""
 
     TURN = "turn"
     SLOW = "slow"

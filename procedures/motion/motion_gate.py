@@ -51,7 +51,7 @@ class OffTargetError(ProcedureError):
 
 
 class MotionCare(Enum):
-    """What a way has to keep, besides limits and the arm's distance from itself."""
+    """The distances that a way must keep, besides limits and the arm's distance from itself."""
 
     FREE = "free"  # distances to what stands in the cell
     WIRED = "wired"  # and the draw-wire, hung where the cell file says

@@ -34,7 +34,7 @@ Triple = tuple[float, float, float]
 
 @dataclass(frozen=True, slots=True)
 class MotionBounds:
-    """What motion must keep to, and how far a lost robot may be from where it seems to be."""
+    """The bounds of motion, and how far a lost robot may be from where it seems to be."""
 
     lost_turns: Annotated[
         int,

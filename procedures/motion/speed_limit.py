@@ -16,7 +16,7 @@ _MARGIN = 1.02  # a way is looked at in samples, and gone from where the arm rea
 
 @dataclass(frozen=True, slots=True)
 class SpeedLimit:
-    """What no leg of a series exceeds; hashable, so that a leg is looked at once."""
+    """The speed limit of every leg of a series; hashable, so that a leg is checked once."""
 
     model: str
     tip_in_flange_m: tuple[float, float, float]

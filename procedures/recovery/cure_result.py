@@ -35,7 +35,7 @@ class AxisProof:
 
 @dataclass(frozen=True, slots=True)
 class PositionCureResult:
-    """What was done at the pendant, and what the lengths prove of it."""
+    """The actions at the pendant, and what the lengths prove of them."""
 
     cure: PositionCure
     axes: tuple[AxisProof, ...]

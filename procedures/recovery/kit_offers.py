@@ -62,7 +62,7 @@ class KitOffer:
 
 @dataclass(frozen=True, slots=True)
 class KitOffers:
-    """What this cell could record, the smallest error first, and what is missing for the rest."""
+    """The kits that this cell could record, the smallest error first, and what is missing for the rest."""
 
     offers: tuple[KitOffer, ...]
     missing: tuple[str, ...]

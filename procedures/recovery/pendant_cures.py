@@ -55,7 +55,7 @@ class AxisCure:
 
 @dataclass(frozen=True, slots=True)
 class CuredAxis:
-    """What the controller showed of an axis after a person had worked at it, and how often that took a yes."""
+    """The controller's values of an axis after a person had worked at it, and how often that took a yes."""
 
     axis: int
     tries: int

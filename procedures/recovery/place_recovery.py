@@ -43,7 +43,7 @@ OLD_RECORD = (
 
 @dataclass
 class _PlaceVisits:
-    """What was found so far; rebuilt from the findings on every entry."""
+    """The visits so far; rebuilt from the findings on every entry."""
 
     run: Run
     spec: MasteringRecoverySpec

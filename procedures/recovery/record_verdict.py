@@ -20,7 +20,7 @@ from cellcal.procedures.verdict import ProcedureVerdict, SetAside, state_evidenc
 
 @dataclass(frozen=True, slots=True)
 class RecoveryProspect:
-    """What a recovery could reach with this record."""
+    """The predicted result of a recovery with this record."""
 
     success_probability: float
     sigma_turns: tuple[float, ...]

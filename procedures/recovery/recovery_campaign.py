@@ -50,7 +50,7 @@ DOUBT_SIGMAS = 2.0  # a motor this far from a whole turn may be a new one: worth
 
 @dataclass
 class RecoveryCampaign:
-    """What is known so far; rebuilt from the findings on every entry."""
+    """The captures and decisions so far; rebuilt from the findings on every entry."""
 
     run: Run
     spec: MasteringRecoverySpec

@@ -113,7 +113,7 @@ class KitSpec:
 
 @dataclass(frozen=True, slots=True)
 class KitProspect:
-    """What a recovery could reach by visiting the best places of the kit again, and checking at the others."""
+    """The predicted result of visiting the best places of the kit again, and checking at the others."""
 
     success_probability: float
     sigma_turns: tuple[float, ...]

@@ -74,7 +74,7 @@ def widest_u_rad(recovery: TurnRecovery) -> float:
 
 @dataclass(frozen=True, slots=True)
 class RecoveryEffort:
-    """What a recovery cost."""
+    """The effort of a recovery."""
 
     captures: int
     check_captures: int

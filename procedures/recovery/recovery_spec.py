@@ -29,7 +29,7 @@ HAND_CHECKS, HAND_FINALS = 2, 1  # captures, where a person jogs
 
 @dataclass(frozen=True, slots=True)
 class MasteringRecoverySpec:
-    """What is known of the time before the loss, and how much may be measured."""
+    """Facts about the time before the loss, and how much may be measured."""
 
     evidence: Annotated[Literal["wire", "places"], EVIDENCE] = "wire"
     last_counts: Annotated[

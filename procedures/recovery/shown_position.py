@@ -12,7 +12,7 @@ from cellcal.procedures.run import NeedsUnmetError, RefusalError
 
 @dataclass(frozen=True, slots=True)
 class AxisState:
-    """What the controller says of the position at one moment."""
+    """The position data of an axis that the controller reports at one moment."""
 
     lost_axes: tuple[int, ...]  # 0-based; empty also where a loss is shown and no axis is named
     is_lost: bool

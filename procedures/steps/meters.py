@@ -41,7 +41,7 @@ class MeterFigure:
 
 @dataclass(frozen=True, slots=True)
 class MeterReading:
-    """What the meter says: ``refusal`` is the key of why nothing may be recorded here, empty where it may."""
+    """The meter's reading: ``refusal`` is the key of why nothing may be recorded here, empty where it may."""
 
     refusal: str = ""
     words: str = ""

@@ -42,7 +42,7 @@ class BasesResult:
 
 @dataclass(frozen=True, slots=True)
 class AlignmentsFound:
-    """What is stored about a fixture, and the mastering of the robot that is connected."""
+    """The stored alignments of a fixture, and the mastering of the robot that is connected."""
 
     alignments: tuple[Alignment, ...]
     connected_serial: str

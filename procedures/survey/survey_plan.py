@@ -27,7 +27,7 @@ from cellcal.procedures.survey.survey_motion import (
 
 @dataclass(frozen=True, slots=True)
 class SpotLayout:
-    """What is sought and where the wire goes: exits and hooks with the wire's home first, and a wire a spot."""
+    """The unknown spots and the ways of the wire: exits and hooks with the wire's home first, and a wire a spot."""
 
     goal: SurveyGoal
     exits: tuple[WirePlace, ...]

@@ -62,7 +62,7 @@ SPARE = sum(LEAST.values()) + 1  # so many touches, and one can be compared
 
 @dataclass(frozen=True, slots=True)
 class CornerGoal:
-    """What is asked for, k = 2, and what no touch lessens."""
+    """The uncertainty that is asked for, k = 2, and the part that no touch lessens."""
 
     origin_u_m: float
     angle_u_rad: float

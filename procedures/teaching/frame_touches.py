@@ -94,7 +94,7 @@ class FrameTouches:
 
 @dataclass(frozen=True, slots=True)
 class FrameEffort:
-    """What the frame took, and what it would have taken otherwise. U with k = 2."""
+    """The touches that the frame took, and what it would have taken otherwise. U with k = 2."""
 
     touches: int
     in_turn: int  # touches for the goal, were the three points touched in turn
@@ -198,7 +198,7 @@ def construct_frame(rules: FrameRules, points: Sequence[FrameTouch], above: Pose
 
 @dataclass(slots=True)
 class _TouchSeries:
-    """What was touched so far."""
+    """The touches so far."""
 
     rules: FrameRules
     points: list[FrameTouch]

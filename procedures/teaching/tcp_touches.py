@@ -49,7 +49,7 @@ class TouchRules:
 
 @dataclass(frozen=True, slots=True)
 class TouchDecision:
-    """What the touches so far say, and what to do next."""
+    """The decision from the touches so far, and the next action."""
 
     do: Literal["touch", "anew", "enough", "wrong"]
     touch: int  # counted from 0

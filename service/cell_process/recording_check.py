@@ -82,7 +82,7 @@ class ObservedMotion:
 
 @dataclass(slots=True)
 class RecordingCheck:
-    """What is in the way of recording, for the prompt that is open."""
+    """The obstacles to recording, for the prompt that is open."""
 
     prompt_id: str = ""
     why: str = ""  # a key for translations; empty: go on

@@ -15,7 +15,7 @@ from cellcal.service.session_documents import GuidanceDocument, PromptDocument
 
 @dataclass(frozen=True, slots=True)
 class Prompt:
-    """What is asked just now. ``id`` names this very asking: an answer to another one does not count."""
+    """The question that is asked just now. ``id`` names this very asking: an answer to another one does not count."""
 
     id: str
     kind: str  # confirm, enter

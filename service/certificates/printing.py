@@ -29,7 +29,7 @@ class PrintingError(CellError):
 
 @dataclass(frozen=True, slots=True)
 class PrintedFiles:
-    """What lies beside a certificate; None for what could not be made, with the reason."""
+    """The files beside a certificate; None for what could not be made, with the reason."""
 
     html_path: Path | None
     pdf_path: Path | None

@@ -20,7 +20,7 @@ Json = Annotated[
 @Parameter(name="*")
 @dataclass(frozen=True)
 class LoginOptions:
-    """Who asks the controller."""
+    """The user that the controller knows."""
 
     user: Annotated[str, Parameter(name="--user")] = ""
     """User of the controller; the maker's default when none is given."""
@@ -37,7 +37,7 @@ class LoginOptions:
 @Parameter(name="*")
 @dataclass(frozen=True)
 class ApprovalOptions:
-    """Who approves."""
+    """The person who approves."""
 
     approved_by: Annotated[str, Parameter(name="--approved-by")]
     """The engineer who approves; the PIN is asked for."""

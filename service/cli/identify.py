@@ -200,7 +200,7 @@ def _identify_on_all_processors(
 
 @dataclass(frozen=True, slots=True)
 class _ReportViews:
-    """What is shown beside the report."""
+    """The views shown beside the report."""
 
     plot: Path | None
     at: "AtOptions | None"

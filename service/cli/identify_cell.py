@@ -28,7 +28,7 @@ _WHY_NOT = {
 
 @dataclass(frozen=True, slots=True)
 class CellCommand:
-    """What was asked for, beside the options of the fit."""
+    """The command's arguments, beside the options of the fit."""
 
     measurements: Path
     layout: Path

@@ -49,7 +49,7 @@ _USUAL = FtpOptions()
 @Parameter(name="*")
 @dataclass(frozen=True, slots=True)
 class RobotIdentity:
-    """What the files may leave open about a robot."""
+    """Facts about a robot that the files may leave open."""
 
     group: Annotated[
         int | None, Parameter(name="--group", help="Motion group, where not every one shall have a record.")

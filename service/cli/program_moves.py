@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 class MoveError(CellError):
-    """What was said does not tell how the work moved."""
+    """The arguments do not tell how the work moved."""
 
     code = "usage"
 

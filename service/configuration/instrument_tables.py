@@ -19,7 +19,7 @@ class StrictTable(BaseModel):
 
 
 class InstrumentCertificate(StrictTable):
-    """Who calibrated an instrument, and until when that holds. Without it no traceability is claimed."""
+    """The laboratory that calibrated an instrument, and how long that holds. Else no traceability is claimed."""
 
     number: str = Field(min_length=1, max_length=64)
     laboratory: str = Field(min_length=1, max_length=120)

@@ -17,7 +17,7 @@ MOTION_KEYS = ("motion", "space", "active")  # of [[robot]]; no driver knows the
 
 @dataclass(frozen=True)
 class RobotMotion:
-    """Who moves a robot, and what is known of the shapes of its arm and cell."""
+    """The way in which a robot is moved, and what is known of the shapes of its arm and cell."""
 
     level: MotionLevel = MotionLevel.OBSERVE
     surroundings: Surroundings = NOTHING_KNOWN

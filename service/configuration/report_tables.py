@@ -29,7 +29,7 @@ class WebhookTable(_ReportTable):
 
 @dataclass(frozen=True)
 class ReportTables:
-    """What other programs are told."""
+    """The options of reports to other programs."""
 
     metrics: MetricsTable | None = None
     webhook: WebhookTable | None = None

@@ -63,7 +63,7 @@ class DemoScenario:
 
 @dataclass(frozen=True, slots=True)
 class _DemoOutcome:
-    """What happened, and the world's truth before and after."""
+    """The events, and the world's truth before and after."""
 
     loss: PositionLoss
     outcome: RunOutcome

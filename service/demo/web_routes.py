@@ -136,7 +136,7 @@ class DemoCellProcessClient(CellProcessClient):
 
 @dataclass(frozen=True)
 class DemoExtension:
-    """What a demo adds to the service: the routes of its buttons, and a line with hands."""
+    """The demo's additions to the service: the routes of its buttons, and a line with hands."""
 
     fake_cell: FakeCellClient
 

@@ -47,7 +47,7 @@ class ArchiveEntry:
 
 @dataclass(frozen=True, slots=True)
 class BackupManifest:
-    """What a backup says of itself, as it was signed."""
+    """The signed contents list of a backup."""
 
     content: Mapping[str, Any]
     entries: Mapping[str, ArchiveEntry]

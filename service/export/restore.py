@@ -32,7 +32,7 @@ _JOURNAL, _CERTIFICATES = "journal.db", "certificates"
 
 @dataclass(frozen=True, slots=True)
 class ProvedBackup:
-    """What a backup was found to hold."""
+    """The proved contents of a backup."""
 
     cell: str
     made_utc: str

@@ -19,7 +19,7 @@ from cellcal.service.people.sessions import CONSOLE, Session, SessionStore
 
 @dataclass(frozen=True, slots=True)
 class Person:
-    """Who sits at a screen.
+    """The person at a screen.
 
     ``role`` counts at this moment: after the screen was left alone it is viewer until the PIN is entered.
     ``alone``: no person is set up, and this computer's console acts as the technician without a PIN.

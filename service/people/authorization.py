@@ -37,7 +37,7 @@ class StaleViewError(PeopleError):
 
 
 class OrderAuthorizer:
-    """What has been approved by a first person, and which answers passed."""
+    """The approvals of first persons, and the answers that passed."""
 
     def __init__(self) -> None:
         self._first = _NONE

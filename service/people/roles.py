@@ -23,7 +23,7 @@ class Role(StrEnum):
 
 
 class Right(StrEnum):
-    """What can be allowed."""
+    """A right that a role may have."""
 
     SEE = "look on"
     STOP = "ask for a stop"
@@ -57,7 +57,7 @@ LIMIT_SETTINGS = frozenset({"limits", "write_anyway"})
 
 @dataclass(frozen=True, slots=True)
 class OrderNeed:
-    """What an order takes: a right; the PIN just entered; for writing, the right to do it alone or two people."""
+    """The needs of an order: a right; the PIN just entered; for writing, the right to do it alone or two people."""
 
     right: Right
     fresh_pin: bool = False

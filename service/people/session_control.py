@@ -25,7 +25,7 @@ class SessionHolder:
 
 @dataclass
 class SessionControl:
-    """Who has it, and who asks for it. ``is_in_charge`` tells whether a seat may still order anything."""
+    """The seat in control, and the one that asks for it. ``is_in_charge``: a seat may still order."""
 
     clock: Callable[[], float] = time.monotonic
     asked_s: float = REQUEST_GRANTED_S

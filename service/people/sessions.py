@@ -31,7 +31,7 @@ class Session:
 
 
 class SessionStore:
-    """All of them, found by the hash of their 256-bit token."""
+    """All sessions, found by the hash of their 256-bit token."""
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
         self._clock = clock

@@ -21,7 +21,7 @@ _PAUSE_S = 0.02
 
 
 class SqlRows(Protocol):
-    """What a statement returns."""
+    """The rows that a statement returns."""
 
     def fetchall(self) -> list[Any]: ...
 

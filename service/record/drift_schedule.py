@@ -62,7 +62,7 @@ def _last_checks(journal: Path) -> Mapping[str, date]:
 
 
 class DriftReminder:
-    """What is due in drift checks, read again now and then: others ask many times a second."""
+    """The drift checks that are due, read again now and then: others ask many times a second."""
 
     EVERY_S = 10.0
 

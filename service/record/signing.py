@@ -46,7 +46,7 @@ class SigningError(CellError):
 
 
 class CheckFinding(StrEnum):
-    """What a check of a signed document ends with."""
+    """The outcome of a check of a signed document."""
 
     INTACT = "intact"
     TAMPERED = "tampered"

@@ -34,7 +34,7 @@ _MAY_START = ("mastering_undo", "mastering_recovery")  # the one moves nothing, 
 
 @dataclass(frozen=True, slots=True)
 class UnconfirmedMastering:
-    """What a run wrote, and what the controller held before it."""
+    """The mastering that a run wrote, and the one in the controller before it."""
 
     of_run: str
     written: MasteringData
@@ -58,7 +58,7 @@ class UnconfirmedMasteringError(ProcedureError):
 
 @dataclass(slots=True)
 class _WritingRun:
-    """What the journal has told so far of one run that writes."""
+    """The journal's events so far of one run that writes."""
 
     events: list[tuple[JournalEvent, dict[str, Any]]] = field(default_factory=list)
     pending: UnconfirmedMastering | None = None

@@ -29,7 +29,7 @@ _REVIEWS = "cellcal.service.review.compute_worker"
 
 
 class ComputeError(CellError):
-    """What was asked could not be computed; the remedy says whether it is worth asking again."""
+    """The computation failed; the remedy says whether it is worth asking again."""
 
     code = "solver"
 

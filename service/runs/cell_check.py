@@ -33,7 +33,7 @@ _FIRST_SCREEN = (
 
 @dataclass(frozen=True, slots=True)
 class DeviceReport:
-    """What one device said."""
+    """The report of one device."""
 
     name: str
     state: str

@@ -25,7 +25,7 @@ _OWN_ONLY = 0o600
 
 @dataclass(frozen=True, slots=True)
 class SiteAuthority:
-    """Who signs the site's certificates."""
+    """The authority that signs the site's certificates."""
 
     key: ec.EllipticCurvePrivateKey
     certificate: x509.Certificate

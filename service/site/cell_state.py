@@ -14,7 +14,7 @@ from cellcal.service.site.ledger import SiteLedger
 
 
 class DueDates:
-    """What becomes due in a cell: calibrations, its certificate where it is on a bus, and drift checks.
+    """The due dates of a cell: calibrations, its certificate where it is on a bus, and drift checks.
 
     Drift checks move on whenever one was run; the rest stands as it was at the start.
     """

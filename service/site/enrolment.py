@@ -40,7 +40,7 @@ _ENDPOINT = re.compile(r"([A-Za-z0-9.-]+|\[[0-9A-Fa-f:.]+\]):([0-9]{1,5})")
 
 
 class _SiteFile(BaseModel):
-    """What a site is; the list of its cells is the monitor's."""
+    """The description of a site; the list of its cells is the monitor's."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 

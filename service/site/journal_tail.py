@@ -14,7 +14,7 @@ LONGEST_BODY = 1_000_000
 
 
 class JournalTail:
-    """What was appended since the last look. A journal that is not there yet has no events."""
+    """The events appended since the last read. A journal that is not there yet has no events."""
 
     def __init__(self, path: Path) -> None:
         self._path = path

@@ -29,7 +29,7 @@ class CertificateSummary(TypedDict):
 
 
 class DriftEntry(TypedDict):
-    """What a drift check found, in metres at the tip."""
+    """The result of a drift check, in metres at the tip."""
 
     run_id: str
     robot_serial: str

@@ -36,7 +36,7 @@ class _LinkTable(BaseModel):
 
 
 class StationFile(_LinkTable):
-    """Who a cell is on the bus."""
+    """The identity of a cell on the bus."""
 
     site: str
     cell: str

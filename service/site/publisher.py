@@ -49,7 +49,7 @@ CERTIFICATES = "certificates"  # as certificates/certificate.py keeps them; to i
 
 @dataclass(frozen=True, slots=True)
 class PublisherParts:
-    """What the publisher works with."""
+    """The parts of the publisher."""
 
     config: CellConfig
     keys: StationKeys

@@ -26,7 +26,7 @@ _PARTS = {"body", "ed25519", "epoch", "key", "seq", "station", "wall"}
 
 @dataclass(frozen=True, slots=True)
 class SignedMessage:
-    """What a cell said, its signature checked."""
+    """A message of a cell, its signature checked."""
 
     station: str
     epoch: str

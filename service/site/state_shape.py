@@ -38,14 +38,14 @@ class StateRun(_StateModel):
 
 
 class StateAsks(_StateModel):
-    """What a cell asks of a person."""
+    """The requests of a cell to a person."""
 
     key: str
     step: str
 
 
 class StateDrift(_StateModel):
-    """What a drift check found: how far the robot's points have moved."""
+    """The result of a drift check: how far the robot's points have moved."""
 
     run_id: str
     ended_utc: ZonedTime
@@ -64,7 +64,7 @@ class StateCertificate(_StateModel):
 
 
 class StateDue(_StateModel):
-    """What becomes due in a cell, and on which day."""
+    """The due dates of a cell, by day."""
 
     what: str
     due: Day

@@ -35,7 +35,7 @@ class StoreFailsError(SiteError):
 
 
 class UnstoredEvents:
-    """What came, in its order, until it is stored. Used by the thread that hears."""
+    """The events received, in their order, until they are stored. Used by the thread that hears."""
 
     def __init__(
         self,

@@ -35,7 +35,7 @@ def _ignore_unreachable(robot: str, condition: Condition | None) -> None:
 
 @dataclass(frozen=True, slots=True)
 class RobotListener:
-    """Who hears what is seen of robots that are followed."""
+    """The receiver of what is seen of robots that are followed."""
 
     say: Callable[[str], None]
     looked: Callable[[Robot, Condition], Awaitable[None]] = _ignore_robot  # after each look at one

@@ -11,7 +11,7 @@ from cellcal.drivers.interfaces import Alarm, AlarmKind, Condition, Readiness
 
 
 class LossMode(StrEnum):
-    """What most likely is unknown."""
+    """The quantity that is most likely unknown."""
 
     MEMORY = "M0"
     TURNS = "M1"
@@ -23,7 +23,7 @@ class LossMode(StrEnum):
 
 
 class LossKind(StrEnum):
-    """What happened to a robot's position."""
+    """The kinds of loss of a robot's position."""
 
     LOST = "lost"
     HELD = "held"  # nothing says that it is lost; whether it is true has to be checked

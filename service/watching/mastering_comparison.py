@@ -27,7 +27,7 @@ LOOK_EVERY_S = 10.0
 
 @dataclass(frozen=True, slots=True)
 class JournalledMastering:
-    """What the journal says of one robot's mastering: its newest record, and what runs left unconfirmed."""
+    """The mastering of one robot in the journal: its newest record, and what runs left unconfirmed."""
 
     record: MasteringRecord | None
     unconfirmed: tuple[UnconfirmedMastering, ...] = ()

@@ -48,7 +48,7 @@ _JUMP_SPEED_RAD_S = 6.0  # no industrial joint turns faster; a quicker change of
 
 @dataclass(frozen=True, slots=True)
 class PositionLoss:
-    """What the watch saw, in words for the technician, and what it knew before."""
+    """A loss that the watch saw, in words for the technician, and what it knew before."""
 
     robot: str
     detected_by: str

@@ -17,7 +17,7 @@ router = APIRouter()
 
 
 class CertificateCheck(BaseModel):
-    """What a check of the signed file on this computer's disk ends with."""
+    """The outcome of a check of the signed file on this computer's disk."""
 
     model_config = ConfigDict(frozen=True)
 

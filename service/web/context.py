@@ -49,7 +49,7 @@ class ServiceSettings:
 
 @dataclass(frozen=True, slots=True)
 class AppContext:
-    """What every route uses: the cell's file, its process, the open screens, and who may sign in."""
+    """The parts that every route uses: the cell's file, its process, the open screens, and who may sign in."""
 
     settings: ServiceSettings
     config: CellConfig

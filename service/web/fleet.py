@@ -46,7 +46,7 @@ _NOT_BUILT = "The pages of this copy of cellcal are not built: run `make pages`,
 
 
 class FleetBus(Protocol):
-    """What hears the cells; ``site/listener.py`` is one."""
+    """The connection that receives the cells' messages; ``site/listener.py`` is one."""
 
     @property
     def fleet(self) -> Fleet: ...
@@ -62,7 +62,7 @@ class _PlainSettings:
 
 @dataclass
 class FleetContext:
-    """What the routes share. ``rows`` is every cell as it is sent, ``ages`` of those that are not heard just now."""
+    """Parts shared by the routes. ``rows`` is every cell as sent, ``ages`` of those that are not heard just now."""
 
     bus: FleetBus
     authenticator: Authenticator

@@ -23,7 +23,7 @@ _COMPUTES, _STOPPED, _WAITS, _DISK_WAIT = "R", "T", "S", "D"
 
 @dataclass(frozen=True, slots=True)
 class ProcessState:
-    """What a process does just now: computes, waits, waits for a disk, or is stopped; and its processor time."""
+    """The state of a process: computes, waits, waits for a disk, or is stopped; and its processor time."""
 
     does: str
     cpu_s: float

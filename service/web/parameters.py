@@ -30,7 +30,7 @@ Side = Literal["before", "after"]
 
 
 class ParametersModel(BaseModel):
-    """What is answered here: numbers are SI."""
+    """Base of the responses: numbers are SI."""
 
     model_config = ConfigDict(frozen=True, from_attributes=True)
 
@@ -78,7 +78,7 @@ class ParameterDifference(ParametersModel):
 
 
 class SetDifference(ParametersModel):
-    """What changed from one version to another."""
+    """The changes from one version to another."""
 
     before: SetHead
     after: SetHead

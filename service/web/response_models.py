@@ -45,7 +45,7 @@ def response_options(shape: Any, description: str) -> dict[str, Any]:
 
 
 class ControlSeen(ResponseShape):
-    """Who has control of the session, as one seat sees it."""
+    """The seat in control of the session, as one seat sees it."""
 
     mine: bool
     holder: str | None
@@ -57,7 +57,7 @@ class ControlSeen(ResponseShape):
 
 
 class PersonSeen(ResponseShape):
-    """Who sits at the screen."""
+    """The person at the screen."""
 
     name: str
     role: str
@@ -152,7 +152,7 @@ class JudgementSeen(ResponseShape):
 
 
 class SignedSeen(ResponseShape):
-    """Who confirmed a verdict's lines, and when."""
+    """The person who confirmed a verdict's lines, and when."""
 
     who: str
     at_s: float
@@ -213,7 +213,7 @@ class RunSeen(ResponseShape):
 
 
 class PromptSeen(ResponseShape):
-    """What is asked now; ``data`` is what a page of this kind draws."""
+    """The open question; ``data`` is what a page of this kind draws."""
 
     id: str
     kind: Literal["confirm", "enter"]
@@ -245,7 +245,7 @@ class LossSeen(ResponseShape):
 
 
 class TroubleSeen(ResponseShape):
-    """What failed in a task that runs as long as its process."""
+    """A failure in a task that runs as long as its process."""
 
     task: str
     message: str
@@ -317,7 +317,7 @@ class PredictionSeen(ResponseShape):
 
 
 class ForecastSeen(ResponseShape):
-    """What a run would bring."""
+    """The predicted course of a run."""
 
     duration_s: float
     poses: list[PlannedPoseSeen]
@@ -360,7 +360,7 @@ class RunLine(ResponseShape):
 
 
 class FindingSeen(ResponseShape):
-    """What a step of a run found."""
+    """The finding of a step of a run."""
 
     step: str
     value: FreeValue

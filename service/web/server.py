@@ -52,7 +52,7 @@ class _CountedProtocol(H11Protocol):
 
 
 class _ListeningHandle:
-    """What uvicorn closes at its end, in the place of asyncio's servers."""
+    """The handle that uvicorn closes at its end, in the place of asyncio's servers."""
 
     def __init__(self, sockets: Sequence[socket.socket], tasks: Sequence[asyncio.Task[None]]) -> None:
         self.sockets, self._tasks = sockets, tasks

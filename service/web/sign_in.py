@@ -49,7 +49,7 @@ class DeviceProof(_SignInModel):
 
 
 class NameAndPin(_SignInModel):
-    """Who wants in."""
+    """The name and PIN of a person who signs in."""
 
     name: Annotated[str, StringConstraints(min_length=1, max_length=LONGEST_NAME)]
     secret: Secret
@@ -62,7 +62,7 @@ class PinAgain(_SignInModel):
 
 
 class SignedInPerson(BaseModel):
-    """Who is signed in; ``alone``: no person was set up yet, the console is the technician."""
+    """The person who is signed in; ``alone``: no person was set up yet, the console is the technician."""
 
     name: str
     role: str
@@ -72,7 +72,7 @@ class SignedInPerson(BaseModel):
 
 
 class SignInState(BaseModel):
-    """What is wanted next, and who asks."""
+    """The next step of a sign-in, and who asks."""
 
     wanted: Literal["device", "person", "pin", "nothing"]
     person: SignedInPerson | None

@@ -19,7 +19,7 @@ TICK_S = 1.0  # a screen hears something at least this often, so that silence me
 
 
 class ScreenSocket(Protocol):
-    """What a screen is reached by."""
+    """The socket of a screen."""
 
     async def send_text(self, data: str) -> None: ...
     async def close(self, code: int = 1000, reason: str | None = None) -> None: ...
@@ -60,7 +60,7 @@ def encode_message(kind: str, content: object) -> str:
 
 
 class OpenScreens:
-    """All of them."""
+    """All open screens."""
 
     def __init__(self) -> None:
         self._open: set[OpenScreen] = set()

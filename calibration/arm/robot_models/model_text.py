@@ -29,7 +29,7 @@ _PLAIN = {"lower": "lower_deg", "upper": "upper_deg", "speed": "speed_deg_s"}
 
 @dataclass(frozen=True, eq=False)
 class ModelText:
-    """What a model file holds."""
+    """The contents of a model file."""
 
     fields: dict[str, Any]  # of `RobotModel.from_dh`, with DH ``rows`` (n, 4)
     tips: dict[str, Array] = field(default_factory=dict)  # (4, 4): further frames at the flange, seen from it

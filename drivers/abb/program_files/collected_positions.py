@@ -46,7 +46,7 @@ _EXTERNAL = (
 
 @dataclass
 class RapidPositions:
-    """What was found so far."""
+    """The positions that were found so far."""
 
     source: ProgramText
     names: list[str] = field(default_factory=list)

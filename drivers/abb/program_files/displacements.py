@@ -77,7 +77,7 @@ class ActiveDisplacement(NamedTuple):
 
 @dataclass
 class Displacements:
-    """What a module displaces, while it is read."""
+    """The displacements of a module, collected while it is read."""
 
     text: str
     events: list[DisplacementEvent] = field(default_factory=list)

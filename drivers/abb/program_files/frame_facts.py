@@ -14,7 +14,7 @@ _BARRED_SET = "its tool or work object is set while the program runs"
 
 
 class AgreedUse(NamedTuple):
-    """What all uses of a target together say."""
+    """The use on which all statements that name a target agree."""
 
     tool: str | None
     frame: str | None
@@ -25,7 +25,7 @@ class AgreedUse(NamedTuple):
 
 @dataclass
 class FrameFacts:
-    """What a file says of its tools and work objects, by their names in small letters."""
+    """The tools and work objects that a file states, by their names in small letters."""
 
     several: set[str] = field(default_factory=set)  # declared twice, differently
     set_while_running: set[str] = field(default_factory=set)

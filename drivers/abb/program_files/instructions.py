@@ -56,7 +56,7 @@ STAR = ("computed", "The target of this move is '*': its coordinates are not in 
 
 @dataclass(frozen=True, slots=True)
 class MoveTarget:
-    """What a move goes to: a name, numbers, or something that is only known while the program runs."""
+    """The target of a move: a name, numbers, or something that is only known while the program runs."""
 
     place: int
     name: str = ""

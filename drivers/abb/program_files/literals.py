@@ -27,7 +27,7 @@ WOBJDATA = f"[bbs[{POSE}][{POSE}]]"
 
 
 class AggregateError(ValueError):
-    """What stands there is not the aggregate; ``computed`` where only the controller knows a value."""
+    """The text is not the aggregate that is expected; ``computed`` where only the controller knows a value."""
 
     def __init__(self, place: int, message: str, *, computed: bool) -> None:
         super().__init__(message)

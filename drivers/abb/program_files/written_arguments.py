@@ -37,7 +37,7 @@ class WrittenArgument(NamedTuple):
 
 
 class _Passed(NamedTuple):
-    """What a call passes to one parameter that gets a value."""
+    """The value that a call passes to one parameter."""
 
     parameter: tuple[str, str]  # scope, name; of the language's own "", ""
     argument: WrittenArgument

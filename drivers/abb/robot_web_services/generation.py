@@ -44,7 +44,7 @@ class ServiceAddress:
 
 @dataclass(frozen=True, slots=True)
 class FoundService:
-    """What answered, and how to go on with it."""
+    """The service that answered, and how to go on with it."""
 
     dialect: Dialect
     base_url: str
@@ -53,7 +53,7 @@ class FoundService:
 
 @dataclass(frozen=True, slots=True)
 class _Answer:
-    """What a server asks for before it lets anybody in; "" and the reason where it is not Robot Web Services."""
+    """The authentication that a server asks for; "" and the reason where it is not Robot Web Services."""
 
     challenge: str = ""
     reason: str = ""

@@ -55,7 +55,7 @@ CAPABILITIES = RobotCapabilities(
 
 @dataclass(frozen=True, slots=True)
 class AbbOptions:
-    """What the cell file says about the robot and its motion."""
+    """The cell file's options of the robot and its motion."""
 
     serial: str
     motion: StepwiseOptions

@@ -44,7 +44,7 @@ _DOS_LINE = re.compile(
 
 @dataclass(frozen=True, slots=True)
 class FtpLogin:
-    """Who reads, and how long an answer and a whole file may take."""
+    """The user, and how long an answer and a whole file may take."""
 
     user: str = "anonymous"
     password: str = ""

@@ -15,7 +15,7 @@ _MAKES = re.compile(r"(?:[A-Z]{1,3}-\d|CRX|SR-|DR-|LR\s?MATE|ARC\s?MATE)", re.IG
 
 @dataclass(frozen=True, slots=True)
 class VersionReport:
-    """What the controller says of itself; texts are empty where it does not."""
+    """The identity that the controller reports; texts are empty where it does not."""
 
     heading: ReportHeading
     robot_number: str  # the F number of the robot

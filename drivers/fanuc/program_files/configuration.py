@@ -35,7 +35,7 @@ _PAIRS = (("N", "F"), ("U", "D"), ("T", "B"))
 
 @dataclass(frozen=True, slots=True)
 class _ConfigurationText:
-    """What one text says: for each pair +1 for the first letter, -1 for the second, 0 for nothing; the turns."""
+    """A parsed configuration: for each pair +1 for the first letter, -1 for the second, 0 for nothing; the turns."""
 
     flags: tuple[int, int, int]
     turns: tuple[int | None, ...]

@@ -37,7 +37,7 @@ _LENGTHS = 3  # elements X, Y and Z; W, P and R come after
 
 @dataclass
 class ComputedRegisters:
-    """What a program does with registers, whatever the order of its statements."""
+    """The registers that a program changes, whatever the order of its statements."""
 
     origins: dict[int, set[int]] = field(default_factory=dict)  # positions whose numbers a register gets
     altered: dict[int, int] = field(default_factory=dict)  # registers that are computed, and in which line
@@ -230,7 +230,7 @@ def _assign_whole(found: ComputedRegisters, match: re.Match[bytes], line: int, l
 
 @dataclass
 class RegisterContents:
-    """What registers hold while a program without branches and calls runs from its first line."""
+    """The contents of registers while a program without branches and calls runs from its first line."""
 
     certain: bool = True
     elements: dict[tuple[int, int], float] = field(default_factory=dict)

@@ -46,7 +46,7 @@ Copies = frozenset[tuple[int, str]]  # positions, and the user frame or tool who
 
 @dataclass
 class _CopiedFrames:
-    """What registers hold, and which user frame or tool is in force, statement by statement."""
+    """Register contents, and the user frame and tool in force, statement by statement."""
 
     selections: _Selections
     taught: Mapping[int, str]  # by position

@@ -22,7 +22,7 @@ _TIE = (
 
 @dataclass(frozen=True, eq=False)
 class DigitFields:
-    """What N fields say."""
+    """The contents of N fields."""
 
     values: Array  # (N,) as a float of the text would be
     plain: Flags  # (N,) blanks, a minus or none, digits, the point, digits; the value counts where this holds

@@ -34,7 +34,7 @@ ANY_REGISTER = -1  # in place of a register: a number chooses it
 
 @dataclass
 class MotionFindings:
-    """What was found so far of a listing's motions."""
+    """The findings so far about a listing's motions."""
 
     increments: dict[int, str] = field(default_factory=dict)  # positions that are no places, and why
     needs: dict[int, ConditionalBar] = field(default_factory=dict)  # of positions, by number

@@ -41,7 +41,7 @@ def axis_value_si(axis: AxisText) -> float:
 
 @dataclass
 class _RecordColumns:
-    """What grows while the records are read, block by block, so that texts do not pile up."""
+    """Columns that grow while the records are read, block by block, so that texts do not pile up."""
 
     numbers: list[int] = field(default_factory=list)
     groups: list[int] = field(default_factory=list)

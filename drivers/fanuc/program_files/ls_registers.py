@@ -99,7 +99,7 @@ def _registers_gone_to(statement: Statement, use_count: int) -> tuple[int, ...]:
 
 
 class _Change(NamedTuple):
-    """What a statement does to the frame or to the tool in force."""
+    """The effect of a statement on the frame or the tool in force."""
 
     chosen: Numbers
     conditional: bool

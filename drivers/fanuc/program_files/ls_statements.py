@@ -57,7 +57,7 @@ class Statement:
 
 @dataclass(frozen=True, slots=True)
 class MotionStatement:
-    """What one motion goes to and what its options do to the target."""
+    """The target of one motion, and the effect of its options on it."""
 
     line: int
     targets: tuple[int, ...]  # numbers of positions

@@ -21,7 +21,7 @@ _IDENTITY = Pose((0.0, 0.0, 0.0))
 
 @dataclass(frozen=True, slots=True)
 class FanucBackup:
-    """What a backup tells. Keys are (group, number); poses in SI, user frames seen from the group's world frame."""
+    """Contents of a backup. Keys: (group, number); poses in SI, user frames seen from the group's world frame."""
 
     folder: str
     files: Mapping[str, VaFile]  # by upper-case name

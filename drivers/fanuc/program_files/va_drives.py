@@ -37,7 +37,7 @@ _SCALES = ("ENCSCALES", "GEAR_RATIO", "MASTER_POS")
 
 @dataclass(frozen=True, slots=True)
 class GroupDrives:
-    """What SYMOTN.VA says of the n axes of a group."""
+    """The drives of the n axes of a group in SYMOTN.VA."""
 
     counts_per_degree: tuple[float, ...]  # $ENCSCALES
     gear_ratio: tuple[float, ...]  # $GEAR_RATIO: joint turns per motor turn
@@ -104,7 +104,7 @@ class GroupDrives:
 
 @dataclass(frozen=True, slots=True)
 class ReadDrives:
-    """What SYMOTN.VA says of a group: ``axes`` are those of a record, the drives are None where none can be made."""
+    """A group's drives in SYMOTN.VA: ``axes`` are those of a record, the drives are None where none can be made."""
 
     axes: int
     drives: GroupDrives | None

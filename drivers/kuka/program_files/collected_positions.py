@@ -48,7 +48,7 @@ _EXTERNAL = (
 
 @dataclass
 class KrlPositions:
-    """What was found so far."""
+    """The positions that were found so far."""
 
     source: ProgramText
     names: list[str] = field(default_factory=list)

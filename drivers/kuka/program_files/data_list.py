@@ -45,7 +45,7 @@ _TCP_TEXT = (
 
 @dataclass(frozen=True, slots=True)
 class FrameData:
-    """What a point's FDAT says."""
+    """The contents of a point's FDAT."""
 
     tool: str | None
     base: str | None

@@ -42,7 +42,7 @@ class _FoundShift:
 
 @dataclass
 class ShiftNotes:
-    """What shifts points in a program, while it is read."""
+    """The shifts of points in a program, collected while it is read."""
 
     found: KrlPositions
     notes: list[_FoundShift] = field(default_factory=list)

@@ -74,7 +74,7 @@ class FramesInForce:
 
 
 class TaughtFrames(Protocol):
-    """What frame data say."""
+    """The contents of frame data."""
 
     @property
     def tool(self) -> str | None: ...

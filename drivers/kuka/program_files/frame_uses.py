@@ -49,7 +49,7 @@ class RoutineJumps:
 
 @dataclass
 class FrameUse:
-    """What a routine sets ``$TOOL`` or ``$BASE`` to, and where first."""
+    """The values to which a routine sets ``$TOOL`` or ``$BASE``, and where first."""
 
     values: set[str] = field(default_factory=set)
     order: list[tuple[int, str]] = field(default_factory=list)  # where each is set, and to what

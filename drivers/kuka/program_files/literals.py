@@ -41,7 +41,7 @@ _CANONICAL_FIELDS = (*POSE_FIELDS, *STATE_FIELDS, *EXTERNAL_FIELDS)
 
 
 class KrlLiteralError(ValueError):
-    """What stands there is no position that this program says; ``computed`` where only the controller knows it."""
+    """The text is no position that this program states; ``computed`` where only the controller knows it."""
 
     def __init__(self, place: int, message: str, *, computed: bool = False) -> None:
         super().__init__(message)

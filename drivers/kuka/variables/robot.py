@@ -59,7 +59,7 @@ CAPABILITIES = RobotCapabilities(
 
 @dataclass(frozen=True, slots=True)
 class KukaOptions:
-    """What the cell file says about the robot and its motion."""
+    """The cell file's options of the robot and its motion."""
 
     serial: str
     fastest_axis_rad_s: float

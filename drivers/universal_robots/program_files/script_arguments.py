@@ -36,7 +36,7 @@ class _Uses:
 
 @dataclass
 class PassedArguments:
-    """What the functions of a script do with their parameters, and a script with copies of its places."""
+    """The use that a script's functions make of their parameters, and a script with copies of its places."""
 
     text: str
     uses: Mapping[str, Sequence[Use]]

@@ -80,7 +80,7 @@ class ElementSet(NamedTuple):
 
 @dataclass(slots=True)
 class ScriptStatements:
-    """What a program does with poses and postures."""
+    """The statements of a program that concern poses and postures."""
 
     literals: list[ScriptLiteral] = field(default_factory=list)
     uses: dict[str, list[tuple[int, Role, str]]] = field(

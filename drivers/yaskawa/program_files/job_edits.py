@@ -31,7 +31,7 @@ Edit = tuple[int, str, str]  # where, what stands there, what shall
 
 
 class ChangeableProgram(Protocol):
-    """What of a program a change needs to know."""
+    """The part of a program that a change needs."""
 
     @property
     def file(self) -> str: ...

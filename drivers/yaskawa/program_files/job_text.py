@@ -63,7 +63,7 @@ _CURE = "Save the job on the controller again, or correct the line; the file was
 
 @dataclass(frozen=True, slots=True)
 class RowState:
-    """What pseudo instructions say for the rows that follow."""
+    """The state that pseudo instructions set for the rows that follow."""
 
     tool: str | None = None
     user: str | None = None

@@ -31,7 +31,7 @@ _CONTESTANTS = tuple(each for each in (OURS, *PEERS) if each.name != "roboticsto
 
 @dataclass(frozen=True, eq=False)
 class IdentificationCase:
-    """What each program is given, and what it is judged by."""
+    """The input of each program, and the criteria by which it is judged."""
 
     inputs: dict[str, Array]
     often: dict[str, Array]  # what many draws need besides

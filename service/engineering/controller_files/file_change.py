@@ -5,7 +5,7 @@ from enum import StrEnum
 
 
 class ChangeKind(StrEnum):
-    """What a change means; the order is that of their gravity."""
+    """The kinds of change; the order is that of their gravity."""
 
     LOSS = "loss"
     OTHER_ROBOT = "other robot"

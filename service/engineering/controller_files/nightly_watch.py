@@ -43,7 +43,7 @@ class WatchState(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class WatchedController:
-    """What the watch found of one robot."""
+    """The result of the watch for one robot."""
 
     address: str
     state: WatchState

@@ -110,7 +110,7 @@ def make_records(
 
 @dataclass(frozen=True, slots=True)
 class RecordNames:
-    """What a caller says of a robot, and the groups that have records of their own."""
+    """The caller's names of a robot, and the groups that have records of their own."""
 
     model: str | None
     serial: str | None

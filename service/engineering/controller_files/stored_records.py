@@ -37,7 +37,7 @@ Numbers = tuple[float, ...]
 
 
 class ControllerContent(BaseModel):
-    """What a controller held beside its mastering. Frames and tools as their six numbers, mm and deg."""
+    """The contents of a controller beside its mastering. Frames and tools as their six numbers, mm and deg."""
 
     model_config = ConfigDict(frozen=True, extra="ignore", allow_inf_nan=False)
 

@@ -47,7 +47,7 @@ class DeliveryFailedError(CellError):
 
 @dataclass(frozen=True, slots=True)
 class Approval:
-    """Who approved, and whether a person saw that no program runs."""
+    """The person who approved, and whether one saw that no program runs."""
 
     approved_by: str
     robot_stands: bool = False

@@ -27,7 +27,7 @@ OpenStore: TypeAlias = Callable[[], AbstractAsyncContextManager[ProgramStore]]
 
 @dataclass(frozen=True, slots=True)
 class StoreLogin:
-    """Who asks; "" and None are what is usual for the make."""
+    """The user; "" and None are what is usual for the make."""
 
     user: str = ""
     password: str | None = None

@@ -53,7 +53,7 @@ class DeliveredFile(BaseModel):
 
 
 class Delivery(BaseModel):
-    """What the signed document says."""
+    """The contents of the signed document."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 

@@ -56,7 +56,7 @@ from cellcal.service.engineering.parameters.identified_parameter import Identifi
 
 @dataclass(frozen=True, eq=False)
 class IdentifyReport:
-    """Everything there is to say about one file of measurements."""
+    """The result of an identification of one file of measurements."""
 
     robot: str
     rows: int

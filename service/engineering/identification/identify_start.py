@@ -24,7 +24,7 @@ _PLACES = 4  # numbers in a row of a matrix
 
 @dataclass(frozen=True, slots=True)
 class StartOptions:
-    """What a person says about where to start, and what may move."""
+    """The options of where to start, and which parameters may change."""
 
     start: str = "nominal"  # nominal | previous | a file
     sets: Path | None = None  # folder of parameter sets, for previous

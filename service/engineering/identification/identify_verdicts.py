@@ -12,7 +12,7 @@ from cellcal.calibration.uncertainty import Decision, Verdict, decide_conformity
 
 @dataclass(frozen=True, slots=True)
 class IdentificationLimits:
-    """What must be kept for the result to be accepted; None is not asked."""
+    """The limits that a result must keep to be accepted; None is not asked."""
 
     error_m: float | None = None  # RMSE of rows that were not fitted
     offset_sigma_rad: float | None = None
@@ -21,7 +21,7 @@ class IdentificationLimits:
 
 @dataclass(frozen=True, slots=True)
 class IdentificationVerdicts:
-    """What became of the limits; None where there was none."""
+    """The verdicts on the limits; None where there was none."""
 
     error: Decision | None = None
     judged: str = ""  # which rows

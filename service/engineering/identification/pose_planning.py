@@ -69,7 +69,7 @@ class RobotDescription:
 
 @dataclass(frozen=True, slots=True)
 class PlanRequest:
-    """What a person may ask of a plan; SI."""
+    """The request for a plan; SI."""
 
     robot: str
     instrument: DesignInstrument

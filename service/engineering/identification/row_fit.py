@@ -39,7 +39,7 @@ from cellcal.service.engineering.measured.table import MeasurementError
 
 @dataclass(frozen=True, slots=True)
 class IdentifyOptions:
-    """What a person may ask of an identification."""
+    """Options of an identification."""
 
     level: int | None = None
     check: Path | None = None

@@ -164,7 +164,7 @@ def number_in(text: str, unit: str, units: Mapping[str, float]) -> float:
 
 @dataclass
 class ColumnMarks:
-    """What the cells of the columns of a table say of their units and of the decimal mark."""
+    """The signs of units and of the decimal mark in the cells of a table's columns."""
 
     units: dict[int, dict[str, tuple[int, str]]] = field(
         default_factory=dict

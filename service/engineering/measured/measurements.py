@@ -55,7 +55,7 @@ class RejectedRow:
 
 @dataclass(frozen=True, slots=True)
 class ReadOptions:
-    """What the user knows better than any guess."""
+    """Options that override what would be detected in a file."""
 
     columns: Mapping[str, Sequence[str]] = field(default_factory=dict)
     units: Mapping[str, str] = field(

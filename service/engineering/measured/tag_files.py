@@ -42,7 +42,7 @@ _FEWEST_AXES = 5
 
 @dataclass(frozen=True, slots=True)
 class TagOptions:
-    """What the user knows better than any guess."""
+    """Options that override what would be detected in a file of tag points."""
 
     columns: Mapping[str, str] = field(default_factory=dict)  # joints, position, rotation, name: with commas
     units: Mapping[str, str] = field(default_factory=dict)  # position, joints, rotation

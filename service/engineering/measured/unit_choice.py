@@ -18,7 +18,7 @@ FitUnit = Callable[[Mapping[str, float]], str]
 
 @dataclass(frozen=True, slots=True)
 class UnitChoice:
-    """What was stated, what was guessed, and the guesses in words."""
+    """The stated and the guessed units, and the guesses in words."""
 
     stated: Mapping[str, str]
     guesses: list[str]

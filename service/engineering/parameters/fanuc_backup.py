@@ -46,7 +46,7 @@ class ArmChoice(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class BackupImport:
-    """What an import brought in, and what the backup cannot tell or says against itself."""
+    """The result of an import, and what the backup cannot tell or says against itself."""
 
     robot: str
     record: MasteringRecord

@@ -56,7 +56,7 @@ class RecordInForce:
 
 @dataclass(frozen=True, slots=True)
 class ImportedRecord:
-    """What an import brought in. ``was_known`` where it was in force already."""
+    """The result of an import. ``was_known`` where it was in force already."""
 
     robot: str
     record: MasteringRecord

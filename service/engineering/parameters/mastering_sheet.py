@@ -26,7 +26,7 @@ _BY_HAND = (
 
 
 class SheetRecord(Protocol):
-    """What a sheet is made of."""
+    """The contents of a sheet."""
 
     @property
     def robot(self) -> str: ...

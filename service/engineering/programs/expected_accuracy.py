@@ -29,7 +29,7 @@ class TransferEnds:
 
 @dataclass(frozen=True, eq=False)
 class Expectation:
-    """What is known of two cells and of what lies between them.
+    """The known accuracy of two cells and of the frames between them.
 
     ``one_cell`` says that both ends are one robot, whose errors at both postures go together; ``nominal`` that the
     source is a computed place, which has no error.

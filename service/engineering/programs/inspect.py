@@ -47,7 +47,7 @@ class PointRow(TypedDict):
 
 @dataclass(frozen=True, slots=True)
 class InspectionRequest:
-    """What shall be inspected, and against what."""
+    """The programs to inspect, and the project to compare them with."""
 
     files: Sequence[str]
     project: Path | None = None
@@ -120,7 +120,7 @@ class InspectedProgram:
 
 @dataclass
 class InspectionTotals:
-    """What an inspection came to."""
+    """The totals of an inspection."""
 
     programs: int = 0
     points: int = 0

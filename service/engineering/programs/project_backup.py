@@ -21,7 +21,7 @@ _ALIKE_M, _ALIKE_RAD = 1e-5, np.radians(0.01)  # a pendant shows three decimals
 
 @dataclass(frozen=True, eq=False)
 class BackupFrames:
-    """What a controller keeps, by the number that programs write; empty where the project names no backup."""
+    """The controller's frames by the number that programs write; empty where the project names no backup."""
 
     frames: Mapping[str, Array] = field(default_factory=dict)  # (4, 4) base_frame
     tools: Mapping[str, Array] = field(default_factory=dict)  # (4, 4) flange_tip

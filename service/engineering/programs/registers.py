@@ -52,7 +52,7 @@ class PositionRegister:
 
 @dataclass(frozen=True, eq=False)
 class TransferredRegisters:
-    """What became of the places."""
+    """The results for the places in registers."""
 
     result: ProgramResult
     edits: tuple[VariableEdit, ...]  # to type into the controller that gets them

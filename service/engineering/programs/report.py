@@ -86,7 +86,7 @@ class PointLine:
 
 @dataclass
 class ProgramsReport:
-    """What a command did to many programs."""
+    """The report of a command on many programs."""
 
     title: str
     entries: list[ProgramEntry] = field(default_factory=list)

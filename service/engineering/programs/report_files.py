@@ -183,7 +183,7 @@ def _csv_bytes(rows: Iterable[Iterable[Any]]) -> bytes:
 
 
 class _CsvLines:
-    """What a csv writer writes to."""
+    """The stream to which a csv writer writes."""
 
     def __init__(self) -> None:
         self.parts: list[str] = []

@@ -33,7 +33,7 @@ class DrawnPoints:
 
 @dataclass(frozen=True, eq=False)
 class Colouring:
-    """What the colours mean."""
+    """The meaning of the colours."""
 
     title: str
     figure_m: Array  # (N,)

@@ -64,7 +64,7 @@ class ReportOutputs:
 
 
 class ProgramRecorder(Protocol):
-    """What else is kept of every program, and written at the end."""
+    """The further data of every program, written at the end."""
 
     def made_of(self, source: str, written: str, result: ProgramResult) -> CloneRecord: ...
     def write_records(self, made: Iterable[tuple[str, CloneRecord]]) -> None: ...
@@ -72,7 +72,7 @@ class ProgramRecorder(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class _WorkPart:
-    """What became of some sources."""
+    """The results of some sources."""
 
     count: int  # of sources
     entries: list[ProgramEntry] = field(default_factory=list)

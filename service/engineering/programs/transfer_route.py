@@ -32,7 +32,7 @@ class FramePair:
 
 
 class TransferRoute(Protocol):
-    """What differs between moving, cloning and compensating."""
+    """The differences between moving, cloning and compensating."""
 
     @property
     def source(self) -> Project: ...

@@ -34,7 +34,7 @@ _FORMAT = 1
 
 
 class CloneState(StrEnum):
-    """What a cell has of a master's program."""
+    """The state of a master's program in a cell."""
 
     CURRENT = "current"
     OLD = "old version"  # the master's program has changed since

@@ -18,7 +18,7 @@ _MOST_COLUMNS = 24  # of one meaning
 
 
 class IdentifyWishes(BaseModel):
-    """What an engineer knows better than any guess; each is an option of ``cellcal identify``."""
+    """Options that override detection; each is an option of ``cellcal identify``."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
@@ -58,7 +58,7 @@ class IdentifyRequest(BaseModel):
 
 
 class JobRequest(BaseModel):
-    """What a job's process is asked for: written by the service into the job's folder."""
+    """The request to a job's process: written by the service into the job's folder."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
@@ -74,13 +74,13 @@ class JobRequest(BaseModel):
 
 
 class IdentifyResponseModel(BaseModel):
-    """What is answered here."""
+    """Base of the responses of this package."""
 
     model_config = ConfigDict(frozen=True)
 
 
 class IdentifyFault(IdentifyResponseModel):
-    """What is wrong, and the cure."""
+    """A fault, and the cure."""
 
     message: str
     remedy: str
@@ -146,7 +146,7 @@ class HiddenParameters(IdentifyResponseModel):
 
 
 class UnknownParameters(IdentifyResponseModel):
-    """What cannot be known from these measurements, and what to measure so that it can."""
+    """Parameters that these measurements cannot determine, and what to measure so that they can."""
 
     cure: str
     hidden: list[HiddenParameters]
@@ -175,7 +175,7 @@ class MeasuredSeriesErrors(IdentifyResponseModel):
 
 
 class IdentifyResult(IdentifyResponseModel):
-    """What was found: ``report`` is the object that ``cellcal identify --json`` prints."""
+    """The result: ``report`` is the object that ``cellcal identify --json`` prints."""
 
     report: Annotated[
         dict[str, Any], Field(description="as `cellcal identify --json` prints it; numbers are SI")

@@ -28,7 +28,7 @@ _FOLDERS = (("robot", "parameter_store"), ("robot", "backup"))
 
 
 class UploadError(CellError):
-    """What was brought along cannot be used."""
+    """The uploaded files cannot be used."""
 
     code = "usage"
 

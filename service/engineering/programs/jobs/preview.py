@@ -43,7 +43,7 @@ _PER_MM, _PER_DEG = 1e-3, float(np.pi / 180.0)
 
 @dataclass(frozen=True, eq=False)
 class JobResult:
-    """What a job came to."""
+    """The result of a job."""
 
     report: ProgramsReport
     cell: Project

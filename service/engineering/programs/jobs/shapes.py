@@ -55,7 +55,7 @@ class CellInput(_RequestModel):
 
 
 class ProgramsRequest(_RequestModel):
-    """What shall become of programs."""
+    """The request to change programs."""
 
     do: Literal["compensate", "download", "move", "clone"]
     cell: CellInput
@@ -71,13 +71,13 @@ class ProgramsRequest(_RequestModel):
 
 
 class ResponseModel(BaseModel):
-    """What is answered here."""
+    """Base of the responses of this package."""
 
     model_config = ConfigDict(frozen=True)
 
 
 class ProgramsFault(ResponseModel):
-    """What is wrong, and the cure."""
+    """A fault, and the cure."""
 
     message: str
     remedy: str
@@ -126,7 +126,7 @@ class ProgramsJob(ResponseModel):
 
 
 class ProgramsOverview(ResponseModel):
-    """What can be made here, what was made last, and what a page may bring along."""
+    """The changes that can be made here, the last jobs, and which files a page may upload."""
 
     robots: list[RobotOfCell]
     projects: list[StoredProject]
@@ -169,7 +169,7 @@ class PointsPicture(ResponseModel):
 
 
 class JobPreview(ResponseModel):
-    """What was made: programs worst first, what was refused, and what to know before any of them runs."""
+    """The result: programs worst first, those refused, and what to know before any of them runs."""
 
     title: str
     cell: str

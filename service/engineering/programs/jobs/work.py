@@ -43,7 +43,7 @@ _AT_ONCE = 1500  # points between two words about progress
 
 @dataclass(frozen=True, eq=False)
 class ProgramTask:
-    """What a job does: its cell, the cell that gets the programs, and in words."""
+    """The task of a job: its cell, the cell that gets the programs, and in words."""
 
     cell: Project
     target: Project
