@@ -28,7 +28,7 @@ _RP_VARIANCE = 1 + 9 * 2.1082 / 4 + 3 * 0.4857
 
 @dataclass(frozen=True, slots=True)
 class AccuracyConditions:
-    """How the robot was moved; all of it is printed beside the result."""
+    """The conditions under which the robot was moved; all of it is printed beside the result."""
 
     load_share: float  # of the rated load
     speed_share: float  # of the rated speed
@@ -73,7 +73,7 @@ class AccuracyTest:
 
 @dataclass(frozen=True, eq=False)
 class AttainedPoses:
-    """Where the robot was commanded, and where an instrument saw it, all in the base frame."""
+    """The commanded poses, and those that an instrument saw, all in the base frame."""
 
     commanded_m: Array  # (P, 3)
     positions_m: Array  # (P, n, 3)

@@ -36,7 +36,7 @@ class RigidFit:
 
 @dataclass(frozen=True, slots=True)
 class PointScale:
-    """How much larger one set of points is than another, and the standard uncertainty of that from the residuals."""
+    """The scale between two sets of points, and its standard uncertainty from the residuals."""
 
     value: float
     sigma: float

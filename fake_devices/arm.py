@@ -152,7 +152,7 @@ class SimulatedArm:
 
     @property
     def controller_joints_rad(self) -> Array:
-        """What the controller believes, from encoders and mastering; the truth where these are absolute."""
+        """The joints that the controller assumes, from encoders and mastering; the truth where these are absolute."""
         return self.perceive(self.joints_rad)
 
     @property

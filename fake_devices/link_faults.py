@@ -25,7 +25,7 @@ class _ActiveFault:
 
 
 class LinkFaults:
-    """Which faults of one link are on."""
+    """The faults of one link that are on."""
 
     def __init__(self, kinds: Mapping[str, Mapping[str, Any]], real: Callable[[], float]) -> None:
         self._kinds = {kind: dict(defaults) for kind, defaults in kinds.items()}

@@ -19,7 +19,7 @@ from cellcal.fake_devices.kinematics import Array
 
 
 class ArmMotion(Protocol):
-    """Where the set point is at a world time; monotone in every axis."""
+    """The set point as a function of the world's time; monotone in every axis."""
 
     end_s: float
 

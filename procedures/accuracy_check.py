@@ -72,7 +72,7 @@ SYSTEMATIC_SHARE = 0.5  # of a wire's sigma, that averaging does not take away
 
 @dataclass(frozen=True, slots=True)
 class CheckRules:
-    """Where the cube is, how often it is gone round, how carefully, and what motion must keep to."""
+    """The place of the cube, how often it is gone round, the care of each pose, and the limits of motion."""
 
     cycles: Annotated[
         int,

@@ -88,7 +88,7 @@ class MotionCaps:
 
 @dataclass(frozen=True, slots=True)
 class GaugeSetup:
-    """Where a draw-wire is fixed, as well as a tape measure tells."""
+    """The place of a draw-wire, as well as a tape measure tells."""
 
     anchor_in_base_m: tuple[float, float, float]
     hook_in_flange_m: tuple[float, float, float]
@@ -101,7 +101,7 @@ class GaugeSetup:
 
 @dataclass(frozen=True, slots=True)
 class TrackerSetup:
-    """Where a tracker's target sits on the flange, as well as a ruler tells."""
+    """The place of a tracker's target on the flange, as well as a ruler tells."""
 
     target_in_flange_m: tuple[float, float, float]
     sigma_target_m: float = 0.002
@@ -109,7 +109,7 @@ class TrackerSetup:
 
 @dataclass(frozen=True, slots=True)
 class ProbeSetup:
-    """Where the tip of a probe or dial gauge sits on the flange, as well as a ruler tells."""
+    """The place of the tip of a probe or dial gauge on the flange, as well as a ruler tells."""
 
     tip_in_flange_m: tuple[float, float, float]
     sigma_tip_m: float = 0.001
@@ -212,7 +212,7 @@ class Cell:
 
     @property
     def measuring_devices(self) -> dict[str, Device]:
-        """What measures in this cell, by its role."""
+        """The measuring devices of this cell, by their roles."""
         there: tuple[tuple[str, Device | None], ...] = (
             ("gauge", self.gauge),
             ("tracker", self.tracker),

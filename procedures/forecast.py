@@ -41,7 +41,7 @@ class Knowledge:
 
 @dataclass(frozen=True, slots=True)
 class PlannedPose:
-    """Where a measurement would be taken."""
+    """The pose of a planned measurement."""
 
     label: str
     joints_rad: Joints
@@ -49,7 +49,7 @@ class PlannedPose:
 
 @dataclass(frozen=True, slots=True)
 class Prediction:
-    """How well something would be known, k = 2 where not said otherwise, and each class's limit for it."""
+    """The predicted uncertainty of a quantity, k = 2 where not said otherwise, and each class's limit for it."""
 
     name: str
     expanded: float

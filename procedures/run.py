@@ -87,7 +87,7 @@ class ReplayMismatchError(ProcedureError):
 
 
 class Ledger(Protocol):
-    """Where facts go. A fact is durable when ``record`` returns; the same key is stored once."""
+    """The store of facts. A fact is durable when ``record`` returns; the same key is stored once."""
 
     def record(self, kind: EventKind, body: Mapping[str, Any], *, key: str = "") -> None: ...
 

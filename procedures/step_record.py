@@ -30,7 +30,7 @@ class StepTask:
 
     @property
     def activity_name(self) -> str:
-        """What a screen says of it while it goes on: read, move, write, solve."""
+        """The activity that a screen shows: read, move, write, solve."""
         return "solve" if self.solves else "read" if self.effect is StepEffect.NONE else self.effect.value
 
 

@@ -121,7 +121,7 @@ class Surroundings:
 
     @property
     def speed_share(self) -> float:
-        """How much of a speed cap may be used."""
+        """The share of a speed cap that may be used."""
         return 1.0 if self.is_known else UNKNOWN_SPEED_SHARE
 
     def list_obstacles(self) -> tuple[Obstacle, ...]:

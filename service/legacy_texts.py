@@ -41,7 +41,7 @@ class _SentencePattern:
 
     @property
     def weight(self) -> int:
-        """How many letters are not filled in: what says more is tried first."""
+        """The number of letters that are not filled in: longer ones are tried first."""
         return sum(len(literal) for literal, _ in split_template(self.template))
 
 

@@ -60,7 +60,7 @@ class CertificateDocument(TypedDict, total=False):
 
 
 class OutcomeDocument(CertificateDocument):
-    """How the run ended. ``judgement`` and ``result`` are those of the procedure."""
+    """The outcome of the run. ``judgement`` and ``result`` are those of the procedure."""
 
     verdict: str
     reason: str
@@ -79,7 +79,7 @@ class PlanPoseDocument(TypedDict):
 
 
 class PlanDocument(TypedDict):
-    """Where the run is in the approved plan: ``next`` and ``measured`` are indices of ``poses``."""
+    """The progress of the run in the approved plan: ``next`` and ``measured`` are indices of ``poses``."""
 
     poses: list[PlanPoseDocument]
     next: int | None
@@ -217,7 +217,7 @@ class RecordingDocument(TypedDict):
 
 
 class GuidanceDocument(TypedDict):
-    """How what a prompt asks for goes on: a turn of an axis, while a person makes it."""
+    """The progress of what a prompt asks for: a turn of an axis, while a person makes it."""
 
     prompt_id: str
     text: str

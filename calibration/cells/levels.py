@@ -32,7 +32,7 @@ _FOLDS = 10
 
 @dataclass(frozen=True, slots=True)
 class CellOptions:
-    """How to fit a cell; the defaults suit any."""
+    """Options of the fit of a cell; the defaults suit any."""
 
     level: int | None = None  # None: chosen by cross-validation
     seed: int = 0

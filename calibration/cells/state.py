@@ -40,7 +40,7 @@ class FrameSlot:
 
 @dataclass(frozen=True, slots=True)
 class FrameRoute:
-    """Which frames stand between a device and a target: numbers of slots, or NOWHERE for the identity."""
+    """The frames between a device and a target: numbers of slots, or NOWHERE for the identity."""
 
     arm: int
     base: int
@@ -176,7 +176,7 @@ def _refuse_loose(frames: CellFrames) -> None:
 
 @dataclass(frozen=True, eq=False)
 class CellLayout:
-    """Which of all unknowns are free. The whole vector holds six numbers a slot, three a device, then the arms."""
+    """The free ones of all unknowns. The whole vector holds six numbers a slot, three a device, then the arms."""
 
     frames: CellFrames
     whole: tuple[Parameter, ...]

@@ -49,7 +49,7 @@ class PointStatus(IntEnum):
 
 
 class ProgramDirection(StrEnum):
-    """Which way a program goes."""
+    """The direction in which a program is converted."""
 
     UPLOAD = "upload"  # nominal program to the real robot
     DOWNLOAD = "download"  # taught on the real robot, to the nominal world

@@ -18,7 +18,7 @@ _WARM_K = 2.0
 
 @dataclass(frozen=True, eq=False)
 class ResidualDrift:
-    """How a residual goes with a quantity that should not matter."""
+    """The dependence of a residual on a quantity that should not matter."""
 
     slope: Array  # (channels,) m per unit
     sigma: Array  # (channels,), from groups

@@ -59,7 +59,7 @@ _LEVEL_OF_ROLE = {
 
 @dataclass(frozen=True, eq=False)
 class KnownPlaces:
-    """Where a device and the target on the flange are known to be."""
+    """The known places of a device and of the target on the flange."""
 
     device: DevicePlacement
     flange_tool: Array  # (4, 4)

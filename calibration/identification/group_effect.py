@@ -29,7 +29,7 @@ _SHOWING = 500  # rows of a group that tell what its mean does
 
 @dataclass(frozen=True, slots=True)
 class GroupEffect:
-    """How residuals go together within groups, and what that does to standard deviations."""
+    """The correlation of residuals within groups, and its effect on standard deviations."""
 
     correlation: float  # of two rows of one group
     rows_per_group: float

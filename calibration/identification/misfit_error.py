@@ -30,7 +30,7 @@ class MisfitCause:
 
 @dataclass(frozen=True, slots=True)
 class MisfitScore:
-    """How well rows fit, and how far the zeros of the inner joints then are from where they should be."""
+    """The quality of a fit, and how far the zeros of the inner joints then are from where they should be."""
 
     score_m: float
     offsets_rad: tuple[float, ...] = ()

@@ -49,12 +49,12 @@ class MisfitCandidate:
 
     @property
     def part_count(self) -> int:
-        """How many things are wrong at once."""
+        """The number of things that are wrong at once."""
         return self.reading.parts + bool(self.unit) + self.mirrored
 
     @property
     def kinds(self) -> tuple[str, ...]:
-        """What is wrong."""
+        """The kinds of the parts that are wrong."""
         zeros = "home" if self.reading.zeros_rad else ""
         joints = self.reading.kind if self.reading.kind != "home" else ""
         words = ("unit" if self.unit else "", "mirror" if self.mirrored else "", joints, zeros)
@@ -86,7 +86,7 @@ class MisfitCandidate:
 
     @property
     def cure_texts(self) -> list[str]:
-        """How to say so."""
+        """The cures in words."""
         what = "length" if isinstance(self.observations, LengthObservations) else "position"
         cures = [f"Say so: `--units {what}={self.unit}`."] if self.unit else []
         if self.mirrored:

@@ -24,7 +24,7 @@ TipFrames: TypeAlias = tuple[Array, Array]
 
 @dataclass(frozen=True, eq=False)
 class DevicePlacement:
-    """Where one mounting of a device is: a frame for points and poses, an anchor for lengths."""
+    """The place of one mounting of a device: a frame for points and poses, an anchor for lengths."""
 
     device_base: Array  # (4, 4); identity for a length gauge
     anchor_in_base_m: Array  # (3,); used by a length gauge

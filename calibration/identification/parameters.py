@@ -28,7 +28,7 @@ LEVEL_NAMES = (
 
 @dataclass(frozen=True, slots=True)
 class Priors:
-    """How far a parameter may be expected from its nominal value: one standard deviation each."""
+    """The expected distance of parameters from their nominal values: one standard deviation each."""
 
     offset_rad: float = float(np.deg2rad(0.5))
     slide_m: float = 2e-3  # zero of a joint that slides
@@ -69,7 +69,7 @@ class ArmState:
 
     @property
     def mounting_count(self) -> int:
-        """How many mountings rows may have: of a device that moves, or of targets before one that stays."""
+        """The number of mountings of the rows: of a device that moves, or of targets before one that stays."""
         return len(self.devices) + len(self.further)
 
     def device_of(self, mounting: int) -> DevicePlacement:
@@ -129,7 +129,7 @@ def nominal_state(
 
 @dataclass(frozen=True, eq=False)
 class ParameterLayout:
-    """Which unknowns are free, in which order, and how a step of them changes the arm."""
+    """The free unknowns, their order, and how a step of them changes the arm."""
 
     parameters: tuple[Parameter, ...]
     kind: str  # of observation
@@ -156,7 +156,7 @@ class ParameterLayout:
 
     @cached_property
     def shared_count(self) -> int:
-        """How many parameters stand before the tool: places of the device, and zero and scale of a wire."""
+        """The number of parameters before the tool's: places of the device, and zero and scale of a wire."""
         return self._place_size * self.mountings + (2 if self._has_wire else 0)
 
     @cached_property

@@ -53,7 +53,7 @@ _MOST_ROWS = 4000  # are looked at to choose; the fit takes all
 
 @dataclass(frozen=True, slots=True)
 class IdentificationOptions:
-    """How to identify; the defaults suit any file."""
+    """Options of an identification; the defaults suit any file."""
 
     level: int | None = None  # None: chosen by cross-validation
     seed: int = 0

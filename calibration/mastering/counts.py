@@ -14,7 +14,7 @@ from cellcal.calibration.wires.reference import WireReference
 
 @dataclass(frozen=True, slots=True)
 class DriveTrain:
-    """How motors turn joints: ``joint = interaction . (count - count_at_zero)``.
+    """The relation of motors and joints: ``joint = interaction . (count - count_at_zero)``.
 
     ``radians_per_count`` is the interaction matrix, row-major; off-diagonal terms are the wrist coupling.
     ``counts_per_turn`` is the smallest count step after which the surviving single-turn reading repeats.

@@ -38,7 +38,7 @@ _AT_ONCE = 64  # sets of captures: their covariances together stay small
 
 @dataclass(frozen=True, slots=True)
 class JogTiming:
-    """How long a robot takes that jogs one axis after the other and comes to rest from one side."""
+    """The time of a robot that jogs one axis after the other and comes to rest from one side."""
 
     speed_rad_s: float = 0.035
     overshoot_rad: float = 0.0174533

@@ -18,7 +18,7 @@ _THREE_AXES = 3
 
 @dataclass(frozen=True, slots=True)
 class JointConvention:
-    """How shown joints follow from link angles: signs first, then J2 is taken from joint 3 where that is coupled."""
+    """Relation of shown joints to link angles: signs first, then J2 is taken from joint 3 where that is coupled."""
 
     signs: tuple[int, ...]
     third_follows_second: bool
@@ -41,7 +41,7 @@ class JointConvention:
 
 @dataclass(frozen=True, slots=True)
 class ConventionSearch:
-    """Which conventions reproduce the shown joints; ``misses_rad`` are those of the nearest one."""
+    """The conventions that reproduce the shown joints; ``misses_rad`` are those of the nearest one."""
 
     matching: tuple[JointConvention, ...]
     misses_rad: tuple[float, ...]

@@ -47,7 +47,7 @@ class TurnEvidence(Protocol):
 
     @property
     def capture_count(self) -> int:
-        """How many captures there are."""
+        """The number of captures."""
         ...
 
     def model_values(self, turns: Array) -> Array:
@@ -198,7 +198,7 @@ class AnyEquipment:
 
     @property
     def capture_count(self) -> int:
-        """How many captures there are."""
+        """The number of captures."""
         return self.evidence.capture_count
 
     def model_values(self, turns: Array) -> Array:

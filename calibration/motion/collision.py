@@ -89,7 +89,7 @@ class CollisionCheck:
 
     @property
     def not_checked(self) -> tuple[str, ...]:
-        """What this check does not see, in sentences for the person who approves a move."""
+        """The limits of this check, in sentences for the person who approves a move."""
         words = [*self.shape.assumed]
         names = {capsule.link: capsule.name for capsule in self.shape.arm}
         words += [

@@ -28,7 +28,7 @@ MIRROR_CHI_SQUARE = 25.0  # a mirror image that fits worse than this is excluded
 
 
 class UncertainFrame:
-    """How well a frame is known; the covariance is a field of the dataclass that derives from this."""
+    """The uncertainty of a frame; the covariance is a field of the dataclass that derives from this."""
 
     __slots__ = ()
     covariance: Covariance6  # of the right twist (v, w) [m, rad]
@@ -71,7 +71,7 @@ class PlacedPoints(UncertainFrame):
 
     @property
     def most_chi_square(self) -> float:
-        """What chi square keeps to at 99.9 % where the points have the drawing's shape."""
+        """The 99.9 % limit of chi square where the points have the drawing's shape."""
         return chi_square_limit(self.degrees_of_freedom)
 
     def is_consistent(self) -> bool:

@@ -76,12 +76,12 @@ class PlacedTags:
 
     @property
     def origin_uncertainty(self) -> SpatialUncertainty:
-        """How well the origin is known [m]."""
+        """The uncertainty of the origin [m]."""
         return spatial_uncertainty(np.array(self.covariance)[:3, :3], self.degrees_of_freedom)
 
     @property
     def angle_uncertainty(self) -> SpatialUncertainty:
-        """How well the turn is known, about any axis [rad]."""
+        """The uncertainty of the turn, about any axis [rad]."""
         return spatial_uncertainty(np.array(self.covariance)[3:, 3:], self.degrees_of_freedom)
 
 

@@ -40,7 +40,7 @@ _SLIM = 0.1  # of a face's points: second extent over the first, below which the
 
 @dataclass(frozen=True, slots=True)
 class CornerFace:
-    """Where the ball's centre was at each contact with one face, in the base."""
+    """The ball's centres at the contacts with one face, in the base."""
 
     centres_m: tuple[Triple, ...]
     outward: Triple  # unit vector against the approach: from the material to the tip

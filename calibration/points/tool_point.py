@@ -28,7 +28,7 @@ MIN_OPENING_RAD = math.radians(15.0)  # between the moves of the two-point metho
 
 @dataclass(frozen=True, slots=True)
 class ToolPoint:
-    """Where the tip is, and how far the touches agree about it."""
+    """The place of the tip, and how far the touches agree about it."""
 
     tip_in_flange_m: Triple
     pin_in_base_m: Triple

@@ -66,7 +66,7 @@ class ArmTask:
 
     @property
     def channel_count(self) -> int:
-        """How many coordinates a reading has."""
+        """The number of coordinates of a reading."""
         return 1 if self.kind == "length" else 3
 
     def nominal_model(self) -> RobotModel:

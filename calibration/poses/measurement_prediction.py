@@ -172,7 +172,7 @@ def predict_after_fit(fit: ArmFit, observe: Observe) -> MeasurementPrediction:
 
 @dataclass(frozen=True, eq=False)
 class TestPoses:
-    """Where the accuracy of the tool point counts."""
+    """The poses at which the accuracy of the tool point counts."""
 
     __test__ = False  # not a test case
 
@@ -207,7 +207,7 @@ class TestPoses:
 
 @dataclass(frozen=True, slots=True)
 class AccuracyPrediction:
-    """How well everything will be known; standard deviations in SI."""
+    """The predicted accuracy of everything; standard deviations in SI."""
 
     parameters: tuple[str, ...]
     units: tuple[str, ...]

@@ -42,7 +42,7 @@ class DesignTask:
 
     @property
     def candidate_count(self) -> int:
-        """How many candidates there are."""
+        """The number of candidates."""
         return int(self.columns.shape[2])
 
     def information_of(self, chosen: NDArray[np.intp]) -> Array:

@@ -38,7 +38,7 @@ class TransferFrames:
 
 @dataclass(frozen=True, eq=False)
 class TransferResult:
-    """Where points go, the pose first."""
+    """The new places of points, the pose first."""
 
     joints_rad: Array  # (N, n) of the other controller
     base_tip: Array  # (N, 4, 4) that the other controller computes there, with its tool as entered

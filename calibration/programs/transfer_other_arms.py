@@ -36,7 +36,7 @@ class OtherArm:
 
     @property
     def free_count(self) -> int:
-        """How many joints bring the tip to a pose."""
+        """The number of joints that bring the tip to a pose."""
         return self.model.axis_count - len(self.held)
 
     @property

@@ -16,7 +16,7 @@ _TELEGRAM_SHARE = 0.5  # of the deadline: connecting takes two telegrams
 
 
 class _DrawWireOptions(BaseModel):
-    """How good a draw-wire is."""
+    """The accuracy of a draw-wire."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 

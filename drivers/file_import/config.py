@@ -61,7 +61,7 @@ class _InstrumentConfig(BaseModel):
 
     @property
     def number_count(self) -> int:
-        """How many numbers a reading has."""
+        """The number of numbers in a reading."""
         return 1
 
     def _make_rows(self, operator: Operator | None, question: str) -> RowSource:
@@ -112,12 +112,12 @@ class FileTrackerConfig(_InstrumentConfig):
 
     @property
     def number_count(self) -> int:
-        """How many numbers a reading has: three, and those of the turn."""
+        """The number of numbers in a reading: three, and those of the turn."""
         return 3 + (len(CONVENTIONS[self.orientation].fields) if self.orientation else 0)
 
     @property
     def capabilities(self) -> TrackerCapabilities:
-        """What this instrument can do, known before it is reached."""
+        """The instrument's capabilities, known before it is reached."""
         return TrackerCapabilities(
             bool(self.orientation),
             self.range_m,

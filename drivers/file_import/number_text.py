@@ -19,7 +19,7 @@ class TextError(ValueError):
 
 @dataclass(frozen=True, slots=True)
 class ColumnLayout:
-    """Which columns hold the numbers, in which unit of length."""
+    """The columns of the numbers, and their unit of length."""
 
     columns: tuple[Column, ...]  # names of the heading, or places counted from 1
     unit: str

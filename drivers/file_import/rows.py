@@ -72,7 +72,7 @@ class TypedRows:
 
 @dataclass(frozen=True, slots=True)
 class FileOptions:
-    """Which file, how it is laid out, and how long to wait for its next row."""
+    """The file, its layout, and the time to wait for its next row."""
 
     path: Path
     layout: ColumnLayout

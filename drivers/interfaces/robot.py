@@ -25,7 +25,7 @@ class JointReading:
 
 
 class PositionCure(StrEnum):
-    """How a person at the pendant brings a lost position back, where no wire writes it."""
+    """The actions by which a person at the pendant brings a lost position back, where no wire writes it."""
 
     REVOLUTION_COUNTERS = "revolution_counters"  # ABB: each axis at its mark, the fraction of a turn is kept
     ABSOLUTE_DATA = "absolute_data"  # Yaskawa: the absolute data of each axis are typed or made anew

@@ -39,7 +39,7 @@ class LaserTrackerConfig(BaseModel):
 
     @property
     def capabilities(self) -> TrackerCapabilities:
-        """What this instrument can do, known before it is reached."""
+        """The instrument's capabilities, known before it is reached."""
         return TrackerCapabilities(
             self.measures_poses, self.range_m, self.sigma_m, self.sigma_per_m, self.sigma_rad
         )

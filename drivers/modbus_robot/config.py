@@ -43,7 +43,7 @@ class ModbusRobotConfig(BaseModel):
 
     @property
     def capabilities(self) -> RobotCapabilities:
-        """What this robot can do, known before it is reached."""
+        """The robot's capabilities, known before it is reached."""
         from cellcal.drivers.modbus_robot.robot import capabilities_of  # noqa: PLC0415  a cell file is read without the library
 
         return capabilities_of(load_profile(self.profile))

@@ -70,7 +70,7 @@ class OpcUaConfig(BaseModel):
 
     @property
     def capabilities(self) -> RobotCapabilities:
-        """What this robot can do, known before it is reached."""
+        """The robot's capabilities, known before it is reached."""
         return RobotCapabilities(
             axes=len(self.axes) or _USUAL_AXES,
             moves_joints=False,

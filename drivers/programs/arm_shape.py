@@ -13,7 +13,7 @@ from cellcal.drivers.programs.errors import ProgramFileError
 
 @dataclass(frozen=True, eq=False)
 class ArmShape:
-    """Where the wrist's centre is; both measures change sign where two postures become one."""
+    """The place of the wrist's centre; both measures change sign where two postures become one."""
 
     forward_m: Array  # (N,) of axis 1, along the x axis of the base that turns with it
     before_arm_m: Array  # (N,) of the line from axis 2 to axis 3, on the side it is on with that line upright

@@ -15,7 +15,7 @@ from cellcal.drivers.programs.positions import PositionChange, ProgramFile
 
 
 class ConfigurationRule(Protocol):
-    """How a maker tells apart the postures that reach one pose: flags and turn numbers."""
+    """A maker's distinction of the postures that reach one pose: flags and turn numbers."""
 
     def matches_postures(
         self, model: RobotModel, joints: Array, texts: Sequence[str], *, turns: bool = True
@@ -81,7 +81,7 @@ class DeclaringProgram(ProgramFile, Protocol):
 
 
 class ProgramBatch(Protocol):
-    """How a brand reads and changes many programs at once."""
+    """A brand's functions to read and change many programs at once."""
 
     def read_files(self, files: Sequence[tuple[str, bytes]]) -> Sequence[ProgramFile | ProgramFileError]:
         """Return programs by their names and bytes; what is wrong with one stands at its place."""

@@ -21,7 +21,7 @@ NO_MOTION = VALUES_GIVEN | {COPIED, OPEN_COPY}  # what is done to a position wit
 
 
 class MoveFrames(NamedTuple):
-    """How a move goes to a position: its tool and frame, None where its file does not say."""
+    """The tool and frame of a move to a position, None where its file does not say."""
 
     tool: str | None
     frame: str | None
@@ -109,7 +109,7 @@ class FindOpenReason(Protocol):
 
 
 class FindDeclarations(Protocol):
-    """Where the declaration stands that a name means in a file."""
+    """Finds the declaration that a name means in a file."""
 
     def __call__(self, file: str, name: str, /) -> tuple[Sequence[str], str]:
         """Return the files that declare it, and its name there; no file where none of the batch does."""

@@ -11,7 +11,7 @@ _NUMBER = re.compile(r"^([+-]?)(\d*)(?:(\.)(\d*))?(?:([eE])([+-]?)(\d+))?$")
 
 @dataclass(frozen=True, slots=True)
 class NumberFormat:
-    """How one number stands in a file: decimals, leading zero, width, exponent, plus sign.
+    """The form of one number in a file: decimals, leading zero, width, exponent, plus sign.
 
     ``of(".154").write(-0.2)`` is ``-.200``; a number that has no fraction gets none.
     """

@@ -10,7 +10,7 @@ UNCERTAIN = "\2"  # begins what may be the name of a tool, or nothing: the use t
 
 
 class ParameterUse(NamedTuple):
-    """How a routine moves to a parameter: its tool and frame, None where its file does not say."""
+    """The tool and frame of a routine's moves to a parameter, None where its file does not say."""
 
     tool: str | None
     frame: str | None

@@ -26,7 +26,7 @@ _WORD = 16
 
 @dataclass(frozen=True, slots=True)
 class CouplerWiring:
-    """Which terminals are used; channels count from 1. ``echo`` is an output and the input it is wired to."""
+    """The terminals that are used; channels count from 1. ``echo`` is an output and the input it is wired to."""
 
     serial: str  # MAC-ID
     digital_input: int = 0  # 0: none is used

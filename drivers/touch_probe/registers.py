@@ -13,7 +13,7 @@ class _CouplerTable(BaseModel):
 
 
 class CouplerRegister(_CouplerTable):
-    """Where something lies; addresses count from 0."""
+    """The address of a value; addresses count from 0."""
 
     address: int = Field(ge=0, le=0xFFFF)
     words: int = Field(ge=1, le=125)
@@ -27,7 +27,7 @@ class CouplerConstants(_CouplerTable):
 
 
 class CurrentLoop(_CouplerTable):
-    """How a 4-20 mA terminal writes its value down."""
+    """The form in which a 4-20 mA terminal gives its value."""
 
     shift: int
     steps: int  # at 20 mA; 4 mA is 0

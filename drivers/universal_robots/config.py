@@ -117,7 +117,7 @@ class UniversalRobotConfig(BaseModel):
 
     @property
     def capabilities(self) -> RobotCapabilities:
-        """What this robot can do, known before it is reached."""
+        """The robot's capabilities, known before it is reached."""
         return READ_ONLY_CAPABILITIES if arm_types()[self.arm].is_cb3 else CAPABILITIES
 
     @property

@@ -32,7 +32,7 @@ VERIFIED_ON: tuple[str, ...] = ()  # controller software tried with a real arm; 
 
 @dataclass(frozen=True, slots=True)
 class StreamTiming:
-    """How often the controller reports, and how long we wait."""
+    """The period of the controller's reports, and the time to wait for one."""
 
     rate_hz: float
     stale_s: float

@@ -26,7 +26,7 @@ _CALL_S = 1.0
 
 @dataclass(frozen=True, slots=True)
 class SessionOptions:
-    """How a session connects and ends."""
+    """Options of how a session connects and ends."""
 
     address: str
     watchdog_hz: float

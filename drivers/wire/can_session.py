@@ -42,7 +42,7 @@ _WIRING = "Check the power and the cable of the device, and the CAN termination;
 
 @dataclass(frozen=True, slots=True)
 class BusOptions:
-    """Which bus, in python-can's words."""
+    """The bus, in python-can's words."""
 
     interface: str
     channel: str

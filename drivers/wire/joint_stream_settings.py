@@ -28,7 +28,7 @@ def _as_address(text: str) -> ipaddress.IPv4Address:
 
 
 class JointStreamSettings(BaseModel):
-    """Where a stream of joint angles arrives, and what counts as standing and as the same angles.
+    """The port of a stream of joint angles, and what counts as standing and as the same angles.
 
     ``listen`` is an address of this computer, never all of them. ``sender`` is the controller's address on that
     network, where it is another than the robot's.

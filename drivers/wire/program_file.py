@@ -18,7 +18,7 @@ class ProgramHeader:
 
 @dataclass(frozen=True, slots=True)
 class ProgramWriter:
-    """How joint moves [rad] at a speed of the fastest joint [rad/s] are written for one make."""
+    """Writes joint moves [rad] at a speed of the fastest joint [rad/s] for one make."""
 
     suffix: str
     write: Callable[[ProgramHeader, Way, float], str]

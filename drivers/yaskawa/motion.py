@@ -18,7 +18,7 @@ _LARGEST_PULSE = 2**31 - 1
 
 @dataclass(frozen=True, slots=True)
 class PulseScale:
-    """How pulses become angles: signed pulses per degree of each axis."""
+    """The relation of pulses and angles: signed pulses per degree of each axis."""
 
     pulses_per_degree: tuple[float, ...]
 

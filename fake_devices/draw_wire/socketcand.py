@@ -62,12 +62,12 @@ class SocketCanDaemon(AwaitedPort):
 
     @property
     def client_count(self) -> int:
-        """How many clients are connected."""
+        """The number of connected clients."""
         return len(self._clients)
 
     @property
     def ready_clients(self) -> int:
-        """How many clients receive frames by now."""
+        """The number of clients that receive frames by now."""
         now_s = self._real()
         return sum(client.raw_from_s is not None and now_s >= client.raw_from_s for client in self._clients)
 

@@ -53,7 +53,7 @@ class TrackerServer(AwaitedPort):
 
     @property
     def client_count(self) -> int:
-        """How many clients are connected."""
+        """The number of connected clients."""
         return len(self._writers)
 
     def drop_connections(self) -> None:

@@ -131,7 +131,7 @@ class ModbusServer(AwaitedPort):
 
     @property
     def client_count(self) -> int:
-        """How many clients are connected."""
+        """The number of connected clients."""
         return len(self._writers)
 
     def close(self) -> None:

@@ -49,7 +49,7 @@ Spoiler = Callable[[str, ua.DataValue], ua.DataValue]
 
 @dataclass(frozen=True)
 class RobotLayout:
-    """How this server shows its robots; a restart may change it."""
+    """The form in which this server shows its robots; a restart may change it."""
 
     namespaces: tuple[str, ...] = USUAL_ORDER
     devices: tuple[str, ...] = ("Arm",)

@@ -37,7 +37,7 @@ class NoSolutionError(Exception):
 
 @dataclass
 class SetPoint:
-    """Where the controller wants the joints at this moment."""
+    """The joints that the controller wants at this moment."""
 
     joints_rad: Vector
     velocity_rad_s: Vector = _STILL

@@ -31,7 +31,7 @@ ON_THE_WAY_RAD = 0.02  # an approach from below leaves the way by one degree
 
 @dataclass(slots=True)
 class ArmVisits:
-    """Where a series stands between steps; everything in it comes from findings."""
+    """The progress of a series between steps; everything in it comes from findings."""
 
     run: Run
     bench: Bench

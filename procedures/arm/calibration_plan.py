@@ -88,7 +88,7 @@ class CalibrationPlan:
 
     @property
     def expected_checks(self) -> int:
-        """How many poses are expected to verify; fewer than the rules want where the room has no more."""
+        """The expected number of poses that verify; fewer than the rules want where the room has no more."""
         return len(self.foreseen_rad) - self.expected_captures
 
     def expected_motion(self) -> TimedMotion:

@@ -98,7 +98,7 @@ class ArmIdentification:
 
     @property
     def saving_text(self) -> str:
-        """What choosing the poses saved, in words."""
+        """The effort that choosing the poses saved, in words."""
         if self.fixed_plan_captures is None:
             return make_message(
                 "{captures} captures; evenly drawn poses do not reach this U at all", captures=self.captures

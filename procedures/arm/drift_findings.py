@@ -75,7 +75,7 @@ class DriftResult:
 
     @property
     def saving_text(self) -> str:
-        """What stopping as soon as it was decided saved, in words."""
+        """The effort saved by stopping as soon as it was decided, in words."""
         taken, every = len(self.measured), len(self.reference.poses_rad)
         if taken >= every:
             return make_message("no saving: all {every} poses of the reference were needed", every=every)

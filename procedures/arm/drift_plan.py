@@ -32,7 +32,7 @@ ASSUMED_DISTANCE_M = 3.0  # of a target from its tracker, in a dry run
 
 @dataclass(frozen=True, slots=True)
 class DriftRules:
-    """How many poses, how carefully, and what motion must keep to."""
+    """The number of poses, the care of each, and the limits of motion."""
 
     poses: Annotated[
         int,

@@ -12,7 +12,7 @@ class PredictedErrors:
 
     @property
     def most_chi_square(self) -> float:
-        """What the stated uncertainty allows chi square at 99.9 %."""
+        """The 99.9 % limit of chi square by the stated uncertainty."""
         return chi_square_limit(self.degrees_of_freedom)
 
     @property

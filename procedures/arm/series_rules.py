@@ -25,7 +25,7 @@ from cellcal.procedures.setting_texts import (
 
 @dataclass(frozen=True, slots=True)
 class SeriesRules:
-    """How many poses, how carefully, and what motion must keep to."""
+    """The number of poses, the care of each, and the limits of motion."""
 
     first: Annotated[
         int,

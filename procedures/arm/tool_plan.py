@@ -36,7 +36,7 @@ _SAME_POSE_RAD = 0.02
 
 @dataclass(frozen=True, slots=True)
 class ToolGoal:
-    """Where the points are from the tip, roughly where the tool is, and how well its frame must be known."""
+    """The places of the points from the tip, roughly where the tool is, and how well its frame must be known."""
 
     rough_flange_tool: Pose
     points_in_tool_m: tuple[Triple, ...]

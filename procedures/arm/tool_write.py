@@ -48,7 +48,7 @@ class WrittenTool:
 
 @dataclass(frozen=True, slots=True)
 class ToolOrder:
-    """Which tool frame is to be written, what it was, and by whose order even if it is not proved."""
+    """The tool frame to write, what it was, and by whose order even if it is not proved."""
 
     number: int
     before: Pose

@@ -73,7 +73,7 @@ class _CheckSearch:
 
     @cached_property
     def motion_limits(self) -> MotionLimits:
-        """What each way keeps."""
+        """The limits that each way keeps."""
         turns = self.context.doubt_turns or sure_turns(self.context.offset_covariance)
         return lost_limits(self.state, self.record, self.room, turns)
 

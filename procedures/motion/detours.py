@@ -40,7 +40,7 @@ def ways_through(start_rad: Joints, poses: Array, arrive: Arrive) -> list[list[A
 
 
 class _DetourSearch:
-    """Where the robot has been to, how far the wire was wound there, and the straight ways known to be free."""
+    """The places the robot has been to, how far the wire was wound there, and the straight ways known to be free."""
 
     def __init__(self, start: Array, arrive: Arrive) -> None:
         self._places, self._wound_rad, self._here = [start], [0.0], 0

@@ -94,7 +94,7 @@ class JogGuidance:
 
     @property
     def sentence(self) -> str:
-        """What to do now, in words."""
+        """The next action, in words."""
         name, left = f"J{self.leg.axis + 1}", abs(math.degrees(self.left_rad))
         if self.advice is Advice.WRONG_AXIS and self.other_axis is not None:
             other = f"J{self.other_axis + 1}"

@@ -27,7 +27,7 @@ class TimedJoints:
 
 @dataclass(frozen=True, slots=True)
 class ContactPosition:
-    """Where the arm was, as well as the times tell."""
+    """The position of the arm at a contact, as well as the times tell."""
 
     joints_rad: Joints
     speed_m_s: float  # of the tip, the fastest near by

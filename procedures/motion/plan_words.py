@@ -12,7 +12,7 @@ PER_POSE_S = 4.0  # to come to rest and measure
 
 @dataclass(frozen=True, slots=True)
 class PlanTour:
-    """How far a plan goes: its stops, and the ways between them at their pace."""
+    """The length of a plan: its stops, and the ways between them at their pace."""
 
     stops: int
     paced: TimedMotion
@@ -20,7 +20,7 @@ class PlanTour:
 
     @property
     def duration_min(self) -> float:
-        """How long it takes, about."""
+        """The duration, about."""
         return (self.paced.moving_s + self.stops * PER_POSE_S) / 60.0
 
 

@@ -31,7 +31,7 @@ class ProbeLine:
 
     @property
     def length_m(self) -> float:
-        """How far the tip travels from start to end."""
+        """The distance of the tip from start to end."""
         return float(self.travelled_m[-1])
 
     def joints_at(self, distance_m: float) -> Joints:

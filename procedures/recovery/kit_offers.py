@@ -51,7 +51,7 @@ class KitOffer:
 
     @property
     def duration_min(self) -> float:
-        """How long a person takes to record it."""
+        """The time that a person needs to record it."""
         return len(kit_places(self.spec)) * PERSON_S / 60.0
 
     @property

@@ -65,7 +65,7 @@ class AlarmCodes:
 
 @dataclass(frozen=True, slots=True)
 class IndexTurning:
-    """How motors are turned past their index."""
+    """The turns of motors past their index."""
 
     speed_rad_s: float
     room: MotionBounds
@@ -82,7 +82,7 @@ class ClearedEncoders:
 
 @dataclass(frozen=True, slots=True)
 class AlarmRound:
-    """How often the alarms were looked at, and whether one of them said that a position was lost."""
+    """The number of looks at the alarms, and whether one of them said that a position was lost."""
 
     number: int = 0
     lost: bool = False

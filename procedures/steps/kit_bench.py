@@ -33,7 +33,7 @@ class KitBench:
 
 @dataclass(frozen=True, slots=True)
 class KitChoice:
-    """Which kit a person chose, and who."""
+    """The kit that a person chose, and the person."""
 
     kit: str
     who: str

@@ -25,7 +25,7 @@ HAND_ROUNDS = 3  # over all axes, where a person moves one that had to stand
 
 @dataclass(frozen=True, slots=True)
 class Arrival:
-    """Where the arm came to rest, in the controller's counts and joints."""
+    """The place where the arm came to rest, in the controller's counts and joints."""
 
     counts: Counts
     joints_rad: Joints
@@ -33,7 +33,7 @@ class Arrival:
 
 @dataclass(frozen=True, slots=True)
 class CountsToJoints:
-    """How counts read now become joints of the healthy robot: the drive, and provisional turns."""
+    """The relation of counts read now and joints of the healthy robot: the drive, and provisional turns."""
 
     drive: DriveTrain
     counts_at_zero: Counts

@@ -25,7 +25,7 @@ class StillMovingError(ProcedureError):
 
 @dataclass(frozen=True, slots=True)
 class TaughtPose:
-    """Where the flange stood, how the joints stood, and who said it was right."""
+    """The flange's pose, the joints, and who said it was right."""
 
     base_flange: Pose
     joints_rad: Joints

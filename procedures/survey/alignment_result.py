@@ -38,7 +38,7 @@ class AlignmentResult:
 
     @property
     def saving_text(self) -> str:
-        """What choosing the poses saved, in words."""
+        """The effort that choosing the poses saved, in words."""
         return saving_text(self.captures, self.fixed_plan_captures)
 
 

@@ -15,7 +15,7 @@ from cellcal.procedures.survey.survey import Survey
 
 @dataclass(frozen=True, slots=True)
 class KnownWire:
-    """Which wire measures, and the newest alignment of every other robot with the fixture."""
+    """The wire that measures, and the newest alignment of every other robot with the fixture."""
 
     wire: str
     others: tuple[Alignment, ...]
@@ -31,7 +31,7 @@ NOTHING_KNOWN = KnownWire("", ())
 
 @dataclass(frozen=True, slots=True)
 class BasePrediction:
-    """How well another robot's base will be known through the fixture; k = 2."""
+    """The predicted uncertainty of another robot's base through the fixture; k = 2."""
 
     seen: str  # the other robot; empty: none is aligned yet, it is expected to become as good
     origin_u_m: float

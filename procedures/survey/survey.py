@@ -46,7 +46,7 @@ _PROMISE = 0.78
 
 @dataclass(frozen=True, slots=True)
 class SurveyRules:
-    """How many poses at each spot, how carefully, and what motion must keep to."""
+    """The number of poses at each spot, the care of each, and the limits of motion."""
 
     min_captures: Annotated[int, Field(ge=4, le=100), MIN_CAPTURES] = 6
     max_captures: Annotated[int, Field(ge=4, le=200), MAX_CAPTURES] = 40

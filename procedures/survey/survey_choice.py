@@ -22,7 +22,7 @@ FEWEST_LENGTHS = 4
 
 @dataclass(frozen=True, slots=True)
 class SurveyProgress:
-    """Where a survey stands: what was captured, at which spot and posture, and how large disturbances are."""
+    """The progress of a survey: the captures, at which spot and posture, and how large disturbances are."""
 
     captures: Captures
     spot: int

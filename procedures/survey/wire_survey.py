@@ -98,7 +98,7 @@ class _SpotLength:
 
 
 class _SurveyRun:
-    """Where a survey stands between steps; everything in it comes from findings."""
+    """The progress of a survey between steps; everything in it comes from findings."""
 
     def __init__(self, run: Run, survey: Survey) -> None:
         self._run, self._survey = run, survey

@@ -16,7 +16,7 @@ Length = Annotated[float, Field(ge=0.002, le=1.0)]
 
 @dataclass(frozen=True, slots=True)
 class CornerRules:
-    """Which corner, where it is felt, how carefully, and what motion must keep to."""
+    """The corner, where it is felt, the care of each touch, and the limits of motion."""
 
     corner: Annotated[
         Corner,
@@ -109,7 +109,7 @@ class CornerRules:
 
     @property
     def retreat_m(self) -> float:
-        """How far the tip goes back from a contact before it feels again."""
+        """The distance back from a contact before the tip feels again."""
         return min(0.001, self.search_way_m / 2.0)
 
     def __post_init__(self) -> None:

@@ -67,7 +67,7 @@ class FaceTouch:
 
 @dataclass(frozen=True, slots=True)
 class FacePlan:
-    """How to feel at some spots one after the other: for each the way to where the tip hovers, and the approach."""
+    """Spots to feel one after the other: for each the way to where the tip hovers, and the approach."""
 
     ways_rad: tuple[tuple[Joints, ...], ...]  # from where the one before ended, that corner first
     approaches: tuple[ProbeApproach, ...]

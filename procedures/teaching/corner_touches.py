@@ -92,7 +92,7 @@ class CornerGoal:
 
 @dataclass(frozen=True, slots=True)
 class CornerPrediction:
-    """Which faces to touch again, in order, until the goal is met; what is known then, k = 2."""
+    """The faces to touch again, in order, until the goal is met; the uncertainty then, k = 2."""
 
     again: tuple[FaceName, ...]
     reached: bool
@@ -193,7 +193,7 @@ async def touch_spot(
 
 @dataclass(frozen=True, slots=True)
 class CornerSetup:
-    """Where a corner is drawn, and how it is felt."""
+    """The drawn place of a corner, and how it is felt."""
 
     bench: ProbeBench
     rules: CornerRules

@@ -120,17 +120,17 @@ class FrameOffset:
 
     @property
     def offset_goal(self) -> OffsetGoal:
-        """What a touch is worth, and what is asked for."""
+        """The uncertainty of a touch, and the one that is asked for."""
         return OffsetGoal(self.sigma_m, self.old_sigma_m, self.origin_u_m, self.angle_u_rad)
 
     @property
     def named_count(self) -> int:
-        """How many points are touched in any case."""
+        """The number of points that are touched in any case."""
         return len(self.points_in_frame_m or self.old_points_in_base_m)
 
     @property
     def most_touches(self) -> int:
-        """How many touches there are at most."""
+        """The largest number of touches."""
         return max(self.max_touches, self.named_count)
 
 

@@ -75,7 +75,7 @@ class TeachingMethod:
 
     @property
     def least_touches(self) -> int:
-        """How many touches the method has."""
+        """The number of touches of the method."""
         return 4 if self.method == "four_point" else 3
 
     @property

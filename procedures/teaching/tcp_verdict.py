@@ -48,7 +48,7 @@ class TaughtTool(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class TcpCriteria:
-    """How the tool was taught, and what it is judged by."""
+    """The method of teaching the tool, and the criteria by which it is judged."""
 
     way: TeachingMethod
     square_sigma_rad: float

@@ -19,7 +19,7 @@ _LEAVES = ("approve", "review")
 
 @dataclass(slots=True)
 class PlanProgress:
-    """Where a run stands in its plan."""
+    """The progress of a run in its plan."""
 
     _poses: Sequence[Mapping[str, Any]] = ()
     _goal_rad: Joints | None = None

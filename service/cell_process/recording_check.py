@@ -72,7 +72,7 @@ class SettleDetector:
 
 @dataclass(slots=True)
 class ObservedMotion:
-    """How robot and wire stand, as the glance saw them last."""
+    """The state of robot and wire as the glance saw them last."""
 
     joints_rad: tuple[float, ...] | None
     moving: bool

@@ -29,7 +29,7 @@ Json = Annotated[
 @Parameter(name="*")
 @dataclass(frozen=True, slots=True)
 class BackupArm:
-    """Which arm a controller's backup is of; its files do not say."""
+    """The arm of a controller's backup; its files do not say."""
 
     robot: RobotName = None
     group: Annotated[int, Parameter(name="--group", help="Motion group of the robot in the backup.")] = 1

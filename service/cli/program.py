@@ -44,7 +44,7 @@ ReportFile = Annotated[Path | None, Parameter(allow_leading_hyphen=True)]  # "-"
 
 @dataclass(frozen=True)
 class ProgramOutputs:
-    """Where new programs and reports go; `-` is standard output, and the tables then go to standard error."""
+    """The places of new programs and reports; `-` is standard output, and the tables then go to standard error."""
 
     out: Path
     """Folder for the new programs, made if it is not there. A source is never written over."""

@@ -14,7 +14,7 @@ from cellcal.service.web.middleware import is_loopback
 
 @dataclass(frozen=True, slots=True)
 class ListenAddress:
-    """Where the service listens, and by which names it is known."""
+    """The address on which the service listens, and the names by which it is known."""
 
     host: str
     tls_cert: Path | None = None
@@ -28,7 +28,7 @@ class ListenAddress:
 
     @property
     def url_scheme(self) -> str:
-        """How browsers come here."""
+        """The scheme of the addresses for browsers."""
         return "http" if self.tls_cert is None else "https"
 
     @property

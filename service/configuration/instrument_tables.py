@@ -114,7 +114,7 @@ class ProbeEntry:
 
     @property
     def role(self) -> str:
-        """What it is in the cell: ``probe`` or ``dial``."""
+        """The role in the cell: ``probe`` or ``dial``."""
         return "probe" if self.device.driver == "touch_probe" else "dial"
 
 

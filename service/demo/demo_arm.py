@@ -61,7 +61,7 @@ class DemoArm:
 
     @property
     def title(self) -> str:
-        """What it is called for people."""
+        """The name for people."""
         return self.model.title
 
 

@@ -30,7 +30,7 @@ _ENDS = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") 
 
 @dataclass(frozen=True, slots=True)
 class DemoOptions:
-    """Which world is played, how fast, at which port (None: the usual one or, where it is taken, another)."""
+    """The world to play, its pace, and the port (None: the usual one or, where it is taken, another)."""
 
     seed: int
     time_factor: float

@@ -46,7 +46,7 @@ _BUSY_TRIES = 3
 
 @dataclass(frozen=True, slots=True)
 class DemoScenario:
-    """Which story is told, how fast, and who listens."""
+    """The story to tell, its pace, and who listens."""
 
     loss: str = "turns"
     seed: int = 1
@@ -57,7 +57,7 @@ class DemoScenario:
 
     @property
     def robot(self) -> str:
-        """What the cell file calls the robot of the story."""
+        """The cell file's name of the robot of the story."""
         return ROBOT if self.arm is None else OTHER_ARM
 
 

@@ -29,7 +29,7 @@ CLEARED, JOGGED = "mended", "hand_jog"
 
 
 class FaultRequest(BaseModel):
-    """Which button was pressed."""
+    """The button that was pressed."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
@@ -37,7 +37,7 @@ class FaultRequest(BaseModel):
 
 
 class PaceRequest(BaseModel):
-    """How much faster than real the world's time is to run."""
+    """The factor by which the world's time is to run faster than real."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 

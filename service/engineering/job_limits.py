@@ -21,12 +21,12 @@ class JobLimits(ABC):
     @property
     @abstractmethod
     def too_large(self) -> str:
-        """What is said where the memory is not enough."""
+        """The sentence where the memory is not enough."""
 
     @property
     @abstractmethod
     def too_slow(self) -> str:
-        """What is said where the processor time is not enough."""
+        """The sentence where the processor time is not enough."""
 
     @property
     @abstractmethod

@@ -42,7 +42,7 @@ class WaitingEvent:
 
 @dataclass(frozen=True, slots=True)
 class DeliveryState:
-    """How deliveries stand."""
+    """The state of deliveries."""
 
     waiting: int
     delivered: int

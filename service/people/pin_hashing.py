@@ -40,7 +40,7 @@ class PinHasher:
 
     @property
     def pepper_mark(self) -> str:
-        """What tells this pepper from another without telling the pepper."""
+        """A mark that tells this pepper from another without revealing it."""
         return hmac.new(self.pepper, b"cellcal pepper mark", hashlib.sha256).hexdigest()
 
     def hash_secret(self, secret: str) -> str:

@@ -17,7 +17,7 @@ _LOG = logging.getLogger(__name__)
 
 @dataclass(frozen=True, slots=True)
 class HealthyCounts:
-    """Where the motors stood when all was well."""
+    """The motors' counts when all was well."""
 
     robot: str
     counts: Counts

@@ -95,7 +95,7 @@ class JournalEvent:
 
 @dataclass(frozen=True, slots=True)
 class JournalDamage:
-    """Where the journal stops being trustworthy."""
+    """The place from which the journal is not trustworthy."""
 
     after_seq: int
     reason: str

@@ -17,7 +17,7 @@ from cellcal.service.record.run_store import RunView
 
 
 class RunVerdict(StrEnum):
-    """How a run ended."""
+    """The outcome of a run."""
 
     PASSED = "passed"
     OUT_OF_TOLERANCE = "out_of_tolerance"

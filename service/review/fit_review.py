@@ -28,7 +28,7 @@ class FitSeries:
 
     @property
     def steps(self) -> tuple[str, ...]:
-        """What the points are called."""
+        """The names of the points."""
         return tuple(point.step for point in self.refit.points)
 
 

@@ -51,7 +51,7 @@ def _ignore_begin(run_id: str, phases: tuple[Phase, ...]) -> None:
 
 @dataclass(frozen=True, slots=True)
 class RunConditions:
-    """How a run is watched and who answers for it."""
+    """The conditions of a run: how it is watched and who answers for it."""
 
     on_event: OnEvent = ignore_progress
     on_begin: OnBegin = _ignore_begin  # its id and outline, once it stands in the journal

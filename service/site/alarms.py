@@ -24,7 +24,7 @@ class CellAlarm:
 
     @property
     def alarm_id(self) -> str:
-        """What makes it the same alarm again."""
+        """The key by which the same alarm is known again."""
         return f"{self.code}:{self.source}"
 
     def as_json(self) -> dict[str, object]:
@@ -33,7 +33,7 @@ class CellAlarm:
 
 
 class AlarmSet:
-    """Which alarms are up."""
+    """The alarms that are up."""
 
     def __init__(self, initial: Iterable[CellAlarm] = (), now_s: float = 0.0) -> None:
         self._up = {alarm.alarm_id: (alarm, now_s) for alarm in initial}  # with when it was last true

@@ -51,7 +51,7 @@ class _SiteFile(BaseModel):
 
 @dataclass(frozen=True, slots=True)
 class NewSite:
-    """How a site is begun. ``endpoint`` is host:port as cells reach the router; ``listen`` where it listens."""
+    """The options of a new site. ``endpoint`` is host:port as cells reach the router; ``listen`` where it listens."""
 
     name: str
     endpoint: str

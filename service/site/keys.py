@@ -61,7 +61,7 @@ class StationKeys:
 
     @property
     def base_key(self) -> str:
-        """What every key of the cell begins with."""
+        """The beginning of every key of the cell."""
         return f"{ROOT}/{self.site}/{self.cell}"
 
     @property
@@ -71,7 +71,7 @@ class StationKeys:
 
     @property
     def state_key(self) -> str:
-        """How the cell stands: once a second and on change."""
+        """The key of the cell's state: once a second and on change."""
         return f"{self.base_key}/state"
 
     @property

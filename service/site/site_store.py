@@ -49,7 +49,7 @@ class ReceivedEvent:
 
 @dataclass(frozen=True, slots=True)
 class EventReach:
-    """How far a station's events are here: all up to ``upto``; ``existing`` exist; ``lost`` are gone for good."""
+    """The reach of a station's events here: all up to ``upto``; ``existing`` exist; ``lost`` are gone for good."""
 
     upto: int = 0
     existing: int = 0
@@ -57,7 +57,7 @@ class EventReach:
 
     @property
     def missing_count(self) -> int:
-        """How many are behind the first hole, at most."""
+        """The largest number behind the first gap."""
         return max(self.existing - self.upto, 0)
 
 

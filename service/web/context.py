@@ -31,7 +31,7 @@ class ServiceExtension(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class ServiceSettings:
-    """How the service is run.
+    """The settings of the service.
 
     ``open_access`` makes every request the local technician's: for demos on loopback, without a robot. ``extension``
     adds such a demo's routes: with them the pages have buttons that make things go wrong. Names

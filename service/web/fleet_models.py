@@ -17,7 +17,7 @@ from cellcal.service.web.response_models import ResponseShape
 
 
 class EventsSeen(ResponseShape):
-    """How many of a cell's events are here, exist, and cannot be had any more."""
+    """The numbers of a cell's events that are here, that exist, and that cannot be had any more."""
 
     have: int
     known: int

@@ -65,7 +65,7 @@ def read_process_state(pid: int) -> ProcessState | None:
 
 
 class UnansweredTime:
-    """How long a process could have answered and did not."""
+    """The time in which a process could have answered and did not."""
 
     def __init__(self, hangs_after_s: float = HANGS_AFTER_S) -> None:
         self._hangs_after_s = hangs_after_s
@@ -80,7 +80,7 @@ class UnansweredTime:
 
     @property
     def does(self) -> str:
-        """What the process did at the last look."""
+        """The state of the process at the last look."""
         return "" if self._before is None else self._before.does
 
     def note_message(self) -> None:

@@ -51,7 +51,7 @@ async def get_procedures(request: Request, who: Who, robot: str | None = None) -
 
 
 class PreviewRequest(BaseModel):
-    """Which run to foretell."""
+    """The run to foretell."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 

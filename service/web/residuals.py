@@ -36,7 +36,7 @@ router = APIRouter(lifespan=_ended_with_the_service)
 
 
 class WhatIfRequest(BaseModel):
-    """Which readings are to be used; all others are left out."""
+    """The readings to use; all others are left out."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 

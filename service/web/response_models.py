@@ -159,7 +159,7 @@ class SignedSeen(ResponseShape):
 
 
 class OutcomeSeen(ResponseShape):
-    """How a run ended."""
+    """The outcome of a run."""
 
     verdict: str
     reason: str
@@ -180,7 +180,7 @@ class SeriesPose(ResponseShape):
 
 
 class PlanSeen(ResponseShape):
-    """Where a run stands in the plan that was approved last."""
+    """The progress of a run in the plan that was approved last."""
 
     poses: list[SeriesPose]
     next: Annotated[int | None, Field(description="the pose that is gone to or measured at just now")]
@@ -300,14 +300,14 @@ class ProcedureSeen(ResponseShape):
 
 
 class PlannedPoseSeen(ResponseShape):
-    """Where a measurement would be taken."""
+    """The pose of a planned measurement."""
 
     label: str
     joints_rad: list[float]
 
 
 class PredictionSeen(ResponseShape):
-    """How well something would be known, and each class's limit for it."""
+    """The predicted uncertainty of a quantity, and each class's limit for it."""
 
     name: str
     expanded: float

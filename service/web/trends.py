@@ -26,7 +26,7 @@ class _TrendModel(BaseModel):
 
 
 class RunHead(_TrendModel):
-    """Which run."""
+    """The identity of a run."""
 
     run_id: str
     procedure: str

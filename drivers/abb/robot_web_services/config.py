@@ -47,7 +47,7 @@ class AbbWebServicesConfig(StepwiseRobotConfig):
 
     @property
     def capabilities(self) -> RobotCapabilities:
-        """What this robot can do, known before it is reached."""
+        """The robot's capabilities, known before it is reached."""
         from cellcal.drivers.abb.robot_web_services.robot import CAPABILITIES  # noqa: PLC0415  a cell file is read without it
 
         return CAPABILITIES

@@ -29,7 +29,7 @@ CABLE = "Check that the controller is on, the cable is in its WAN or service por
 
 @dataclass(frozen=True, slots=True)
 class ServiceAddress:
-    """Where a controller is asked; ``certificate`` is a file in PEM form, None where its own is taken unseen."""
+    """The address of a controller; ``certificate`` is a file in PEM form, None where its own is taken unseen."""
 
     device: str
     host: str

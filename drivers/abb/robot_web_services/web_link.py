@@ -62,7 +62,7 @@ class WebLink:
 
     @property
     def dialect(self) -> Dialect:
-        """What the controller speaks; raise UnreachableError before it was found out."""
+        """The controller's dialect; raise UnreachableError before it was found out."""
         if self._found is None:
             raise self._closed_error()
         return self._found.dialect

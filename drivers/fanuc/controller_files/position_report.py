@@ -41,7 +41,7 @@ _ANGLE = re.compile(r"[+-]?(?:\d{1,6}(?:\.\d{0,6})?|\.\d{1,6})\Z")
 
 @dataclass(frozen=True, slots=True)
 class GroupPosition:
-    """Where one motion group stands; a joint is None where the controller shows no number.
+    """The position of one motion group; a joint is None where the controller shows no number.
 
     Extended axes follow the joints of the arm; one that slides is in millimetres.
     """
@@ -56,7 +56,7 @@ class GroupPosition:
 
 @dataclass(frozen=True, slots=True)
 class PositionReport:
-    """Where the controller says its robots stand."""
+    """The positions that the controller reports of its robots."""
 
     heading: ReportHeading
     groups: tuple[GroupPosition, ...]

@@ -18,7 +18,7 @@ from cellcal.drivers.programs.shifts import UNKNOWN_FRAME, ProgramShift, ShiftAx
 
 
 class _Selections(NamedTuple):
-    """How a program selects a frame, or a tool."""
+    """The forms in which a program selects a frame, or a tool."""
 
     by_number: re.Pattern[bytes]
     any_way: re.Pattern[bytes]

@@ -87,7 +87,7 @@ class RecordPattern:
 
 @dataclass(frozen=True, eq=False)
 class FixedPatterns:
-    """How a listing's records are written, each in a pattern."""
+    """The forms of a listing's records, each in a pattern."""
 
     patterns: tuple[RecordPattern, ...]
     of: NDArray[np.int16]  # (N,) which

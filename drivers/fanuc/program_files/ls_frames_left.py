@@ -12,7 +12,7 @@ from cellcal.drivers.fanuc.program_files.ls_statements import macro_of, read_sta
 
 
 class _Patterns(NamedTuple):
-    """How a program chooses a frame or a tool, and keeps its number in a register."""
+    """The forms in which a program chooses a frame or a tool, and stores its number in a register."""
 
     selection: re.Pattern[bytes]
     by_number: re.Pattern[bytes]

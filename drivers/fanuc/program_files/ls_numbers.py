@@ -33,7 +33,7 @@ def all_decimals(texts: Sequence[bytes]) -> Array:
 
 @dataclass(frozen=True, slots=True)
 class NumberStyle:
-    """How this file writes numbers: right-aligned in a field or not, ``.154`` or ``0.154``.
+    """The form of this file's numbers: right-aligned in a field or not, ``.154`` or ``0.154``.
 
     The controller writes ``.154``, and ``0.000`` for zero.
     """

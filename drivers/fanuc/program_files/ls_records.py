@@ -24,7 +24,7 @@ from cellcal.drivers.programs.errors import ProgramFileError
 
 
 class CoordinateForm(Enum):
-    """How a group's coordinates are written."""
+    """The form of a group's coordinates."""
 
     CARTESIAN = "cartesian"
     JOINTS = "joints"

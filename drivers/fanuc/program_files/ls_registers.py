@@ -122,7 +122,7 @@ class _Change(NamedTuple):
 
 @dataclass(frozen=True)
 class _SelectionFlow:
-    """Which frames and tools may be in force at each statement."""
+    """The frames and tools that may be in force at each statement."""
 
     statements: Sequence[Statement]
     positions: Positions | None

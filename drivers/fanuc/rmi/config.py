@@ -24,7 +24,7 @@ class FanucRmiConfig(StepwiseRobotConfig):
 
     @property
     def capabilities(self) -> RobotCapabilities:
-        """What this robot can do, known before it is reached."""
+        """The robot's capabilities, known before it is reached."""
         from cellcal.drivers.fanuc.rmi.robot import CAPABILITIES  # noqa: PLC0415  a cell file is read without it
 
         return CAPABILITIES

@@ -35,7 +35,7 @@ Branches: TypeAlias = tuple[int, ...]  # the ifs, cases and loops that a place i
 
 @dataclass
 class RoutineJumps:
-    """Where a routine jumps, and where it lands: what is set between may be jumped over."""
+    """The jumps of a routine and where they land: what is set between may be jumped over."""
 
     first: int | None = None  # GOTO or EXIT
     landings: list[int] = field(default_factory=list)  # labels, and ends of loops, in the order of the text

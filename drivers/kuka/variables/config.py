@@ -38,7 +38,7 @@ class KukaVariablesConfig(StepwiseRobotConfig):
 
     @property
     def capabilities(self) -> RobotCapabilities:
-        """What this robot can do, known before it is reached."""
+        """The robot's capabilities, known before it is reached."""
         from cellcal.drivers.kuka.variables.robot import CAPABILITIES  # noqa: PLC0415  a cell file is read without it
 
         return CAPABILITIES

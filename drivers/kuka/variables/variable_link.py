@@ -24,7 +24,7 @@ _PROXY_VERSION, _SERIAL = "@PROXY_VERSION", "$KR_SERIALNO"
 
 @dataclass(frozen=True, slots=True)
 class VariableServer:
-    """Which program answers on the controller."""
+    """The program that answers on the controller."""
 
     name: str
     version: str

@@ -22,7 +22,7 @@ Answers: TypeAlias = dict[str, Array]
 
 @dataclass(frozen=True, slots=True)
 class ProblemForm:
-    """How a problem may be posed otherwise without becoming another problem.
+    """A way to pose a problem otherwise without changing it.
 
     ``base`` names what is given or answered in the base frame, and moves with the world; ``rows`` names what
     changes places together, ``along`` the axis where that is not the first.

@@ -32,7 +32,7 @@ AT_ONCE = 16
 
 
 class WatchState(StrEnum):
-    """How one robot was found."""
+    """The state in which one robot was found."""
 
     UNCHANGED = "unchanged"
     CHANGED = "changed"

@@ -21,7 +21,7 @@ _LEADS_AWAY = re.compile(r"[/\\:\x00-\x1f\x7f]")
 
 
 class Difference(StrEnum):
-    """How a program here and its namesake on the controller compare."""
+    """The difference between a program here and its namesake on the controller."""
 
     SAME = "same"
     DIFFERS = "differs"

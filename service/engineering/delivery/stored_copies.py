@@ -34,7 +34,7 @@ _NEW = "new"
 
 
 class DeliveryState(StrEnum):
-    """How far a delivery came."""
+    """The progress of a delivery."""
 
     BEGUN = "begun"  # and never ended: a crash, or the controller was lost
     DELIVERED = "delivered"

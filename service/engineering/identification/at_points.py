@@ -27,7 +27,7 @@ _QUATERNION = ("qw", "qx", "qy", "qz")
 
 @dataclass(frozen=True, slots=True)
 class AtOptions:
-    """Where to tell the target's place, and how poses are meant."""
+    """The postures at which to predict the target's place, and how poses are meant."""
 
     path: Path
     convention: str = ""  # of the poses' attitude; none: quaternion qw, qx, qy, qz

@@ -63,7 +63,7 @@ class FileKind(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class SetOrigin:
-    """Which robot, and who says so."""
+    """The robot of a set, and who says so."""
 
     robot_serial: str
     made_by: str

@@ -45,7 +45,7 @@ class SeriesEvidence:
 
     @property
     def joint_units(self) -> tuple[Array, tuple[str, ...]]:
-        """What joints are multiplied with to be shown (n,), and the units."""
+        """The factors with which joints are shown (n,), and the units."""
         cell = self.report.measurements.cell
         name = self.report.series[self.number].target
         tool = next((target.tool for target in cell.targets if target.name == name), name)
@@ -54,7 +54,7 @@ class SeriesEvidence:
 
     @property
     def channel_names(self) -> tuple[str, ...]:
-        """What each channel of the residuals is, in the device's frame."""
+        """The names of the residuals' channels, in the device's frame."""
         observations = self.report.measurements.cell.series[self.number].observations
         turns = ("turn x", "turn y", "turn z") if isinstance(observations, PoseObservations) else ()
         return (observations.kind,) if observations.channels == 1 else ("x", "y", "z", *turns)

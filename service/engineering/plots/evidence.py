@@ -74,7 +74,7 @@ class IdentificationEvidence:
 
     @property
     def joint_units(self) -> tuple[Array, tuple[str, ...]]:
-        """What joints are multiplied with to be shown (n,), and the units."""
+        """The factors with which joints are shown (n,), and the units."""
         return shown_units(self.identified_state.nominal)
 
     @property
@@ -186,7 +186,7 @@ class IdentificationEvidence:
 
     @property
     def channel_names(self) -> tuple[str, ...]:
-        """What each channel of the residuals is, in the device's frame."""
+        """The names of the residuals' channels, in the device's frame."""
         if isinstance(self.fitted_observations, LengthObservations):
             return ("length",)
         turns = (

@@ -19,7 +19,7 @@ _MOST_REFERENCES = 200
 
 @dataclass(frozen=True, eq=False)
 class TransferEnds:
-    """Where points come from and where they go: joints (N, n) and tools there."""
+    """The two ends of a transfer: joints (N, n) and tools there."""
 
     source_rad: Array
     target_rad: Array

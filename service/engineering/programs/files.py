@@ -32,7 +32,7 @@ _WILD = frozenset("*?[")
 
 
 class FilesError(CellError):
-    """Where programs come from or go to cannot be used at all."""
+    """A folder or file of programs cannot be used at all."""
 
     code = "usage"
 

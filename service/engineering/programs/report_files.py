@@ -69,7 +69,7 @@ def _point_reasons(result: ProgramResult) -> Sequence[str]:
 
 @dataclass(frozen=True, slots=True)
 class ReportFormat:
-    """How a report is written, program by program, so that programs may be worked on apart."""
+    """The form of a report, program by program, so that programs may be worked on apart."""
 
     head: bytes
     one: Callable[[str, str, ProgramResult], bytes]  # source, where the new one is, what became of it

@@ -38,7 +38,7 @@ TransferPrograms: TypeAlias = Callable[
 
 @dataclass(frozen=True, slots=True)
 class ReportOutputs:
-    """Where the new programs and the reports of them go; ``-`` is standard output."""
+    """The places of the new programs and the reports of them; ``-`` is standard output."""
 
     out: Path
     replace: bool = False

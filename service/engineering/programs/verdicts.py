@@ -42,7 +42,7 @@ def count_verdicts(reasons: Iterable[str]) -> dict[str, int]:
 
 @dataclass(frozen=True, slots=True)
 class FilePlace:
-    """Where in a file something is wrong; zeros: the file as a whole."""
+    """The place in a file where something is wrong; zeros: the file as a whole."""
 
     line: int
     column: int

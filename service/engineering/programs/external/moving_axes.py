@@ -19,7 +19,7 @@ _SPACING = re.compile(r"[\s:,_]+")
 
 
 class AxisKind(StrEnum):
-    """How an axis moves."""
+    """The kinds of motion of an axis."""
 
     PRISMATIC = "prismatic"
     REVOLUTE = "revolute"
@@ -37,7 +37,7 @@ class AxisKind(StrEnum):
 
 @dataclass(frozen=True, eq=False)
 class AxisMotion:
-    """How an axis moves what it carries."""
+    """The motion of an axis and of what it carries."""
 
     kind: AxisKind
     origin_m: Array  # (3,) a point of the axis
