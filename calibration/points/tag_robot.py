@@ -188,7 +188,7 @@ def _tag_joints(model: RobotModel, pairs: TagPairs) -> Array:
 
 
 def _against_controller(pairs: TagPairs, nominal: Array) -> tuple[str, ...]:
-    """Hold the controller's own poses against the model: the same tool point must carry one to the other."""
+    """Compare the controller's own poses with the model: the same tool point must carry one to the other."""
     robot = pairs.one
     if not robot.quaternions:
         return ()

@@ -142,7 +142,7 @@ def _missing_setup_error(need: str, remedy: str) -> NeedsUnmetError:
 
 
 async def check_same_robot(cell: Cell, epoch: int | None) -> int | None:
-    """Hold that the encoders have not lost their position; one that tells no epoch says at least what it knows."""
+    """Check that the encoders have not lost their position; one that tells no epoch says at least what it knows."""
     if epoch is None or cell.mastering is None:
         await check_position_kept(cell)
         return None

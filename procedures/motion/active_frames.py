@@ -29,7 +29,7 @@ class FramesChangedError(ProcedureError):
 
 
 async def check_same_frames(cell: Cell) -> None:
-    """Hold that the tool, user frame and payload are those that this run began with.
+    """Check that the tool, user frame and payload are those that this run began with.
 
     Raises
     ------

@@ -52,7 +52,7 @@ async def check_still_allowed(cell: Cell) -> None:
 
 
 async def check_position_kept(cell: Cell) -> None:
-    """Hold that the joints which the controller shows are to be believed, before and after a person has the arm.
+    """Check that the joints which the controller shows are to be believed, before and after a person has the arm.
 
     Raises
     ------

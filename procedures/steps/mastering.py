@@ -162,7 +162,7 @@ async def wait_for_robot(cell: Cell, gone: tuple[str, ...]) -> Condition:
 
 
 async def check_same_epoch(cell: Cell, epoch: int) -> int:
-    """Hold that the encoders have not lost their position since ``epoch`` was read."""
+    """Check that the encoders have not lost their position since ``epoch`` was read."""
     found = await motor_store(cell).encoder_epoch()
     if found != epoch:
         raise PositionLostAgainError(

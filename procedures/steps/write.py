@@ -92,7 +92,7 @@ async def restore_mastering(cell: Cell, data: MasteringData) -> MasteringData:
 
 
 async def check_still_in_force(cell: Cell, written: Counts) -> MasteringData:
-    """Hold that the controller has the mastering that this run wrote, before anything is confirmed by it."""
+    """Check that the controller has the mastering that this run wrote, before anything is confirmed by it."""
     found = await motor_store(cell).read_mastering()
     if found != MasteringData(tuple(written), mastered=True):
         raise MasteringChangedError(

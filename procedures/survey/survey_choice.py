@@ -153,7 +153,7 @@ def _expected_uncertainties(survey: Survey, standing: SurveyProgress) -> tuple[f
 def _choose_distinct(
     survey: Survey, standing: SurveyProgress, unseen: Array, found: SpotChoice
 ) -> SpotChoice:
-    """Hold that the lengths allow one place only; else choose the pose that tells, or say that there is none."""
+    """Check that the lengths allow one place only; else choose the pose that tells, or say that there is none."""
     spot = standing.spot
     joints = np.array([capture.joints_rad for capture in standing.captures[spot]])
     wire = survey.wire_at(spot)

@@ -90,7 +90,7 @@ class VariableLink:
             return await self._ask(kind, variable, value)
 
     async def _check_serial(self) -> None:
-        """Hold that the controller of the last connection answers on this one, too."""
+        """Check that the controller of the last connection answers on this one, too."""
         found = await self._ask(_READ, _SERIAL, None)
         try:
             check_serial_number(self.device, _unquoted(found), self.serial)
