@@ -38,6 +38,8 @@ class RoutineEffects:
     calls: frozenset[str] = frozenset()
     shown: bool = True  # other files may call it
     resets: bool = False  # it sets tool and frame to what the controller begins with
+    handlers: frozenset[str] = frozenset()  # routines that interrupt it and those that it calls
+    shown_handlers: frozenset[str] = frozenset()  # routines that interrupt its callers, too
     computes: frozenset[str] = frozenset()  # global places that it computes, as the brand names them
     frame_left: str | None = None  # chosen when it ends, "" for the one that it began with; None: not certain
     tool_left: str | None = None  # the same of the tool
