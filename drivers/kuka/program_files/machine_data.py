@@ -6,11 +6,9 @@ base is on, which the inline forms look at (BAS.SRC, FRAMES) and ``$BASE=BASE_DA
 
 import re
 from collections.abc import Mapping
-from dataclasses import replace
 
 from cellcal.calibration.geometry import Pose
 from cellcal.drivers.kuka.program_files.patterns import B
-from cellcal.drivers.programs.positions import ProgramFrames
 
 ROOT = "$robroot"  # among the bases that $MACHINE.DAT declares for all files of its cell
 CARRIED = "CARRIED"  # before the number of a base that an external axis, a conveyor or another robot carries
@@ -41,15 +39,3 @@ def carried_bases(text: str) -> frozenset[str]:
         if kind.upper() == "NONE" or (kind.upper() == "ROBOT" and cooperating == "1")
     }
     return frozenset(base for base, machine in _FRAME_OF.findall(text) if machine not in standing)
-
-
-def seen_from_root(frames: ProgramFrames, root: Pose | None) -> ProgramFrames:
-    """Return frames with bases as the robot's root sees them, which files have in the world."""
-    if root is None:
-        return frames
-    root_world = root.inverse()
-    own, cell = (
-        {name: root_world @ pose for name, pose in bases.items()}
-        for bases in (frames.base_frame, frames.cell_base_frame)
-    )
-    return replace(frames, base_frame={"0": root_world, **own}, cell_base_frame=cell)

@@ -25,7 +25,6 @@ from cellcal.drivers.kuka.program_files.machine_data import (
     ROOT,
     carried_bases,
     root_among,
-    seen_from_root,
 )
 from cellcal.drivers.kuka.program_files.passed_points import (
     calls_of_file,
@@ -61,6 +60,7 @@ from cellcal.drivers.programs.spans import (
     ProgramText,
     checked_rows,
 )
+from cellcal.drivers.programs.world_frames import seen_from_base, standing_remark
 
 _DEFINED = re.compile(
     r"^[ \t]*+(?:GLOBAL[ \t]++)?+(?:DEFDAT|DEFFCT[ \t]++\w++|DEF)[ \t]++(\w++)", re.IGNORECASE | re.MULTILINE
@@ -175,7 +175,9 @@ class KukaFile:
         frames = with_declared(
             self.frames, positions, external_uses.tools, external_uses.bases, own=frozenset()
         )
-        frames = seen_from_root(frames, external_uses.bases.get(ROOT))
+        root = external_uses.bases.get(ROOT)
+        frames = seen_from_base(frames, root)
+        standing = (standing_remark(root),) if root is not None and len(positions) else ()
         absent = {
             name: frozenset(without_reset(move_frames, known=False) for move_frames in moves)
             for name, moves in external_uses.absent.items()
@@ -184,7 +186,7 @@ class KukaFile:
         places = absent_places(self.source, absent, MOVE, comment=";", statement_end="\n")
         copies = copies_with_other_tools(positions, external_uses, self.keys)
         positions = replace(positions, shifts=(*positions.shifts, *places, *copies))
-        return replace(self, positions=positions, frames=frames, remarks=(*self.remarks, *remarks))
+        return replace(self, positions=positions, frames=frames, remarks=(*standing, *self.remarks, *remarks))
 
 
 @dataclass(frozen=True)
@@ -362,4 +364,5 @@ BRAND = ProgramBrand(
     writes_program=writes_program,
     tells=True,
     says=_declarations_of,
+    beside=(PurePath("Mada") / "$machine.dat",),
 )

@@ -1,6 +1,8 @@
 """What the programs of one batch say of each other's positions, read before any of them is changed."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Container, Iterator, Sequence
+from contextlib import suppress
+from pathlib import Path
 from typing import cast
 
 from cellcal.calibration.errors import CellError
@@ -11,6 +13,8 @@ from cellcal.drivers.programs.file_declarations import FileDeclarations
 from cellcal.drivers.programs.positions import ProgramFile
 from cellcal.service.engineering.programs.files import ProgramSource, read_bytes
 from cellcal.service.engineering.programs.worker_processes import is_worthwhile, run_in_processes
+
+_FOLDERS_ABOVE = 6  # RAPID/TASK1/PROGMOD below a backup, and a few folders of people
 
 
 def read_siblings(sources: Sequence[ProgramSource]) -> None:
@@ -31,7 +35,8 @@ def read_siblings(sources: Sequence[ProgramSource]) -> None:
                         statements[file] = statement
                     elif (program := _read_informative(file, data)) is not None:
                         siblings.read[file], statements[file] = program, program.declarations
-            siblings.across = BatchDeclarations(statements)
+            lists = dict(_controller_statements(informative, statements))
+            siblings.across = BatchDeclarations({**statements, **lists})
 
 
 def cached_program(source: ProgramSource, data: bytes) -> ProgramFile | None:
@@ -58,6 +63,38 @@ def with_siblings(source: ProgramSource, program: ProgramFile) -> ProgramFile:
 def _may_inform(source: ProgramSource) -> bool:
     suffix = source.path.suffix.lower()
     return any(brand_named(brand).tells for brand, suffixes in SUFFIXES.items() if suffix in suffixes)
+
+
+def _controller_statements(
+    sources: Sequence[ProgramSource], known: Container[str]
+) -> Iterator[tuple[str, FileDeclarations]]:
+    """Yield what lists of a backup say that stand in the folders above its programs and were not named with them."""
+    folders = {(brand, source.path.parent) for source in sources if (brand := _brand_by_suffix(source.path))}
+    places = {(brand, place) for brand, folder in folders if (place := _list_above(folder, brand))}
+    for brand, place in sorted(places, key=str):
+        if str(place) not in known:
+            with suppress(CellError):
+                if (statement := brand_named(brand).says(str(place), read_bytes(place))) is not None:
+                    yield str(place), statement
+
+
+def _brand_by_suffix(path: Path) -> str:
+    suffix = path.suffix.lower()
+    return next(
+        (brand for brand, some in SUFFIXES.items() if suffix in some and brand_named(brand).beside), ""
+    )
+
+
+def _list_above(folder: Path, brand: str) -> Path | None:
+    """Return the nearest list of a controller in a folder above; None where none of them holds one."""
+    above = [folder, *folder.parents]
+    above += [] if folder.is_absolute() else [Path(*[".."] * depth) for depth in range(1, _FOLDERS_ABOVE)]
+    for each in above[:_FOLDERS_ABOVE]:
+        for wanted in brand_named(brand).beside:
+            for name in (str(wanted), str(wanted).upper(), str(wanted).lower()):
+                if (each / name).is_file():
+                    return each / name
+    return None
 
 
 def _statements_of(sources: Sequence[ProgramSource]) -> list[tuple[str, FileDeclarations]]:
