@@ -35,7 +35,11 @@ def read_cell(
     files = {
         "R1/System/$config.dat": dat_file("$CONFIG", *machines, public="PUBLIC"),
         "R1/Mada/$machine.dat": dat_file(
-            "$MACHINE", *([f"FRAME $ROBROOT={root}"] if root else ()), public="PUBLIC"
+            "$MACHINE",
+            *([f"FRAME $ROBROOT={root} ;ROBOTER IM WELTKOORDINATENSYSTEM [MM,GRAD]"] if root else ()),
+            "DECL CYLWORKSPACE $CYLWORKSPACE[8]",
+            "$CYLWORKSPACE[1]={X 0.0,Y 0.0,Z 0.0,A 0.0,B 0.0,C 0.0,Z1 0.0,R 0.0,MODE #OFF,STATE FALSE}",
+            public="PUBLIC",
         ),
         "R1/Program/a.dat": dat_file("A", *TAUGHT),
         "R1/Program/a.src": src_file("A", *moves),

@@ -187,6 +187,8 @@ class DataList:
         assert name.value is not None
         if kind == "FDAT":
             self._frame_data(name, line)
+        elif name.name[0] == "$" and not kind:
+            return  # work spaces and the like of the controller, with fields of their own
         elif (
             kind
             or is_frame_table
