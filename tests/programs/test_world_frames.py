@@ -62,6 +62,28 @@ def test_abb(named: str, place: str, robots: tuple[str, ...], stands: Array, tmp
     assert any("in the world" in one.text for one in found.remarks) is not np.array_equal(stands, np.eye(4))
 
 
+@pytest.mark.parametrize(
+    ("task", "robots", "stands"),
+    [
+        ("T_ROB_L", (f'ROB_R" {TURNED}', f'ROB_L" {HANGING}'), HANGS),
+        ("T_ROB2", (f'ROB_1" {TURNED}', f'ROB_2" {HANGING}'), HANGS),
+        ("TASK2", (f'ROB_L" {TURNED}', f'ROB_R" {HANGING}'), None),  # no backup's MOC.cfg tells of its tasks
+        ("copied", (f'ROB_1" {TURNED}', f'ROB_2" {HANGING}'), None),
+        ("TASK2", ('ROB_L"', 'ROB_R"'), np.eye(4)),
+    ],
+)
+def test_abb_with_two_robots(
+    task: str, robots: tuple[str, ...], stands: Array | None, tmp_path: Path
+) -> None:
+    files = {"SYSPAR/MOC.cfg": configuration(*robots), f"RAPID/{task}/m.mod": MOVES}
+    (found,) = read_below(tmp_path, "RAPID", files).values()
+    if stands is None:
+        assert "several robots" in found.positions.barred[0]
+    else:
+        assert np.allclose(found.frames.base_frame["wobj0"].to_matrix(), np.linalg.inv(stands))
+        assert not found.positions.barred
+
+
 def test_abb_work_objects_of_another_module(tmp_path: Path) -> None:
     work = 'PERS wobjdata w1:=[FALSE,TRUE,"",[[100,0,0],[1,0,0,0]],[[0,0,500],[1,0,0,0]]];'
     files = {

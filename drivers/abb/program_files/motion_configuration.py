@@ -27,7 +27,11 @@ _PART = re.compile(
     r"-base_frame_(pos_[xyz]|orient_u[0-3])\s+([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)(?=\s|\\|$)"
 )
 _CARRIED = re.compile(r"-base_frame_coordinated\b")
-_DIGITS = re.compile(r"\d+")
+_OWN_PART = re.compile(r"(?:ROB|TASK)_?(\w+)$", re.IGNORECASE)
+_ORIGIN = Pose((0.0, 0.0, 0.0))
+UNKNOWN_ROBOT = (
+    "its controller has several robots in its world, and no folder tells which of them moves there"
+)
 _UNIT = 1e-3
 
 
@@ -46,9 +50,20 @@ def declarations_of(name: str, data: bytes) -> FileDeclarations | None:
 
 def base_frame_of(file: str, bases: Poses) -> Pose | None:
     """Return where the robot of a module stands in the world; None where that is its origin, or not known."""
+    found = bases.get(_BASE_FRAME) or bases.get(_key_of_task(file))
+    return None if found == _ORIGIN else found
+
+
+def is_of_unknown_robot(file: str, bases: Poses) -> bool:
+    """Tell whether a controller has robots that stand elsewhere, and no folder tells which of them a module moves."""
+    poses = {key: pose for key, pose in bases.items() if key.startswith(f"{_BASE_FRAME} ")}
+    elsewhere = any(pose is not None and pose != _ORIGIN for pose in poses.values())
+    return elsewhere and _key_of_task(file) not in poses
+
+
+def _key_of_task(file: str) -> str:
     task = find_task(file)
-    found = bases.get(_BASE_FRAME) or bases.get(_numbered(task.name if task is not None else "1"))
-    return None if found == Pose((0.0, 0.0, 0.0)) else found
+    return _numbered(task.name) if task is not None else ""
 
 
 def _key(entry: str) -> str:
@@ -57,8 +72,9 @@ def _key(entry: str) -> str:
 
 
 def _numbered(name: str) -> str:
-    digits = _DIGITS.findall(name)
-    return f"{_BASE_FRAME} {int(digits[-1])}" if digits else f"{_BASE_FRAME} {name.lower()}"
+    """Return the key of a robot or its task: ROB_1, T_ROB1 and TASK1 are one, as are ROB_L and T_ROB_L."""
+    own = _OWN_PART.search(name)
+    return f"{_BASE_FRAME} {(own[1] if own is not None else name).lower()}"
 
 
 def _base_frame(entry: str) -> Pose | None:
