@@ -27,7 +27,8 @@ def standing_remark(world_base: Pose) -> Remark:
     cosine = (float(np.trace(world_base.rotation_matrix())) - 1.0) / 2.0
     text = make_message(
         "Its controller has the robot's base at {x:.1f}, {y:.1f}, {z:.1f} mm in the world, turned by {turn_deg:.1f} "
-        "deg: frames of its files are taken from the base, and so are a change and the frames of the project.",
+        "deg: frames of its files are taken from the base, and so are a change and the frames of the project. "
+        "A clone is taken to stand there, too.",
         x=x,
         y=y,
         z=z,

@@ -43,6 +43,7 @@ class Siblings:
 
     sources: tuple["ProgramSource", ...] = ()
     across: BatchDeclarations | None = None
+    looks_above: bool = True  # lists of a backup count that stand in folders above
     read: dict[str, DeclaringProgram] = field(
         default_factory=dict
     )  # of a small batch: programs not asked for yet

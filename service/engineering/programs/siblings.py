@@ -35,7 +35,7 @@ def read_siblings(sources: Sequence[ProgramSource]) -> None:
                         statements[file] = statement
                     elif (program := _read_informative(file, data)) is not None:
                         siblings.read[file], statements[file] = program, program.declarations
-            lists = dict(_controller_statements(informative, statements))
+            lists = dict(_controller_statements(informative, statements)) if siblings.looks_above else {}
             siblings.across = BatchDeclarations({**statements, **lists})
 
 
