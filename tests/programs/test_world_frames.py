@@ -44,7 +44,7 @@ def read_below(folder: Path, named: str, files: dict[str, str]) -> dict[str, Pro
 
 
 @pytest.mark.parametrize("named", ["", "RAPID", "RAPID/TASK1/PROGMOD/m.mod"])
-@pytest.mark.parametrize("place", ["SYSPAR/MOC.cfg", "syspar/moc.cfg"])
+@pytest.mark.parametrize("place", ["SYSPAR/MOC.cfg", "SysPar/moc.CFG"])
 @pytest.mark.parametrize(
     ("robots", "stands"),
     [

@@ -12,9 +12,8 @@ from cellcal.drivers.programs.cross_file_uses import BatchDeclarations
 from cellcal.drivers.programs.file_declarations import FileDeclarations
 from cellcal.drivers.programs.positions import ProgramFile
 from cellcal.service.engineering.programs.files import ProgramSource, read_bytes
+from cellcal.service.engineering.programs.folders_above import FoldersAbove
 from cellcal.service.engineering.programs.worker_processes import is_worthwhile, run_in_processes
-
-_FOLDERS_ABOVE = 6  # RAPID/TASK1/PROGMOD below a backup, and a few folders of people
 
 
 def read_siblings(sources: Sequence[ProgramSource]) -> None:
@@ -70,7 +69,8 @@ def _controller_statements(
 ) -> Iterator[tuple[str, FileDeclarations]]:
     """Yield what lists of a backup say that stand in the folders above its programs and were not named with them."""
     folders = {(brand, source.path.parent) for source in sources if (brand := _brand_by_suffix(source.path))}
-    places = {(brand, place) for brand, folder in folders if (place := _list_above(folder, brand))}
+    above = FoldersAbove()
+    places = {(brand, place) for brand, folder in folders if (place := above.find_list(folder, brand))}
     for brand, place in sorted(places, key=str):
         if str(place) not in known:
             with suppress(CellError):
@@ -83,18 +83,6 @@ def _brand_by_suffix(path: Path) -> str:
     return next(
         (brand for brand, some in SUFFIXES.items() if suffix in some and brand_named(brand).beside), ""
     )
-
-
-def _list_above(folder: Path, brand: str) -> Path | None:
-    """Return the nearest list of a controller in a folder above; None where none of them holds one."""
-    above = [folder, *folder.parents]
-    above += [] if folder.is_absolute() else [Path(*[".."] * depth) for depth in range(1, _FOLDERS_ABOVE)]
-    for each in above[:_FOLDERS_ABOVE]:
-        for wanted in brand_named(brand).beside:
-            for name in (str(wanted), str(wanted).upper(), str(wanted).lower()):
-                if (each / name).is_file():
-                    return each / name
-    return None
 
 
 def _statements_of(sources: Sequence[ProgramSource]) -> list[tuple[str, FileDeclarations]]:
