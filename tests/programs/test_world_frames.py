@@ -84,6 +84,16 @@ def test_abb_with_two_robots(
         assert not found.positions.barred
 
 
+def test_a_list_that_is_named_with_programs_counts_and_is_no_program(tmp_path: Path) -> None:
+    """As an upload has them: all in one folder."""
+    (tmp_path / "moc.cfg").write_text(configuration(f'ROB_1" {HANGING}'))
+    (tmp_path / "m.mod").write_text(MOVES)
+    found = find_programs([str(tmp_path / name) for name in ("m.mod", "moc.cfg")])
+    ((one,),) = read_batches(found.sources, lambda _: None, [])
+    assert not found.refused
+    assert np.allclose(one.program.frames.base_frame["wobj0"].to_matrix(), np.linalg.inv(HANGS))
+
+
 def test_abb_work_objects_of_another_module(tmp_path: Path) -> None:
     work = 'PERS wobjdata w1:=[FALSE,TRUE,"",[[100,0,0],[1,0,0,0]],[[0,0,500],[1,0,0,0]]];'
     files = {

@@ -1,6 +1,6 @@
 """What the programs of one batch say of each other's positions, read before any of them is changed."""
 
-from collections.abc import Container, Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import cast
@@ -12,7 +12,7 @@ from cellcal.drivers.programs.cross_file_uses import BatchDeclarations
 from cellcal.drivers.programs.file_declarations import FileDeclarations
 from cellcal.drivers.programs.positions import ProgramFile
 from cellcal.service.engineering.programs.files import ProgramSource, read_bytes
-from cellcal.service.engineering.programs.folders_above import FoldersAbove
+from cellcal.service.engineering.programs.folders_above import lists_above
 from cellcal.service.engineering.programs.worker_processes import is_worthwhile, run_in_processes
 
 
@@ -34,8 +34,10 @@ def read_siblings(sources: Sequence[ProgramSource]) -> None:
                         statements[file] = statement
                     elif (program := _read_informative(file, data)) is not None:
                         siblings.read[file], statements[file] = program, program.declarations
-            lists = dict(_controller_statements(informative, statements)) if siblings.looks_above else {}
-            siblings.across = BatchDeclarations({**statements, **lists})
+            above = lists_above([one.path for one in informative]) if siblings.looks_above else {}
+            lists = {place: brand for place, brand in above.items() if str(place) not in statements}
+            statements |= _list_statements({**lists, **siblings.lists})
+            siblings.across = BatchDeclarations(statements)
 
 
 def cached_program(source: ProgramSource, data: bytes) -> ProgramFile | None:
@@ -64,25 +66,12 @@ def _may_inform(source: ProgramSource) -> bool:
     return any(brand_named(brand).tells for brand, suffixes in SUFFIXES.items() if suffix in suffixes)
 
 
-def _controller_statements(
-    sources: Sequence[ProgramSource], known: Container[str]
-) -> Iterator[tuple[str, FileDeclarations]]:
-    """Yield what lists of a backup say that stand in the folders above its programs and were not named with them."""
-    folders = {(brand, source.path.parent) for source in sources if (brand := _brand_by_suffix(source.path))}
-    above = FoldersAbove()
-    places = {(brand, place) for brand, folder in folders if (place := above.find_list(folder, brand))}
-    for brand, place in sorted(places, key=str):
-        if str(place) not in known:
-            with suppress(CellError):
-                if (statement := brand_named(brand).says(str(place), read_bytes(place))) is not None:
-                    yield str(place), statement
-
-
-def _brand_by_suffix(path: Path) -> str:
-    suffix = path.suffix.lower()
-    return next(
-        (brand for brand, some in SUFFIXES.items() if suffix in some and brand_named(brand).beside), ""
-    )
+def _list_statements(lists: Mapping[Path, str]) -> Iterator[tuple[str, FileDeclarations]]:
+    """Yield what lists of a controller say, of the brand that each is of."""
+    for place, brand in lists.items():
+        with suppress(CellError):
+            if (statement := brand_named(brand).says(str(place), read_bytes(place))) is not None:
+                yield str(place), statement
 
 
 def _statements_of(sources: Sequence[ProgramSource]) -> list[tuple[str, FileDeclarations]]:
