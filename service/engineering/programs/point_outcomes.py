@@ -157,23 +157,23 @@ def _without_shared_axes(points: ProgramPoints, rows: Rows, start: int, outcome:
     program = points.programs[int(points.of[start])] if len(rows) else None
     if program is None or not program.positions.shared_external:
         return rows
-    first = {
-        row: start + number for number, row in enumerate(points.row[points.of == points.of[start]].tolist())
-    }
-    waiting = True
-    while waiting and len(rows):
-        waiting = False
+    its = points.row[points.of == points.of[start]].tolist()
+    first = {row: start + number for number, row in enumerate(its)}
+    while len(rows):
+        changed = set(points.row[rows].tolist())
         table = _changed_axes(program, points.row[rows], outcome, rows)
         moved = set() if table is None else set(points.row[rows][np.isfinite(table).any(axis=1)].tolist())
-        changed = set(points.row[rows].tolist())
+        shared = set[int]()
         for group in program.positions.shared_external:
             left = [row for row in group if row not in changed]
-            with_it = [first[row] for row in group if row in moved]
-            if left and with_it:
+            with_it = [first[row] for row in group if row in moved] if left else []
+            if with_it:
                 why = make_message(_SHARES, name=program.positions.names[left[0]])
                 points.refuse_points(np.array(with_it, dtype=np.intp), why)
-                rows, waiting = np.setdiff1d(rows, with_it), True
-                break
+                shared.update(with_it)
+        if not shared:
+            break
+        rows = np.setdiff1d(rows, sorted(shared))
     return rows
 
 
