@@ -101,6 +101,11 @@ class FileDeclarations:
     moves: bool = False  # its routines move a robot
     flat: bool = False  # a call means a program of this folder, and one that is not there may set anything
 
+    def of_machine(self) -> "FileDeclarations":
+        """Return what a list says of the machine alone, of whose names none is an ordinary one."""
+        bases = {name: pose for name, pose in self.bases.items() if name.startswith("$")}
+        return FileDeclarations(self.module, doubtful=self.doubtful, bases=bases, capitals=self.capitals)
+
 
 class FindOpenReason(Protocol):
     """Of a file's routine: why its callers or called routines leave its tool or frame open, or ""."""

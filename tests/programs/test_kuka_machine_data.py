@@ -8,6 +8,8 @@ import pytest
 from cellcal.calibration.geometry import Pose
 from cellcal.drivers.programs.barred import TURNED_BASE
 from cellcal.drivers.programs.positions import ProgramFile
+from cellcal.service.engineering.programs.batches import read_batches
+from cellcal.service.engineering.programs.files import find_programs
 from tests.programs.test_across_files import dat_file, read_programs, src_file
 
 POINT = "{X 1.0,Y 2.0,Z 3.0,A 0.0,B 0.0,C 0.0,S 2,T 2}"
@@ -60,6 +62,17 @@ def test_a_base_on_a_machine_needs_a_positioner(
     assert {row: bar.why for row, bar in found.conditions.items()} == ({2: TURNED_BASE} if carried else {})
     direct = ("$TOOL=TOOL_DATA[1]", "$BASE=BASE_DATA[2]", f"LIN {POINT}")  # which looks at no machine
     assert not read_cell(tmp_path / "direct", machines=machines, moves=direct).positions.conditions
+
+
+def test_lists_beside_the_programs_tell_of_the_machine_only(tmp_path: Path) -> None:
+    """Named are the programs; a table of bases that is not named is none of the project's."""
+    machines = tuple(line % (1, "EASYS") if "%" in line else line for line in MACHINES)
+    read_cell(tmp_path, machines=machines, root="{X 0.0,Y 200.0,Z 600.0,A 0.0,B 0.0,C 0.0}")
+    sources = find_programs([str(tmp_path / "R1" / "Program" / "a.dat")]).sources
+    ((one,),) = read_batches(sources, lambda _: None, [])
+    assert {row: bar.why for row, bar in one.program.positions.conditions.items()} == {2: TURNED_BASE}
+    assert one.program.frames.base_frame["0"].position_m == (0.0, -0.2, -0.6)
+    assert not one.program.frames.cell_base_frame
 
 
 def test_bases_of_files_are_seen_from_the_root_of_the_robot(tmp_path: Path) -> None:

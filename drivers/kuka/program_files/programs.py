@@ -364,5 +364,5 @@ BRAND = ProgramBrand(
     writes_program=writes_program,
     tells=True,
     says=_declarations_of,
-    beside=(PurePath("Mada") / "$machine.dat",),
+    beside=(PurePath("Mada") / "$machine.dat", PurePath("System") / "$config.dat"),
 )

@@ -71,7 +71,7 @@ def _list_statements(lists: Mapping[Path, str]) -> Iterator[tuple[str, FileDecla
     for place, brand in lists.items():
         with suppress(CellError):
             if (statement := brand_named(brand).says(str(place), read_bytes(place))) is not None:
-                yield str(place), statement
+                yield str(place), statement.of_machine()
 
 
 def _statements_of(sources: Sequence[ProgramSource]) -> list[tuple[str, FileDeclarations]]:
