@@ -82,6 +82,17 @@ def brand_of(name: str, data: bytes) -> ProgramBrand | None:
     return next((brand for brand in fitting if brand.writes_program(data)), None)
 
 
+def brand_of_list(name: str) -> ProgramBrand | None:
+    """Return whose controller has a list of this name, which is no program itself; None for any other file."""
+    path = PurePath(name)
+    if any(path.suffix.lower() in suffixes for suffixes in SUFFIXES.values()):
+        return None
+    wanted = path.name.casefold()
+    return next(
+        (brand for brand in all_brands() if wanted in {each.name.casefold() for each in brand.beside}), None
+    )
+
+
 def is_resaved_program(name: str, data: bytes) -> bool:
     """Tell whether a file is a program that an editor saved in an encoding that no controller reads."""
     if data.startswith(BOM_UTF8):

@@ -1,13 +1,13 @@
 """What the routines of a batch do to each other by their calls: tools and frames set, calls of what is missing."""
 
 from collections import defaultdict
-from collections.abc import Mapping, Sequence, Set
+from collections.abc import Collection, Iterable, Mapping, Sequence, Set
 from functools import cached_property
 from pathlib import PurePath
 from typing import TypeAlias
 
 from cellcal.calibration.message import make_message
-from cellcal.drivers.programs.call_graph import Marks, reached_missing, reached_settings
+from cellcal.drivers.programs.call_graph import Marks, reached_missing, reached_settings, with_interrupts
 from cellcal.drivers.programs.file_declarations import FileDeclarations, RoutineEffects
 
 Routine: TypeAlias = tuple[str, str]  # its file and name
@@ -62,16 +62,21 @@ class BatchCalls:
         return self._name_text(_CALLER, above[0]) if above else ""
 
     @cached_property
-    def _calls(self) -> list[list[int]]:
-        """Return by routine the numbers of those that it calls."""
-        return [
-            [
-                self._numbers[called]
-                for name in sorted(self._by_file[file].routines[own].calls)
-                for called in self._called_routines(file, name)
-            ]
-            for file, own in self._names
-        ]
+    def _calls(self) -> Sequence[Collection[int]]:
+        """Return by routine the numbers of those that it calls, and of interrupts that may run while it does."""
+        routines = [(file, self._by_file[file].routines[own]) for file, own in self._names]
+        calls, here, shown = (
+            [self._numbers_called(file, sorted(names)) for file, names in some]
+            for some in (
+                [(file, one.calls) for file, one in routines],
+                [(file, one.handlers) for file, one in routines],
+                [(file, one.shown_handlers) for file, one in routines],
+            )
+        )
+        return with_interrupts(calls, here, shown)[0] if any(here) or any(shown) else calls
+
+    def _numbers_called(self, file: str, names: Iterable[str]) -> list[int]:
+        return [self._numbers[called] for name in names for called in self._called_routines(file, name)]
 
     @cached_property
     def _resets_below(self) -> list[Marks]:

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from pathlib import PurePath
 from typing import Protocol, runtime_checkable
 
 import numpy as np
@@ -64,6 +65,7 @@ class ProgramBrand:
     says: Callable[[str, bytes], FileDeclarations | None] = lambda *_: (
         None
     )  # what a file says, where that is quicker than reading
+    beside: tuple[PurePath, ...] = ()  # lists of its controller in folders above programs, which say more
     together: "ProgramBatch | None" = None  # where many at once are quicker than one after another
 
 

@@ -99,6 +99,37 @@ class _Tarjan:
         self.groups.append(group)
 
 
+def with_interrupts(
+    calls: Sequence[Collection[int]], here: Sequence[Collection[int]], shown: Sequence[Collection[int]]
+) -> tuple[list[Collection[int]], list[Set[int]]]:
+    """Return the calls with those of interrupts, and by routine the handlers that may run while it does.
+
+    A routine declares handlers that run while it or one that it calls does, ``here``, and ``shown`` ones that run
+    while its callers do, too.
+    """
+    callers: list[set[int]] = [set() for _ in calls]
+    for routine, called in enumerate(calls):
+        for other in called:
+            callers[other].add(routine)
+    running: list[Set[int]] = [set() for _ in calls]
+    for routine in range(len(calls)):
+        for handlers in filter(None, (here[routine], shown[routine])):
+            roots = {routine} if handlers is here[routine] else _reached(callers, {routine})
+            for each in _reached(calls, roots):
+                running[each] |= set(handlers)
+    return [[*called, *more] for called, more in zip(calls, running, strict=True)], running
+
+
+def _reached(calls: Sequence[Collection[int]], roots: Set[int]) -> Set[int]:
+    """Return the roots and all that they lead to."""
+    found, waiting = set(roots), list(roots)
+    while waiting:
+        more = set(calls[waiting.pop()]) - found
+        found |= more
+        waiting += more
+    return found
+
+
 def reached_missing(calls: Mapping[str, Set[str]], given: Set[str]) -> dict[str, str]:
     """Return by routine the name of one that was not given and that it, or one that it calls, calls."""
     callers: dict[str, list[str]] = {}

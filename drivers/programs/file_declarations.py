@@ -38,6 +38,8 @@ class RoutineEffects:
     calls: frozenset[str] = frozenset()
     shown: bool = True  # other files may call it
     resets: bool = False  # it sets tool and frame to what the controller begins with
+    handlers: frozenset[str] = frozenset()  # routines that interrupt it and those that it calls
+    shown_handlers: frozenset[str] = frozenset()  # routines that interrupt its callers, too
     computes: frozenset[str] = frozenset()  # global places that it computes, as the brand names them
     frame_left: str | None = None  # chosen when it ends, "" for the one that it began with; None: not certain
     tool_left: str | None = None  # the same of the tool
@@ -98,6 +100,11 @@ class FileDeclarations:
     capitals: bool = False  # the one case of its names
     moves: bool = False  # its routines move a robot
     flat: bool = False  # a call means a program of this folder, and one that is not there may set anything
+
+    def of_machine(self) -> "FileDeclarations":
+        """Return what a list says of the machine alone, of whose names none is an ordinary one."""
+        bases = {name: pose for name, pose in self.bases.items() if name.startswith("$")}
+        return FileDeclarations(self.module, doubtful=self.doubtful, bases=bases, capitals=self.capitals)
 
 
 class FindOpenReason(Protocol):

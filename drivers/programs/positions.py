@@ -52,6 +52,9 @@ class Positions:
     conditions: Conditions = field(default_factory=dict)  # rows that a project's statement makes changeable
     held_work: frozenset[int] = frozenset()  # rows of a standing tool, seen from the work in the gripper
     posture_hints: frozenset[int] = frozenset()  # rows whose joints may only choose the posture of a pose
+    shared_external: tuple[
+        tuple[int, ...], ...
+    ] = ()  # rows whose external axes stand in one place of the file
 
     def __len__(self) -> int:
         """Return N."""

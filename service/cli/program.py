@@ -311,11 +311,14 @@ def registers(
     from cellcal.service.engineering.programs.inspect import named_by
     from cellcal.service.engineering.programs.project import read_project
     from cellcal.service.engineering.programs.registers import ProgramRegisters
+    from cellcal.service.engineering.programs.siblings import with_siblings
 
     cell = read_project(project)
     target = cell if clone is None else read_project(clone)
     found = find_programs(files or named_by(cell), out=out)
-    programs = [read_program(str(one.path), read_bytes(one.path)) for one in found.sources]
+    programs = [
+        with_siblings(one, read_program(str(one.path), read_bytes(one.path))) for one in found.sources
+    ]
     program_transfer = transfer_of(cell, None if clone is None else target, offset, frame, joints)
     return print_registers(ProgramRegisters(programs, cell), program_transfer, target, out)
 

@@ -66,8 +66,9 @@ def print_registers(
     console = Console(highlight=False, soft_wrap=True, markup=False, emoji=False)
     for register in found.all:
         console.print(str(register))
+    stay = any(register.stays for register in found.all)
     if program_transfer is None or not found.places.places:
-        return ExitCode.PASS
+        return ExitCode.REFUSED if stay and program_transfer is not None else ExitCode.PASS
     carried = found.transfer_registers(program_transfer, target)
     for line in edit_instructions(carried.edits):
         console.print(line)
@@ -83,5 +84,4 @@ def print_registers(
         with whole_file(out / _FILE, replace=False) as file:
             file.write(carried.file)
         console.print(f"written: {out / _FILE}")
-    stay = any(register.stays for register in found.all) or not carried.result.is_complete
-    return ExitCode.REFUSED if stay else ExitCode.PASS
+    return ExitCode.REFUSED if stay or not carried.result.is_complete else ExitCode.PASS

@@ -79,6 +79,11 @@ def move(
         ("Pick\\q:=p10,p20;", "\\robtarget q,robtarget p", IN.format("q", "wobj1"), "changed"),
         ("Pick p10,wobj2;", "robtarget p,PERS wobjdata w", IN.format("p", "w"), "left"),
         ("Pick p10,wobj1;", "robtarget p,PERS wobjdata w", IN.format("p", "w"), "changed"),
+        ('%"Pick"% p10;', "robtarget p", IN.format("p", "wobj2"), "left"),
+        ('% "r:PICK" % p10;', "robtarget p", IN.format("p", "wobj1"), "changed"),
+        ('%"Pi"+"ck"% p10;', "robtarget p", IN.format("p", "wobj1"), "left"),  # which, it does not say
+        ("%stName% p10;", "robtarget p", IN.format("p", "wobj1"), "left"),
+        ('%"MoveL"% p10,v100,fine,tool1;', "robtarget p", IN.format("p", "wobj1"), "left"),
         ("Pick p20\\w:=wobj2,p10;", "robtarget o\\PERS wobjdata w,robtarget p", IN.format("p", "w"), "left"),
     ],
 )

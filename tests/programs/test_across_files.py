@@ -108,6 +108,15 @@ TAKEN = "IMPORT E6POS Q IS /R1/A..P1"
             },
             "STOPP in s.src",
         ),
+        (
+            {
+                "a.dat": OWN,
+                "a.src": src_file("A", *USED),
+                "m.src": src_file("M", "INTERRUPT DECL 3 WHEN $IN[1] DO STOPP()", "A()"),
+                "s.src": src_file("STOPP", "$BASE=BASE_DATA[9]"),
+            },
+            "STOPP in s.src",
+        ),
         ({"a.dat": OWN, "a.src": src_file("A", *USED[:2], "P2=P1", "LIN P2")}, "only the copy"),
         (
             {

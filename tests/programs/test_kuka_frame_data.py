@@ -7,8 +7,9 @@ from tests.programs.test_across_files import dat_file, frames_of_position, read_
 POINT = "{X 1.0,Y 2.0,Z 3.0,A 0.0,B 0.0,C 0.0,S 2,T 2}"
 DATA = "{{TOOL_NO {},BASE_NO {},IPO_FRAME #{}}}"
 POINTS = (
-    *(f"DECL E6POS X{name}={POINT}" for name in ("P0", "P1", "P2", "P3", "P4")),
+    *(f"DECL E6POS X{name}={POINT}" for name in ("P0", "P1", "P2", "P3", "P4", "P9")),
     f"DECL FDAT FP0={DATA.format(1, 0, 'BASE')}",
+    f"DECL FDAT FP9={DATA.format(0, 0, 'BASE')}",
     f"DECL FDAT FP1={DATA.format(1, 2, 'BASE')}",
     f"DECL FDAT FP3={DATA.format(3, 4, 'BASE')}",
     f"DECL FDAT FS1={DATA.format(5, 6, 'BASE')}",
@@ -54,6 +55,8 @@ def block(data: str, *segments: str) -> tuple[str, ...]:
         ((*CIRCLE, *P1, "LIN XP2"), "XP2", "different tools or frames"),
         (("BAS(#INITMOV,0)", "BAS(#TOOL,1)", "LIN XP1"), "XP1", "taught with another tool or frame"),
         (("BAS(#INITMOV,0)", "BAS(#TOOL,1)", "LIN XP0"), "XP0", ("1", "0")),
+        (("BAS(#INITMOV,0)", "LIN XP0"), "XP0", ("1", "0")),  # which sets tool 1
+        (("BAS(#INITMOV,0)", "LIN XP9"), "XP9", "taught with another tool or frame"),
         (("BAS(#INITMOV,0)", "INIT_CELL()", "LIN XP1"), "XP1", ("1", "2")),  # it may set both
         (("BAS(#INITMOV,0)", "BAS(#TOOL,1)", "XP4=XP1", "LIN XP4"), "XP1", "taught in another frame"),
         (

@@ -104,6 +104,7 @@ def test_the_submit_interpreter_counts_as_a_program(tmp_path):
 
 IN_BASE_2 = ("FDAT_ACT=FP2", "BAS(#CP_PARAMS,2)", "LIN XP2")
 COPY = ("XH=XP1", "XH.Z=XH.Z+100", "LIN XH")
+INTERRUPTED = "INTERRUPT DECL 4 WHEN $IN[1]==TRUE DO RETREAT ( )"
 COPIED_OTHERWISE = "it was taught in another frame than a.src sets where it moves to a copy of it"
 
 
@@ -117,6 +118,14 @@ COPIED_OTHERWISE = "it was taught in another frame than a.src sets where it move
         ((*IN_BASE_2, "OVER()", "END", "DEF OVER()", *COPY), COPIED_OTHERWISE),  # the caller's base
         ((*TO_P1, "OVER()", "END", "DEF OVER()", *COPY), ("1", "1")),
         ((*IN_BASE_2, *TO_P1, *COPY), ("1", "1")),
+        (
+            (INTERRUPTED, *TO_P1, *COPY, "END", "DEF RETREAT()", "$BASE=BASE_DATA[2]"),
+            COPIED_OTHERWISE,
+        ),
+        (
+            (INTERRUPTED, *TO_P1, *COPY, "END", "DEF RETREAT()", "$OUT[1]=FALSE"),
+            ("1", "1"),
+        ),
         (COPY, ("1", "1")),  # nothing is known of the base
     ],
 )

@@ -46,6 +46,28 @@ def test_where_the_way_is_not_straight_all_points_are_left_and_named(body: str) 
     assert all("tool or base" in why for why in found.barred.values())
 
 
+WORK = "DEF work()\n$TOOL=TOOL_DATA[1]\n$BASE=BASE_DATA[2]\n" + LINE.format(10) + "END\n"
+RETREAT = "DEF retreat()\n$BASE=BASE_DATA[1]\nEND\n"
+
+
+@pytest.mark.parametrize(
+    ("main", "left"),
+    [
+        ("INTERRUPT DECL 4 WHEN $IN[1]==TRUE DO retreat()\nwork()\n", True),
+        ("begin()\nwork()\n", True),
+        ("GLOBAL INTERRUPT DECL 3 WHEN $STOPMESS==TRUE DO IR_STOPM ( )\nwork()\n", False),
+        ("work()\n", False),
+    ],
+    ids=["caller", "beside", "system", "none"],
+)
+def test_an_interrupt_sets_the_base_wherever_it_may_run(main: str, left: bool) -> None:
+    begin = "DEF begin()\nGLOBAL INTERRUPT DECL 4 WHEN $IN[1] DO retreat()\nEND\n"
+    text = f"DEF k()\n{main}END\n{begin}{WORK}{RETREAT}"
+    found = read_program("k.src", text.encode()).positions
+    assert bool(found.barred) is left
+    assert left or (found.tools, found.user_frames) == (("1",), ("2",))
+
+
 def test_a_base_that_is_computed_bars_what_stands_below_it() -> None:
     for computed in ("$BASE.X=5\n", "$BASE=SHIFT:BASE_DATA[2]\n", "BAS(#EX_BASE,2)\n"):
         found = positions_of(SET.format(1) + LINE.format(10) + computed + LINE.format(11))

@@ -239,6 +239,24 @@ async def test_points_that_fail_are_named_and_left_and_a_bad_file_says_where_it_
     )
 
 
+@pytest.mark.parametrize(("frame", "findings"), [(2, 0), (0, 1)])
+async def test_programs_of_one_upload_count_for_each_other(tmp_path: Path, frame: int, findings: int) -> None:
+    """A copy of a place is gone to in the frame that another program of the upload chooses."""
+    spots = SOURCES["DOOR_SPOTS.LS"]
+    copy = b"PR[9]=P[1] ;\n  19:  CALL DEEP    ;\n  20:L PR[9] 100mm/sec FINE    ;\n  21:L P[14]"
+    deep = spots[: spots.index(b"/MN")].replace(b"DOOR_SPOTS", b"DEEP")
+    deep += b"/MN\n   1:  UFRAME_NUM=%d ;\n/POS\n/END\n" % frame
+    files = {"DOOR_SPOTS.LS": spots.replace(b"  18:L P[14]", b"  18:  " + copy), "DEEP.LS": deep}
+    turn = {"position_m": [0.01, 0.0, 0.0], "quaternion": [np.cos(0.03), 0.0, 0.0, np.sin(0.03)]}
+    async with an_engineer(tmp_path) as service_client:
+        job = await run_job(
+            service_client, do="move", cell=CELL_1, offset=turn, frame="2", files=uploaded_files(files)
+        )
+        _, new = await download_result(service_client, job)
+    report = json.loads(next(data for path, data in new.items() if path.endswith("report.json")))
+    assert report["finding_count"] == findings
+
+
 def _stand_at_the_moved_work(points: list[dict[str, Any]], program: bytes) -> None:
     """See that every point that moved keeps its place at work that was moved by 820 mm along x of frame 2."""
     fitting = {

@@ -16,7 +16,8 @@ from cellcal.drivers.programs.routine_calls import (
     RoutineTargets,
 )
 
-_CODE = re.compile(rf'![^\n]*+|"(?:[^"\n]++|"")*+"?+|Move[LJC] [^;!"(]*+;|{NAME}|;', re.ASCII)
+_LATE = rf'%{W}(?:"(?P<late>(?:[^"\n]++|"")*+)"|[^%";\n]++)*+%'  # the name of a routine as a value
+_CODE = re.compile(rf'![^\n]*+|"(?:[^"\n]++|"")*+"?+|{_LATE}|Move[LJC] [^;!"(]*+;|{NAME}|;', re.ASCII)
 _ARGUMENT = re.compile(r'![^\n]*+|"(?:[^"\n]++|"")*+"?+|[\[\](){},;\\]|[^\[\](){},;!"\\]++')
 _PARAMETER = re.compile(
     rf"(?P<before>[,\\|]|\A){W}(?P<mode>(?:INOUT|VAR|PERS|REF|ALIAS)\b)?+{W}(?P<type>[A-Za-z]\w*+){W}(?P<name>{NAME})"
@@ -49,6 +50,7 @@ _NO_TARGETS = frozenset(  # types of the language that hold no target; a record 
      "wzstationary", "wztemporary", "datapos", "dir", "motsetdata", "dionum", "opnum", "symnum", "tpnum",
      "aiotrigg", "restartdata", "inposdata", "loadsession", "paridnum")
 )  # fmt: skip
+_ANY_ROUTINE = "%"  # in place of the name of one that the program chooses while it runs
 _MOST_TOKENS = 400
 _MOST_ROUNDS = 20
 
@@ -121,6 +123,10 @@ def pass_targets(
         changes = [_pass_call(uses, parameters, one, kept) for one in called]
         if not any(changes):
             break
+    for call in calls:
+        for name in (*call.arguments, *call.options.values()) if call.routine == _ANY_ROUTINE else ():
+            if uses.rows_of(name, call.scope):
+                uses.add_uses(call.scope, name, {(None, None)})
     uses.note_copied_parameters()
     uses.forget_parameters()
 
@@ -236,7 +242,7 @@ def routine_calls(text: str, routines: Mapping[str, tuple[int, int]]) -> Iterato
             if found[0][-1] == ";":
                 leads = True
                 continue
-            word = decode_name(found[0]).lower()
+            word = _late_name(found) if found[0][0] == "%" else decode_name(found[0]).lower()
             opened = OPENED.match(text, place)
             called = opened is not None and opened[1] is not None
             if (
@@ -246,6 +252,13 @@ def routine_calls(text: str, routines: Mapping[str, tuple[int, int]]) -> Iterato
             ):
                 yield _read_call(text, (opened.end() if opened and called else place, end), (scope, word))
             leads = word in _LEADING
+
+
+def _late_name(found: re.Match[str]) -> str:
+    """Return the routine that a call by a value means; one that is computed, or moves itself, has no name."""
+    alone = found["late"] is not None and found[0].strip("% \t") == f'"{found["late"]}"'
+    name = found["late"].rpartition(":")[2].lower() if alone else ""
+    return _ANY_ROUTINE if not name or name in MOVES else name
 
 
 def _read_call(text: str, span: tuple[int, int], call: tuple[str, str]) -> RoutineCall:

@@ -16,6 +16,13 @@ from cellcal.drivers.abb.program_files.collected_positions import LEAST_ANGLE_DE
 from cellcal.drivers.abb.program_files.configuration import AbbConfigurations, numbers_of
 from cellcal.drivers.abb.program_files.instructions import MOVES
 from cellcal.drivers.abb.program_files.literals import AGGREGATES
+from cellcal.drivers.abb.program_files.motion_configuration import (
+    PLACE,
+    UNKNOWN_ROBOT,
+    base_frame_of,
+    declarations_of,
+    is_of_unknown_robot,
+)
 from cellcal.drivers.abb.program_files.rapid_module import read_module
 from cellcal.drivers.abb.program_files.unchecked_configurations import ignores_configurations
 from cellcal.drivers.abb.program_files.written_numbers import (
@@ -51,6 +58,7 @@ from cellcal.drivers.programs.spans import (
     finest_decimals,
     write_number,
 )
+from cellcal.drivers.programs.world_frames import seen_from_base, standing_remark
 
 _MODULE = re.compile(rb"^(?:\xef\xbb\xbf)?[ \t]*+(?:MODULE[ \t]++[A-Za-z]|%%%)", re.IGNORECASE | re.MULTILINE)
 _OTHER_TASK = "{} of its backup moves, too, and may be another robot: give the files of one task"
@@ -190,11 +198,16 @@ class AbbFile:
         frames = with_declared(
             self.frames, positions, external_uses.tools, external_uses.bases, own=self.declared
         )
+        base = base_frame_of(external_uses.file, external_uses.bases)
+        frames = seen_from_base(frames, base)
+        standing = (standing_remark(base),) if base is not None and len(positions) else ()
         places = absent_places(self.source, external_uses.absent, MOVES, comment="!", statement_end=";")
         positions = replace(positions, shifts=(*positions.shifts, *places))
         positions = _with_agreed_tools(positions, external_uses, self.keys)
         positions = _without_other_robots(positions, external_uses.other_task)
-        return replace(self, positions=positions, frames=frames, remarks=(*self.remarks, *remarks))
+        if is_of_unknown_robot(external_uses.file, external_uses.bases):
+            positions = _without_all(positions, UNKNOWN_ROBOT)
+        return replace(self, positions=positions, frames=frames, remarks=(*standing, *self.remarks, *remarks))
 
     def _refuse_unfit(self, row: int, *, pose: bool, joints: bool, frame: str | None) -> None:
         kind = self.positions.kinds[row]
@@ -297,10 +310,12 @@ def _without_other_robots(positions: Positions, task: str) -> Positions:
     """Return positions that are all left where another task of their controller moves, too."""
     if not task:
         return positions
+    return _without_all(positions, make_message(_OTHER_TASK, task))
+
+
+def _without_all(positions: Positions, why: str) -> Positions:
     rows = [row for row, kind in enumerate(positions.kinds) if kind in (CARTESIAN, JOINTS)]
-    return replace(
-        positions, barred={**dict.fromkeys(rows, make_message(_OTHER_TASK, task)), **positions.barred}
-    )
+    return replace(positions, barred={**dict.fromkeys(rows, why), **positions.barred})
 
 
 def writes_program(data: bytes) -> bool:
@@ -324,4 +339,6 @@ BRAND = ProgramBrand(
     configurations=AbbConfigurations(),
     writes_program=writes_program,
     tells=True,
+    says=declarations_of,
+    beside=(PLACE,),
 )

@@ -108,6 +108,10 @@ class DataList:
         """Return the tools and bases that stand here; number 0 is the null frame of the language."""
         return ProgramFrames(base_frame=self.bases, flange_tip=self.tools)
 
+    def frames_alone(self) -> dict[str, Pose | None]:
+        """Return the FRAMEs that are no taught points, by their names in capitals."""
+        return {name.upper(): self.found.pose_of(literal) for name, literal in self.undecided}
+
     def finish_reading(self) -> None:
         """Give points their tool and base, and drop declarations whose value came later."""
         for name, literal in self.undecided:
@@ -183,6 +187,8 @@ class DataList:
         assert name.value is not None
         if kind == "FDAT":
             self._frame_data(name, line)
+        elif name.name[0] == "$" and not kind:
+            return  # work spaces and the like of the controller, with fields of their own
         elif (
             kind
             or is_frame_table

@@ -14,6 +14,10 @@ from cellcal.drivers.programs.file_declarations import COPIED, ExternalUses, Mov
 
 _TOOL_OF = re.compile(rf"\$TOOL{B}*+={B}*+STOOL2?{B}*+\({B}*+(\w++)", re.ASCII | re.IGNORECASE)
 _BASE_OF = re.compile(rf"\$BASE{B}*+={B}*+SBASE{B}*+\({B}*+(\w++)", re.ASCII | re.IGNORECASE)
+_BEGIN_TOOL, _BEGIN_BASE = (
+    "1",
+    "0",
+)  # BAS.SRC of KSS 8.2 to 8.6 (five public backups): TOOL_DATA[1], and the world
 SET_DATA = "sets"  # before a name that a program gives a value, or a part of frame data
 _FRAME_SET = re.compile(rf"\$(?:TOOL|BASE)\b{B}*+(?:\.\w++{B}*+)?+=", re.IGNORECASE)
 
@@ -111,7 +115,7 @@ def with_frame_data(
 
     A name of frame data means those of the moving file's own data list before any others. Moves with data of
     another list than this one leave the point, and so do data that a program sets. A tool and base that a program
-    reset, and set no others, are no tool and the world for points that were taught with their own; for others they
+    reset, and set no others, are tool 1 and the world for points that were taught with their own; for others they
     are not said.
     """
     frame_data = {name: data for name, data in frame_data.items() if name not in set_data}
@@ -121,17 +125,19 @@ def with_frame_data(
             (_frames_of(move_frames, file, external_uses, frame_data), file) for move_frames, file in some
         ]
         uses[name] = [
-            (without_reset(each, "0" if name in taught or each.why == COPIED else None), file)
-            for each, file in found
+            (without_reset(each, known=name in taught or each.why == COPIED), file) for each, file in found
         ]
     return replace(external_uses, uses=uses)
 
 
-def without_reset(move_frames: MoveFrames, value: str | None) -> MoveFrames:
-    """Return the tool and base of a move with a value in place of what its routine reset."""
+def without_reset(move_frames: MoveFrames, *, known: bool) -> MoveFrames:
+    """Return the tool and base of a move with those of ``BAS(#INITMOV,0)`` in place of what its routine reset."""
     if RESET not in (move_frames.tool, move_frames.frame):
         return move_frames
-    tool, frame = (value if each == RESET else each for each in (move_frames.tool, move_frames.frame))
+    tool, frame = (
+        (value if known else None) if each == RESET else each
+        for each, value in ((move_frames.tool, _BEGIN_TOOL), (move_frames.frame, _BEGIN_BASE))
+    )
     return move_frames._replace(tool=tool, frame=frame)
 
 

@@ -14,7 +14,7 @@ from cellcal.drivers.programs.barred import (
     SEVERAL,
     SOURCE_OF_TARGET,
 )
-from cellcal.drivers.programs.call_graph import Marks, reached_settings
+from cellcal.drivers.programs.call_graph import Marks, reached_settings, with_interrupts
 from cellcal.drivers.programs.routine_calls import RoutineParameter
 
 UNKNOWN = "?"
@@ -112,6 +112,9 @@ class KrlRoutine:
     shown: bool = False  # other files may call it
     declared: set[str] = field(default_factory=set)  # names that hide those of other files
     calls: set[str] = field(default_factory=set)
+    handlers: set[str] = field(default_factory=set)  # routines of the interrupts that it declares
+    shown_handlers: set[str] = field(default_factory=set)  # of those that stay for its callers, too
+    interrupted: bool = False  # one that sets a tool or base may run while it does
     data_taken: set[str] = field(default_factory=set)  # frame data of its inline forms
     parameters: tuple[RoutineParameter, ...] = ()
     assigned: set[str] = field(default_factory=set)  # names that get a value, or a component
@@ -143,13 +146,21 @@ def reached_from(routines: Sequence[KrlRoutine]) -> None:
     for routine in routines:
         if routine.name:
             by_name.setdefault(routine.name, []).append(routine.number)
-    calls = [
-        [number for name in sorted(routine.calls) for number in by_name.get(name, ())] for routine in routines
-    ]
-    resets, _ = reached_settings(calls, [[RESET] if routine.resets else [] for routine in routines])
-    for routine, called in zip(routines, calls, strict=True):
+    calls, here, shown = (
+        [[number for name in sorted(names) for number in by_name.get(name, ())] for names in some]
+        for some in (
+            [one.calls for one in routines],
+            [one.handlers for one in routines],
+            [one.shown_handlers for one in routines],
+        )
+    )
+    reached, running = with_interrupts(calls, here, shown)
+    resets, _ = reached_settings(reached, [[RESET] if routine.resets else [] for routine in routines])
+    for routine, called in zip(routines, reached, strict=True):
         routine.tool.reset_below = routine.base.reset_below = any(resets[number] for number in called)
     for uses in ([one.tool for one in routines], [one.base for one in routines]):
-        below, above = reached_settings(calls, [use.values for use in uses])
+        below, above = reached_settings(reached, [use.values for use in uses])
         for use, its_below, its_above in zip(uses, below, above, strict=True):
             use.below, use.above = its_below, its_above
+    for routine, more in zip(routines, running, strict=True):
+        routine.interrupted = any(routines[one].tool.below or routines[one].base.below for one in more)

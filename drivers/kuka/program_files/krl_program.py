@@ -114,6 +114,10 @@ class KrlProgram(KrlMotions):
         begins = word in patterns.BEGIN_ROUTINE and patterns.ROUTINE.match(code) is not None
         if "(" in code and not begins and word not in patterns.CALLS_NOTHING:
             self.take_calls(code, line)
+        if word in ("INTERRUPT", "GLOBAL") and (declared := patterns.INTERRUPT.match(code)) is not None:
+            routine = self.points.routines[-1]
+            handlers = routine.shown_handlers if declared[1] else routine.handlers
+            handlers |= {declared[2].upper()} - patterns.KNOWN_CALLS
         if word in patterns.BRANCHES:
             self._take_branch(word, line.start)
         elif word == patterns.FRAME_DATA_ACTIVE:

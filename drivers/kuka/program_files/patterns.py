@@ -9,6 +9,9 @@ MOTION = re.compile(
 WITH = re.compile(r"\bWITH\b", re.IGNORECASE)
 ROUTINE = re.compile(rf"{B}*+(?:GLOBAL{B}++)?+(?:DEF|DEFFCT{B}++\w++)\b{B}*+(\w*+)", re.ASCII | re.IGNORECASE)
 CALLS = re.compile(rf"(?<![\w.$])([A-Za-z_]\w*+){B}*+\(", re.ASCII)  # in conditions and values, too
+INTERRUPT = re.compile(  # what it declares, whether also for callers, and the routine that runs then
+    rf"{B}*+(GLOBAL{B}++)?+INTERRUPT{B}++DECL\b[^\n]*\bDO{B}++([A-Za-z_]\w*+)", re.ASCII | re.IGNORECASE
+)
 FRAME_DATA_SET = re.compile(rf"{B}*+FDAT_ACT{B}*+={B}*+(\w++)", re.ASCII | re.IGNORECASE)
 FRAME_PASSED = re.compile(rf"{B}*+\$(TOOL|BASE){B}*+(?:\.{B}*+\w++{B}*+)?+", re.IGNORECASE)
 FRAME_DATA_COMPONENT = re.compile(  # of frame data: the tool, the base, or which of them stands in the cell

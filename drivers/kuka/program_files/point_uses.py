@@ -164,9 +164,9 @@ class PointUses:
 
     def frames_of_move(self, used: PointMove, *, joints: bool) -> MoveFrames:
         """Return the tool and base of a move as far as this file says."""
-        if used.data:  # set right before: no other routine comes between
-            return MoveFrames(f"{FRAME_DATA}{used.data}", f"{FRAME_DATA}{used.data}")
         routine = self.routines[used.routine]
+        if used.data and not routine.interrupted:  # set right before: no other routine comes between
+            return MoveFrames(f"{FRAME_DATA}{used.data}", f"{FRAME_DATA}{used.data}")
         tool_said = routine.tool.surely_before(used.place, used.branches, routine.jumps)
         base_said = routine.base.surely_before(used.place, used.branches, routine.jumps)
         now = routine.straight(routine.tool, used.place), routine.straight(routine.base, used.place)
@@ -350,6 +350,8 @@ class PointUses:
                 frozenset(routine.calls),
                 routine.shown,
                 routine.resets,
+                handlers=frozenset(routine.handlers),
+                shown_handlers=frozenset(routine.shown_handlers),
             )
             for routine in self.routines
         }

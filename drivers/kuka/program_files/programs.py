@@ -20,6 +20,12 @@ from cellcal.drivers.kuka.program_files.frame_data import (
 )
 from cellcal.drivers.kuka.program_files.imports import imports_of, remark_imports
 from cellcal.drivers.kuka.program_files.krl_program import read_program
+from cellcal.drivers.kuka.program_files.machine_data import (
+    CARRIED,
+    ROOT,
+    carried_bases,
+    root_among,
+)
 from cellcal.drivers.kuka.program_files.passed_points import (
     calls_of_file,
     copies_of_file,
@@ -33,9 +39,10 @@ from cellcal.drivers.kuka.program_files.written_numbers import (
     WrittenPoints,
 )
 from cellcal.drivers.programs.absent_places import absent_places
-from cellcal.drivers.programs.barred import COMPUTED
+from cellcal.drivers.programs.barred import COMPUTED, TURNED_BASE
 from cellcal.drivers.programs.brands import ProgramBrand
 from cellcal.drivers.programs.columns import gets_only_a_pose, part_of
+from cellcal.drivers.programs.conditions import ConditionalBar, ProjectNeed
 from cellcal.drivers.programs.declared_poses import Poses, with_declared
 from cellcal.drivers.programs.errors import ProgramFileError
 from cellcal.drivers.programs.file_declarations import ExternalUses, FileDeclarations
@@ -53,6 +60,7 @@ from cellcal.drivers.programs.spans import (
     ProgramText,
     checked_rows,
 )
+from cellcal.drivers.programs.world_frames import seen_from_base, standing_remark
 
 _DEFINED = re.compile(
     r"^[ \t]*+(?:GLOBAL[ \t]++)?+(?:DEFDAT|DEFFCT[ \t]++\w++|DEF)[ \t]++(\w++)", re.IGNORECASE | re.MULTILINE
@@ -60,7 +68,7 @@ _DEFINED = re.compile(
 _DEFINED_BYTES = re.compile(
     rb"^(?:\xef\xbb\xbf)?[ \t]*+(?:GLOBAL[ \t]++)?+(?:DEFDAT|DEFFCT|DEF)\b|^&[A-Z]", re.I | re.M
 )
-_TABLES = re.compile(rb"\b(?:TOOL|BASE)_DATA[ \t]*+\[", re.IGNORECASE)
+_TABLES = re.compile(rb"\b(?:TOOL|BASE)_DATA[ \t]*+\[|\$ROBROOT\b", re.IGNORECASE)
 _HOME = re.compile(r"X?HOME\d*\b", re.IGNORECASE)  # joint angles of $CONFIG.DAT, which no work moves
 _ROOT = re.compile(r"R\d", re.IGNORECASE)  # KRC/R1: where the programs of a controller stand
 Spans = dict[str, tuple[int, int]]
@@ -163,18 +171,22 @@ class KukaFile:
         positions = _without_set_tables(positions, self.declarations.module, external_uses)
         positions = _without_mixed_work(positions, self.keys, external_uses)
         positions = _without_set_data(positions, self.keys, self.taught, set_data)
+        positions = _with_carried_bases(positions, self.taught, external_uses)
         frames = with_declared(
             self.frames, positions, external_uses.tools, external_uses.bases, own=frozenset()
         )
+        root = external_uses.bases.get(ROOT)
+        frames = seen_from_base(frames, root)
+        standing = (standing_remark(root),) if root is not None and len(positions) else ()
         absent = {
-            name: frozenset(without_reset(move_frames, None) for move_frames in moves)
+            name: frozenset(without_reset(move_frames, known=False) for move_frames in moves)
             for name, moves in external_uses.absent.items()
             if not _is_data_list(self.source.name) and not _HOME.match(name)
         }
         places = absent_places(self.source, absent, MOVE, comment=";", statement_end="\n")
         copies = copies_with_other_tools(positions, external_uses, self.keys)
         positions = replace(positions, shifts=(*positions.shifts, *places, *copies))
-        return replace(self, positions=positions, frames=frames, remarks=(*self.remarks, *remarks))
+        return replace(self, positions=positions, frames=frames, remarks=(*standing, *self.remarks, *remarks))
 
 
 @dataclass(frozen=True)
@@ -197,7 +209,10 @@ def _read_data(source: ProgramText) -> _Read:
         declares=data.shown,
         uses=uses_of_own_data(data.shown),
         tools=_of_tables(data.tools),
-        bases=_of_tables(data.bases),
+        bases={**_of_tables(data.bases), **root_among(data.frames_alone(), source.text)},
+        doubtful={f"{CARRIED} {number}": TURNED_BASE for number in carried_bases(source.text)}
+        if data.of_controller
+        else {},
         imports=remark_imports(data.found),
     )
     return data.found, data.to_frames(), _FileSummary(declarations, data.taught, frame_data=data.frame_data)
@@ -291,6 +306,30 @@ def _without_set_data(
     return replace(positions, barred={**dict.fromkeys(rows, COMPUTED), **positions.barred})
 
 
+def _with_carried_bases(positions: Positions, taught: Set[int], external_uses: ExternalUses) -> Positions:
+    """Return positions of which those need a positioner whose base the controller's lists say one carries."""
+    cells = _cells_of(external_uses.file)
+    carried = {
+        base
+        for base in set(positions.user_frames) - {None}
+        if any(f"{cell} {CARRIED} {base}" in external_uses.doubtful for cell in cells)
+    }
+    conditions = {
+        row: ConditionalBar.for_need(ProjectNeed.MOVED_FRAME, TURNED_BASE).joined_with(
+            positions.conditions.get(row)
+        )
+        for row in taught
+        if positions.user_frames[row] in carried
+    }
+    return replace(positions, conditions={**positions.conditions, **conditions}) if conditions else positions
+
+
+def _cells_of(file: str) -> Sequence[str]:
+    """Return the folders whose controller's lists count for a file: its own, and those above."""
+    cell = PurePath(_program_folder(PurePath(file)))
+    return tuple(map(str, (cell, *cell.parents)))
+
+
 def _without_mixed_work(positions: Positions, keys: Sequence[str], external_uses: ExternalUses) -> Positions:
     """Return positions of which those are left that are taught for a standing tool and moved to otherwise."""
     mixed = {row: MIXED_WORK for row in positions.held_work if external_uses.uses_of_name(keys[row])}
@@ -304,8 +343,7 @@ def _without_set_tables(positions: Positions, module: str, external_uses: Extern
     """
     if not external_uses.doubtful:  # as nearly always
         return positions
-    cell = PurePath(_program_folder(PurePath(external_uses.file)))
-    whose = (module, *map(str, (cell, *cell.parents)))  # a program counts for those below its folder
+    whose = (module, *_cells_of(external_uses.file))  # a program counts for those below its folder
     barred = dict(positions.barred)
     remarks_by_frames: dict[tuple[str | None, str | None], str] = {}
     for row, row_frames in enumerate(zip(positions.tools, positions.user_frames, strict=True)):
@@ -326,4 +364,5 @@ BRAND = ProgramBrand(
     writes_program=writes_program,
     tells=True,
     says=_declarations_of,
+    beside=(PurePath("Mada") / "$machine.dat", PurePath("System") / "$config.dat"),
 )

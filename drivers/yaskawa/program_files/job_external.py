@@ -4,6 +4,8 @@
 robot has a seventh axis of its own, it stands behind the pose.
 """
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from cellcal.calibration.geometry import Array
@@ -66,6 +68,14 @@ def rows_beside(jobs: list[YaskawaJob], rows: list[JobRow]) -> dict[tuple[int, t
             if other is not None:
                 found[number, kinds] = other
     return found
+
+
+def rows_that_share(beside: Mapping[tuple[int, tuple[str, ...]], JobRow]) -> tuple[tuple[int, ...], ...]:
+    """Return the robot's rows that have one row of base or station axes, for each such row."""
+    found: dict[int, list[int]] = {}
+    for (number, _), other in beside.items():
+        found.setdefault(other.start, []).append(number)
+    return tuple(tuple(numbers) for numbers in found.values() if len(numbers) > 1)
 
 
 def _seventh_axis(row: JobRow) -> float:

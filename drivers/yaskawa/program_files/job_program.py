@@ -27,7 +27,7 @@ from cellcal.drivers.yaskawa.program_files.job_calls import (
 )
 from cellcal.drivers.yaskawa.program_files.job_columns import PULSES, SHIFT, kind_of, positions_of
 from cellcal.drivers.yaskawa.program_files.job_edits import RATIOS_NEEDED, edits_of
-from cellcal.drivers.yaskawa.program_files.job_external import rows_beside
+from cellcal.drivers.yaskawa.program_files.job_external import rows_beside, rows_that_share
 from cellcal.drivers.yaskawa.program_files.job_motions import motions_in
 from cellcal.drivers.yaskawa.program_files.job_remarks import remarks_of
 from cellcal.drivers.yaskawa.program_files.job_shared_variables import computed_elsewhere, is_placed
@@ -191,9 +191,11 @@ def read_job(
     positions = positions_of(name, jobs, rows, kinds, groups, ratios)
     barred, shifts = motions_in(jobs, positions)
     others = {i: make_message(_OTHER_ROBOT, one, robot) for i, one in enumerate(robots) if one != robot}
-    positions = replace(positions, barred={**barred, **others}, shifts=shifts)
-    remarks = [remark for notes, _ in remarks_by_job for remark in notes] + _kind_remarks(positions)
     beside = rows_beside(jobs, rows)
+    positions = replace(
+        positions, barred={**barred, **others}, shifts=shifts, shared_external=rows_that_share(beside)
+    )
+    remarks = [remark for notes, _ in remarks_by_job for remark in notes] + _kind_remarks(positions)
     return JobProgram(
         file=name,
         data=data,

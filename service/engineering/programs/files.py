@@ -18,7 +18,7 @@ from cellcal.calibration.documents import DocumentError
 from cellcal.calibration.documents.plain_files import read_plain_bytes
 from cellcal.calibration.errors import CellError
 from cellcal.calibration.message import find_message, make_message
-from cellcal.drivers.program_registry import SUFFIXES, brand_of, is_resaved_program
+from cellcal.drivers.program_registry import SUFFIXES, brand_of, brand_of_list, is_resaved_program
 from cellcal.drivers.programs.brands import DeclaringProgram
 from cellcal.drivers.programs.cross_file_uses import BatchDeclarations
 from cellcal.drivers.programs.errors import ProgramFileError
@@ -43,6 +43,10 @@ class Siblings:
 
     sources: tuple["ProgramSource", ...] = ()
     across: BatchDeclarations | None = None
+    lists: dict[Path, str] = field(
+        default_factory=dict
+    )  # of their controller, named with them, and the brand
+    looks_above: bool = True  # lists of a backup count that stand in folders above
     read: dict[str, DeclaringProgram] = field(
         default_factory=dict
     )  # of a small batch: programs not asked for yet
@@ -106,8 +110,9 @@ def find_programs(named: Sequence[str], *, out: Path | None = None) -> FoundProg
                 RefusedProgram(name, f"{error.strerror or error}.", "Give a folder that may be read.")
             )
     apart, clashing = _without_clashes(sources.values())
-    siblings = Siblings()
-    siblings.sources = tuple(replace(source, siblings=siblings) for source in apart)
+    lists = {one.path: brand.brand for one in apart if (brand := brand_of_list(one.path.name)) is not None}
+    siblings = Siblings(lists=lists)
+    siblings.sources = tuple(replace(one, siblings=siblings) for one in apart if one.path not in lists)
     return FoundPrograms(siblings.sources, (*refused, *clashing), tuple(passed))
 
 

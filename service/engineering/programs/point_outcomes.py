@@ -26,6 +26,7 @@ from cellcal.service.engineering.programs.result import CHANGED, LEFT, UNCHANGED
 _BLOCK = 32768
 _ALIKE_AXIS = 1e-9  # [m or rad]
 _WRITTEN_AXIS = 2e-6  # [m or rad]: a unit of the last decimal that files give to external axes
+_SHARES = "its external axes stand in one row with those of {name}, which is left"
 _MOST_FOREIGN, _FEWEST_FOREIGN = 0.5, 2  # share of a program's points, and how many: one may be a mistake
 
 
@@ -121,22 +122,59 @@ def _changed_programs(
 ) -> list[ProgramFile]:
     """Return every program with its good points where they go; points that it cannot take are left."""
     after = list(points.programs)
-    rows = [its.start + np.flatnonzero(good[its]) for its in slices]
+    rows = [
+        _without_shared_axes(points, its.start + np.flatnonzero(good[its]), its.start, outcome)
+        for its in slices
+    ]
     some = [i for i, its in enumerate(rows) if len(its)]
     changes = [_program_change(points, rows[i], outcome) for i in some]
     try:
         changed = change_programs([points.programs[i] for i in some], changes)
     except ProgramFileError:
         for i in some:
-            after[i], refused = change_what_fits(
-                points.programs[i], rows[i], lambda its: _program_change(points, its, outcome)
-            )
-            for row, why in refused.items():
-                points.refuse_points(np.array([row], dtype=np.intp), why)
+            after[i] = _change_one(points, rows[i], slices[i].start, outcome)
     else:
         for i, new in zip(some, changed, strict=True):
             after[i] = new
     return after
+
+
+def _change_one(points: ProgramPoints, rows: Rows, start: int, outcome: PointOutcomes) -> ProgramFile:
+    """Return one program with the changes that it can take."""
+    program = points.programs[int(points.of[start])]
+    after, refused = change_what_fits(program, rows, lambda its: _program_change(points, its, outcome))
+    for row, why in refused.items():
+        points.refuse_points(np.array([row], dtype=np.intp), why)
+    fitting = rows[[row not in refused for row in rows.tolist()]]
+    together = _without_shared_axes(points, fitting, start, outcome)
+    if len(together) < len(fitting):
+        return _change_one(points, together, start, outcome) if len(together) else program
+    return after
+
+
+def _without_shared_axes(points: ProgramPoints, rows: Rows, start: int, outcome: PointOutcomes) -> Rows:
+    """Return rows to change, without those whose external axes would change for a position that is left, too."""
+    program = points.programs[int(points.of[start])] if len(rows) else None
+    if program is None or not program.positions.shared_external:
+        return rows
+    its = points.row[points.of == points.of[start]].tolist()
+    first = {row: start + number for number, row in enumerate(its)}
+    while len(rows):
+        changed = set(points.row[rows].tolist())
+        table = _changed_axes(program, points.row[rows], outcome, rows)
+        moved = set() if table is None else set(points.row[rows][np.isfinite(table).any(axis=1)].tolist())
+        shared = set[int]()
+        for group in program.positions.shared_external:
+            left = [row for row in group if row not in changed]
+            with_it = [first[row] for row in group if row in moved] if left else []
+            if with_it:
+                why = make_message(_SHARES, name=program.positions.names[left[0]])
+                points.refuse_points(np.array(with_it, dtype=np.intp), why)
+                shared.update(with_it)
+        if not shared:
+            break
+        rows = np.setdiff1d(rows, sorted(shared))
+    return rows
 
 
 def _program_change(points: ProgramPoints, rows: Rows, outcome: PointOutcomes) -> PositionChange:

@@ -4,13 +4,14 @@ A register that is only gone to is a place, and is carried as a program's own po
 motion, is computed, or is gone to in several frames stays, with the reason.
 """
 
-from collections.abc import Sequence
+from collections.abc import Sequence, Set
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.message import make_message
+from cellcal.drivers.fanuc.program_files.ls_program import LsProgram
 from cellcal.drivers.fanuc.program_files.ls_registers import (
     UNSURE,
     RegisterUse,
@@ -69,7 +70,7 @@ class ProgramRegisters:
         for program in programs:
             line = indirect_line(program.to_bytes()) if program.brand == "fanuc" else 0
             chosen = chosen or (make_message(_CHOSEN, program.name, line) if line else "")
-            its = registers_used(program.to_bytes(), program.positions) if program.brand == "fanuc" else ()
+            its = _uses_in(program) if isinstance(program, LsProgram) else ()
             for use in its:
                 uses.setdefault(use.number, []).append((program.name, use))
         self.all = tuple(
@@ -102,6 +103,29 @@ class ProgramRegisters:
         edits = self.places.edits_for(backup, rows, after.frame_tip[rows], _joint_rows(after.joints, rows))
         file = changed_files(backup, edits).get(REGISTERS, backup.files[REGISTERS].data) if here else None
         return TransferredRegisters(result, edits, file)
+
+
+def _uses_in(program: LsProgram) -> Sequence[RegisterUse]:
+    """Return the uses of registers, in the frame and with the tool of the callers where the program chooses none."""
+    abroad = program.external_uses
+    found = registers_used(program.to_bytes(), program.positions, abroad)
+    if abroad is None:
+        return found
+    return [
+        replace(
+            use,
+            user_frame=_of_callers(use.user_frame, abroad.frames_before),
+            tool=_of_callers(use.tool, abroad.tools_before),
+        )
+        for use in found
+    ]
+
+
+def _of_callers(number: str | None, before: Set[str]) -> str | None:
+    if number is not None or not before:
+        return number
+    (first, *others) = sorted(before)
+    return first if first.isdigit() and not others else UNSURE
 
 
 def backup_of(cell: Project) -> FanucBackup:

@@ -1,6 +1,8 @@
 """What the programs of one batch say of each other's positions, read before any of them is changed."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
+from pathlib import Path
 from typing import cast
 
 from cellcal.calibration.errors import CellError
@@ -10,6 +12,7 @@ from cellcal.drivers.programs.cross_file_uses import BatchDeclarations
 from cellcal.drivers.programs.file_declarations import FileDeclarations
 from cellcal.drivers.programs.positions import ProgramFile
 from cellcal.service.engineering.programs.files import ProgramSource, read_bytes
+from cellcal.service.engineering.programs.folders_above import lists_above
 from cellcal.service.engineering.programs.worker_processes import is_worthwhile, run_in_processes
 
 
@@ -31,6 +34,9 @@ def read_siblings(sources: Sequence[ProgramSource]) -> None:
                         statements[file] = statement
                     elif (program := _read_informative(file, data)) is not None:
                         siblings.read[file], statements[file] = program, program.declarations
+            above = lists_above([one.path for one in informative]) if siblings.looks_above else {}
+            lists = {place: brand for place, brand in above.items() if str(place) not in statements}
+            statements |= _list_statements({**lists, **siblings.lists})
             siblings.across = BatchDeclarations(statements)
 
 
@@ -58,6 +64,14 @@ def with_siblings(source: ProgramSource, program: ProgramFile) -> ProgramFile:
 def _may_inform(source: ProgramSource) -> bool:
     suffix = source.path.suffix.lower()
     return any(brand_named(brand).tells for brand, suffixes in SUFFIXES.items() if suffix in suffixes)
+
+
+def _list_statements(lists: Mapping[Path, str]) -> Iterator[tuple[str, FileDeclarations]]:
+    """Yield what lists of a controller say, of the brand that each is of."""
+    for place, brand in lists.items():
+        with suppress(CellError):
+            if (statement := brand_named(brand).says(str(place), read_bytes(place))) is not None:
+                yield str(place), statement.of_machine()
 
 
 def _statements_of(sources: Sequence[ProgramSource]) -> list[tuple[str, FileDeclarations]]:

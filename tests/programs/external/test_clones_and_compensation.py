@@ -121,6 +121,31 @@ def test_a_clone_puts_the_tip_at_the_same_place_of_the_work(
         assert_near(CLONE_BASE @ old_tip, new_tip)
 
 
+def test_a_left_point_keeps_the_axes_of_a_row_that_it_shares(tmp_path: Path) -> None:
+    """A job's station row may stand beside several positions; the clone's axis counts from another zero."""
+    spelling = BRANDS["yaskawa"]
+    axis = table(spelling, zero=20.0)
+    cells = [HandCell(spelling, (each,), axis.frame @ ON_TABLE) for each in (axis, replace(axis, zero=-35.0))]
+    nominal, fixture = arm(spelling.model), pose((0.7, 0.2, 0.1), (0.1, 0.0, 0.3))
+    master, clone = (
+        write_project(cell, tmp_path / serial, real=nominal, serial=serial, fixture=fixture)
+        for cell, serial in zip(cells, "AB", strict=True)
+    )
+    values = [{"S1": value} for value in (20.0, 50.0, 20.0, 80.0, 80.0)]
+    text = spelling.write(cells[0].points(values), spelling.frame)
+    text = text.replace("MOVL C00002", "MOVL C00002 EC00000").replace("MOVL C00004", "MOVL C00004 EC00003")
+    first = text[text.index("C00000=") : text.index("C00001=")]
+    text = text.replace(first, f"///TOOL 7\n{first}///TOOL 1\n")  # a tool that the project does not have
+    brand = brand_named(spelling.brand)
+    program = brand.read(spelling.file, text.encode())
+    result = clone_transfer(master, clone, brand.configurations).transfer_programs([program])[0]
+    assert [bool(why) for why in result.reason] == [True, False, True, False, False]
+    assert "C00000, which is left" in result.reason[2]
+    after = spelling.read(result.after.to_bytes().decode())
+    assert [point.axes["S1"] for point in after] == [20.0, -5.0, 20.0, 25.0, 80.0]
+    assert b"EC00003=2500" in result.after.to_bytes()
+
+
 def real_tips(
     cells: tuple[HandCell, HandCell],
     reals: tuple[RobotModel, RobotModel],

@@ -168,3 +168,34 @@ def test_the_command_prints_what_to_type_and_writes_the_file(
     assert code == 4  # PR[3] holds nothing
     assert "$POSREG[1,2].X from 700.000 mm to 712.000 mm" in output
     assert b"712.000" in (tmp_path / "new" / "POSREG.VA").read_bytes()
+
+
+@pytest.mark.parametrize(
+    ("weld", "deep", "stays"),
+    [
+        (("UFRAME_NUM=0", "UTOOL_NUM=0", "CALL DEEP", "L PR[2] 100mm/sec FINE"), ("UFRAME_NUM=3",), True),
+        (("UFRAME_NUM=0", "UTOOL_NUM=0", "CALL DEEP", "L PR[2] 100mm/sec FINE"), ("UFRAME_NUM=0",), False),
+        (("UFRAME_NUM=0", "UTOOL_NUM=0", "CALL DEEP"), ("L PR[2] 100mm/sec FINE",), False),
+        (
+            ("UFRAME_NUM=0", "UTOOL_NUM=0", "CALL DEEP", "UFRAME_NUM=3", "CALL DEEP"),
+            ("L PR[2] 9mm/sec FINE",),
+            True,
+        ),
+    ],
+)
+def test_a_register_is_in_the_frame_that_other_programs_choose(
+    weld: tuple[str, ...],
+    deep: tuple[str, ...],
+    stays: bool,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    _cell_with_registers(tmp_path, *weld)
+    (tmp_path / "DEEP.ls").write_bytes(_listing_bytes(*deep).replace(b"WELD", b"DEEP"))
+    code = run_command_line(
+        ["program", "registers", "--project", str(tmp_path / "project.toml"), "--offset=12,0,-3.5"]
+    )
+    output = capsys.readouterr().out
+    assert ("which is not sure" in output) is stays
+    assert ("$POSREG[1,2].X from 700.000 mm to 712.000 mm" in output) is not stays
+    assert code == (4 if stays else 0)

@@ -8,7 +8,7 @@ import os
 import sys
 import threading
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path, PurePath
 from typing import Any
 
@@ -23,7 +23,7 @@ from cellcal.service.configuration.cell_file import CellConfig, read_cell_file
 from cellcal.service.engineering.job_processes import finish_job, leave_with_the_service, write_message
 from cellcal.service.engineering.programs.clone import clone_transfer
 from cellcal.service.engineering.programs.compensate import compensation_transfer
-from cellcal.service.engineering.programs.files import FilesError, FoundPrograms, ProgramSource, find_programs
+from cellcal.service.engineering.programs.files import FilesError, FoundPrograms, find_programs
 from cellcal.service.engineering.programs.inspect import named_by
 from cellcal.service.engineering.programs.jobs.cells import cell_here, pose_from_json
 from cellcal.service.engineering.programs.jobs.files import OUT, REQUEST_FILE, SOURCES, stored_projects
@@ -148,7 +148,9 @@ def _find_programs(task: ProgramTask) -> FoundPrograms:
     if not files:
         return FoundPrograms((), ())
     found = find_programs(files)
-    places = tuple(ProgramSource(one.path, PurePath(one.path).relative_to(SOURCES)) for one in found.sources)
+    places = tuple(replace(one, place=PurePath(one.path).relative_to(SOURCES)) for one in found.sources)
+    for siblings in {id(one.siblings): one.siblings for one in places if one.siblings is not None}.values():
+        siblings.looks_above = False  # there stand the service's own files
     return FoundPrograms(places, found.refused)
 
 
