@@ -117,7 +117,8 @@ def refuse_unusual(joint: ET.Element) -> None:
     if joint.find("mimic") is not None:
         raise CalibrationError(
             f"joint {name!r} on the way mimics another joint: the arm is no plain chain.",
-            remedy="Describe the equivalent chain with joints that move by themselves, coupled in a model file.",
+            remedy="Describe the equivalent chain with joints that move by themselves, coupled in a model file "
+            "(calibration/arm/robot_models/README.md shows one whose wrist stays level).",
         )
     if kind not in (*_MOVING, "fixed"):
         raise CalibrationError(

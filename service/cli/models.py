@@ -41,18 +41,25 @@ def models(
 
     from cellcal.calibration.arm.robot_models import known_names
     from cellcal.calibration.arm.robot_models.catalogue_index import find_robots, is_called
+    from cellcal.calibration.arm.robot_models.other_kinds import other_kind
+    from cellcal.calibration.errors import CalibrationError
     from cellcal.service.cli.printing import print_json
 
     text = " ".join(words)
     if len(words) == 1 and (words[0] in known_names() or any(mark in words[0] for mark in "?@./")):
         return _show_one(words[0], as_json)
     found = [entry for entry in find_robots(text, maker) if every or entry.usable]
+    nearly = bool(text) and bool(found) and not is_called(found[0], text)
+    other = other_kind(text)
+    if other is not None and (nearly or not found):
+        raise CalibrationError(f"{text} {other.reason}", remedy=other.remedy, code="usage")
     if not found:
         _refuse(text, maker)
-    nearly = bool(text) and not is_called(found[0], text)
     if as_json:
         print_json({"models": [_as_row(entry) for entry in found], "nearly": nearly})
     else:
+        if other is not None:
+            Console(emoji=False, highlight=False).print(f"{text} {other.reason} {other.remedy}", markup=False)
         if nearly:
             Console(emoji=False, highlight=False).print(
                 f"No robot is called {text!r}; these names are near to it."

@@ -251,9 +251,9 @@ def test_words_that_fit_nothing_name_the_nearest_robots(capsys):
 
 
 def test_names_that_are_only_near_are_not_listed_as_if_they_were_meant(capsys):
-    assert run_command_line(["models", "m410ic"]) == 0
-    assert "No robot is called 'm410ic'; these names are near to it." in capsys.readouterr().out
-    assert run_command_line(["models", "m410ic", "--json"]) == 0
+    assert run_command_line(["models", "m720ic"]) == 0
+    assert "No robot is called 'm720ic'; these names are near to it." in capsys.readouterr().out
+    assert run_command_line(["models", "m720ic", "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["nearly"] is True
     assert run_command_line(["models", "M-710iC", "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["nearly"] is False

@@ -6,8 +6,9 @@ import signal
 import threading
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,6 +17,7 @@ from cellcal.calibration.errors import DegenerateDataError
 from cellcal.calibration.identification.identify import identify_arm
 from cellcal.calibration.identification.misfit_error import MisfitCause, MisfitError
 from cellcal.calibration.identification.work_parts import PartRunner
+from cellcal.service.engineering.forked_processes import prepare_process
 from cellcal.service.engineering.identification import forked_parts
 from cellcal.service.engineering.identification.forked_parts import (
     DisplayedRunner,
@@ -23,6 +25,7 @@ from cellcal.service.engineering.identification.forked_parts import (
     NoDisplay,
     share_parts,
 )
+from tests.machine_speed import stretched_s
 from tests.unit.helpers.simulated_arm import tracker_points
 
 
@@ -125,6 +128,34 @@ def test_an_interruption_ends_the_processes_at_once() -> None:
         interrupted()
     assert children
     assert not children & set(multiprocessing.active_children())
+
+
+def refuse_while_a_process_prepares(marker: Path) -> None:
+    """Refuse at once, while one of two processes still has the handlers of the command and the other waits for work."""
+
+    def prepare_the_first_at_once() -> None:
+        with suppress(FileExistsError):
+            marker.touch(exist_ok=False)
+            return prepare_process()
+        time.sleep(0.5)
+        return prepare_process()
+
+    signal.signal(signal.SIGTERM, lambda number, frame: None)
+    with pytest.MonkeyPatch.context() as patch, suppress(DegenerateDataError):
+        patch.setattr(forked_parts, "prepare_process", prepare_the_first_at_once)
+        with two_processes():
+            refuse()
+
+
+def test_a_refusal_before_all_processes_are_prepared_ends_at_once(tmp_path: Path) -> None:
+    command = multiprocessing.get_context("fork").Process(
+        target=refuse_while_a_process_prepares, args=(tmp_path / "first",)
+    )
+    command.start()
+    command.join(stretched_s(20.0))
+    ended = command.exitcode
+    command.kill()
+    assert ended == 0
 
 
 def test_one_processor_forks_nothing(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -11,6 +11,7 @@ from cellcal.calibration.arm.robot_models.catalogue_index import (
     withheld_reason,
 )
 from cellcal.calibration.arm.robot_models.model_text import ModelText, model_of_data, read_model_text
+from cellcal.calibration.arm.robot_models.other_kinds import other_kind
 from cellcal.calibration.errors import CalibrationError
 from cellcal.calibration.message import make_message
 
@@ -53,6 +54,9 @@ def model_text(name: str) -> ModelText:
             remedy="Write a model file of your own, or read the maker's description (URDF).",
             code="usage",
         )
+    other = other_kind(name)
+    if other is not None:
+        raise CalibrationError(f"{name} {other.reason}", remedy=other.remedy, code="usage")
     near = nearest_names(name)
     there = (
         make_message("Did you mean {near}?", near=near[0])

@@ -124,5 +124,5 @@ def share_parts(display: WorkDisplay) -> Iterator[PartRunner]:
     finally:
         if not finished:  # their work has no receiver
             for process in forked:
-                process.terminate()
+                process.kill()  # one that is not prepared yet would not take another signal
         pool.shutdown(cancel_futures=True)

@@ -1,6 +1,7 @@
 """Measurements from a file, in SI: joints, what the device read, and every guess that was made on the way."""
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -15,6 +16,7 @@ from cellcal.calibration.identification.observations import (
 from cellcal.calibration.identification.unrounding import find_resolution
 from cellcal.calibration.message import make_message
 from cellcal.service.engineering.measured.columns import TableLayout, detect_layout
+from cellcal.service.engineering.measured.joined_sheets import joined_tables
 from cellcal.service.engineering.measured.joint_coupling import controller_joints
 from cellcal.service.engineering.measured.joint_units import joint_units, refuse_typed_zeros
 from cellcal.service.engineering.measured.merged_cells import fill_merged_joints
@@ -106,7 +108,7 @@ def read_measurements(path: Path, model: RobotModel, options: ReadOptions | None
 def _interpret_table(
     table: MeasurementTable, path: Path, model: RobotModel, options: ReadOptions
 ) -> Measurements:
-    table, layout = _lay_out(table, model, options)
+    table, layout = _lay_out(table, path, model, options)
     names = [name for name in (*layout.joints, *layout.position, *layout.turn, layout.length) if name]
     numbers = {name: table.column_values(name) for name in (*names, *layout.spread, *layout.controller)}
     refuse_other_headings(table, names)
@@ -161,20 +163,54 @@ def _interpret_table(
 
 
 def _lay_out(
-    table: MeasurementTable, model: RobotModel, options: ReadOptions
+    table: MeasurementTable, path: Path, model: RobotModel, options: ReadOptions
 ) -> tuple[MeasurementTable, TableLayout]:
     """Return what each column is, and the table with joints in rows that share those of the row above."""
-    slides = () if model.sliding is None else model.sliding.tolist()
     columns = options.columns
     if not columns and tell_nothing(table.names):
         table, columns = find_unnamed_columns(table, model)
     try:
-        layout = detect_layout(table.names, model.joint_names, columns, slides, table.numeric_names())
+        layout = _detect(table, model, columns)
     except MeasurementError as error:
-        if len(table.sheets) > 1:
+        if len(table.sheets) < 2:
+            raise
+        found = _joined_layouts(path, table, model, columns)
+        if len(found) != 1:
             raise _other_sheets_error(table.sheets, error) from error
-        raise
+        table, layout = found[0]
+    else:
+        if (
+            len(table.sheets) > 1 and not layout.is_named
+        ):  # a robot's own places, perhaps: the device's stand apart
+            with suppress(MeasurementError):
+                found = _joined_layouts(path, table, model, columns)
+                table, layout = found[0] if len(found) == 1 else (table, layout)
     return fill_merged_joints(table, layout.joints, (*layout.position, layout.length)), layout
+
+
+def _detect(table: MeasurementTable, model: RobotModel, columns: Mapping[str, Sequence[str]]) -> TableLayout:
+    slides = () if model.sliding is None else model.sliding.tolist()
+    return detect_layout(table.names, model.joint_names, columns, slides, table.numeric_names())
+
+
+def _joined_layouts(
+    path: Path, table: MeasurementTable, model: RobotModel, columns: Mapping[str, Sequence[str]]
+) -> list[tuple[MeasurementTable, TableLayout]]:
+    """Return the joins of a sheet with others that hold joints and readings only together."""
+    found = []
+    for joined in joined_tables(path, table, lambda other: _holds_both(other, model)):
+        with suppress(MeasurementError):
+            found.append((joined, _detect(joined, model, columns)))
+    return found
+
+
+def _holds_both(table: MeasurementTable, model: RobotModel) -> bool:
+    """Tell whether a sheet is a series of its own."""
+    try:
+        _detect(table, model, {})
+    except MeasurementError:
+        return False
+    return True
 
 
 def _other_sheets_error(sheets: Sequence[str], error: MeasurementError) -> MeasurementError:
@@ -183,7 +219,8 @@ def _other_sheets_error(sheets: Sequence[str], error: MeasurementError) -> Measu
         make_message("sheet {sheet!r}: {error}", sheet=sheets[0], error=error.message),
         remedy=make_message(
             "The workbook has numbers in {others}, too: one sheet is read (`--sheet`), which needs joints and "
-            "readings in the same rows. Where they stand apart, bring them together by the names of their points.",
+            "readings in the same rows. Where they stand apart, both sheets need a column that names each point "
+            "once.",
             others=", ".join(repr(name) for name in sheets[1:]),
         ),
     )

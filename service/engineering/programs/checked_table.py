@@ -5,7 +5,7 @@ and what stands there. Numbers are finite, and ``true`` is none.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Annotated, Any, ClassVar, NoReturn, get_args, get_origin
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, WrapValidator
@@ -85,8 +85,12 @@ Quadruple = Annotated[
 def table_faults(
     error: ValidationError, model: type[CheckedTable], data: Mapping[str, Any]
 ) -> list[TableFault]:
-    """Return every fault of a document that a model refuses."""
-    return [_fault_of(each, model, data) for each in error.errors(include_url=False)]
+    """Return every fault of a document that a model refuses; a remedy of several stands behind the last."""
+    found = [_fault_of(each, model, data) for each in error.errors(include_url=False)]
+    last = {fault.remedy: at for at, fault in enumerate(found)}
+    return [
+        fault if last[fault.remedy] == at else replace(fault, remedy="") for at, fault in enumerate(found)
+    ]
 
 
 def _fault_of(error: ErrorDetails, model: type[CheckedTable], data: Mapping[str, Any]) -> TableFault:

@@ -169,6 +169,17 @@ def test_all_faults_of_a_project_are_named_at_once(tmp_path: Path) -> None:
     assert [line.split(":")[0].strip() for line in lines[1:]] == ["[robot]", "[tools.1.entered]", "[unsaid]"]
 
 
+def test_keys_that_are_known_are_listed_once_a_kind_of_table(tmp_path: Path) -> None:
+    text = PLAIN.replace("[unsaid]", "[unsaid]\nqqq = 1\nrrr = 2").replace("lower_deg", "lowest_deg")
+
+    with pytest.raises(ProjectError) as caught:
+        read_project(_write_project_file(tmp_path, text))
+
+    lines = caught.value.message.splitlines()[1:]
+    assert [line.count("Known here: ") for line in lines] == [1, 0, 1]
+    assert all(f"unknown {key}" in caught.value.message for key in ("lowest_deg", "qqq", "rrr"))
+
+
 def test_a_pose_has_a_key_for_each_convention() -> None:
     assert {*OrientationTable.model_fields} == {*CONVENTION_KEYS}
     assert {*CONVENTION_KEYS.values()} == {*CONVENTIONS}
