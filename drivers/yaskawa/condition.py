@@ -89,6 +89,11 @@ def _condition_of_switches(status: ControllerStatus, alarms: tuple[Alarm, ...]) 
     return Condition(Readiness.READY, alarms=alarms)
 
 
+def concerns_position(alarm: Alarm) -> bool:
+    """Tell whether an alarm says something of the encoders or of the position."""
+    return alarm.kind in (AlarmKind.TURNS, AlarmKind.ENCODER, AlarmKind.COLLISION, AlarmKind.BATTERY_LOW)
+
+
 def _kind_of(alarm: AlarmEntry) -> AlarmKind:
     for pattern, kind in (
         (_BATTERY, AlarmKind.BATTERY_LOW),

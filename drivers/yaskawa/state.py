@@ -10,7 +10,7 @@ from cellcal.drivers.yaskawa.hses_link import HsesLink
 
 AXES = 6
 PULSE_POSITION, CARTESIAN_POSITION = 1, 101  # instances of robot 1
-_READ_ALL, _ALARMS = 0x01, 4
+_READ_ALL, _ALARMS, _LOGGED = 0x01, 4, 100
 _PULSE_TYPE = 0
 _ALARM = struct.Struct("<III16s32s")
 _POSITION = struct.Struct("<5I8i")
@@ -72,6 +72,14 @@ class AlarmEntry:
 
 
 @dataclass(frozen=True, slots=True)
+class LoggedAlarm:
+    """One alarm of the history (command 0x71), and when it came by the controller's clock."""
+
+    alarm: AlarmEntry
+    mark: str
+
+
+@dataclass(frozen=True, slots=True)
 class PulsePosition:
     """Command 0x75, instance 1: motor pulses from the home position, by axis S L U R B T."""
 
@@ -98,14 +106,39 @@ async def read_status(link: HsesLink) -> ControllerStatus:
 
 async def read_alarms(link: HsesLink) -> tuple[AlarmEntry, ...]:
     """Read the active alarms, newest first."""
-    found = []
+    found: list[AlarmEntry] = []
     for instance in range(1, _ALARMS + 1):
-        data = await link.ask(HsesRequest(0x70, instance, 0, _READ_ALL))
-        code, detail, kind, _, name = _unpack(link, _ALARM, data)
-        if kind == 0 and code == 0:  # an empty place
+        logged = await _read_alarm(link, 0x70, instance)
+        if logged is None:
             break
-        found.append(AlarmEntry(code, detail, text_of(name), kind))
+        found.append(logged.alarm)
     return tuple(found)
+
+
+async def read_logged_alarms(link: HsesLink, first: int, known: str) -> tuple[LoggedAlarm, ...]:
+    """Return the alarms of one list of the history down to the one with a mark, newest first; "" is the newest alone.
+
+    ``first`` is the number of the newest alarm of the list. All that there are where the mark is in none of them.
+    """
+    found: list[LoggedAlarm] = []
+    for instance in range(first, first + (_LOGGED if known else 1)):
+        logged = await _read_alarm(link, 0x71, instance)
+        if logged is None:
+            break
+        found.append(logged)
+        if logged.mark == known:
+            break
+    return tuple(found)
+
+
+async def _read_alarm(link: HsesLink, command: int, instance: int) -> LoggedAlarm | None:
+    """Return the alarm at a place; None of an empty one."""
+    data = await link.ask(HsesRequest(command, instance, 0, _READ_ALL))
+    code, detail, kind, stamp, name = _unpack(link, _ALARM, data)
+    if kind == 0 and code == 0:
+        return None
+    alarm = AlarmEntry(code, detail, text_of(name), kind)
+    return LoggedAlarm(alarm, f"{text_of(stamp)} {code} {detail}")
 
 
 async def read_pulses(link: HsesLink) -> PulsePosition:

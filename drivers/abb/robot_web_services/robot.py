@@ -8,6 +8,7 @@ from functools import partial
 from cellcal.calibration.geometry import Array, Pose
 from cellcal.calibration.mastering.position_record import ShownValue
 from cellcal.calibration.message import make_message
+from cellcal.drivers.abb.robot_web_services.event_history import read_position_history
 from cellcal.drivers.abb.robot_web_services.mastership import EditMastership
 from cellcal.drivers.abb.robot_web_services.motion_server import MotionServer
 from cellcal.drivers.abb.robot_web_services.rapid_values import AXES, read_tool
@@ -31,6 +32,7 @@ from cellcal.drivers.interfaces import (
     JointReading,
     Joints,
     PositionCure,
+    PositionHistory,
     RobotCapabilities,
 )
 from cellcal.drivers.wire.cancellation import run_to_end
@@ -50,6 +52,8 @@ CAPABILITIES = RobotCapabilities(
     tells_mode=True,
     tells_speed_override=True,
     position_cure=PositionCure.REVOLUTION_COUNTERS,
+    shows_position_data=True,
+    keeps_position_history=True,
 )
 
 
@@ -147,6 +151,10 @@ class AbbRobot(StreamedStepwiseMotion):
     async def position_data(self) -> tuple[ShownValue, ...]:
         async with self._answer_deadline("reading the position"):
             return await read_position_data(self._link)
+
+    async def position_history(self, since: tuple[str, ...]) -> PositionHistory:
+        async with self._answer_deadline("reading the event log", times=10):
+            return await read_position_history(self._link, since)
 
     # a move
 
