@@ -70,7 +70,8 @@ async def test_the_history_of_minor_alarms_is_read_by_a_client_of_others(
     await fake_client.inject_fault("confirm_positions", device="motoman")
 
     def read_history() -> list[dict[str, Any]]:
-        with HsesClient(cell.robot_named("motoman").address, MODEL_YRC1000) as client:
+        with HsesClient(cell.robot_named("motoman").address) as client:
+            client.model = MODEL_YRC1000
             return [client.read_alarm_history(number) for number in (1, 1001)]
 
     entries = await asyncio.to_thread(read_history)
