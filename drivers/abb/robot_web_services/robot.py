@@ -2,6 +2,8 @@
 
 import logging
 import time
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
 from dataclasses import dataclass
 from functools import partial
 
@@ -110,23 +112,25 @@ class AbbRobot(StreamedStepwiseMotion):
         )
 
     async def _request_condition(self) -> Condition:
-        return condition_of(await read_state(self._link))
+        async with self._link.confirmed_answers():
+            return condition_of(await read_state(self._link))
 
     async def read_joints(self) -> JointReading:
         async with self._answer_deadline("reading the joints"):
             if compared := await self._read_compared():
                 return compared
-            before, _ = await read_joints(self._link)
-            joints, reply = await read_joints(self._link)
+            async with self._link.confirmed_answers():
+                before, _ = await read_joints(self._link)
+                joints, reply = await read_joints(self._link)
         moving = bool(self._doing) or joints != before  # the service tells no motion of others
         return JointReading(joints, moving, time.monotonic(), raw=str(dict(reply)))
 
     async def flange_pose(self) -> Pose:
-        async with self._answer_deadline("reading the pose"):
+        async with self._confirmed_answers("reading the pose"):
             return await read_flange_pose(self._link)
 
     async def active_frames(self) -> ActiveFrames:
-        async with self._answer_deadline("reading the active tool"):
+        async with self._confirmed_answers("reading the active tool"):
             tool_name, work_object = await read_unit_names(self._link)
             text = await self._link.read_symbol(tool_name)
         robot_carries, flange_tool, mass_kg = converted(self._link, partial(read_tool, text))
@@ -140,26 +144,32 @@ class AbbRobot(StreamedStepwiseMotion):
         return ActiveFrames(None, flange_tool, 0 if work_object == _BASE else None, payload_kg)
 
     async def controller_mode(self) -> str:
-        async with self._answer_deadline("reading the mode"):
+        async with self._confirmed_answers("reading the mode"):
             return text_of(self._link, await self._link.get_state("/rw/panel/opmode"), "opmode")
 
     async def speed_override(self) -> float:
-        async with self._answer_deadline("reading the speed override"):
+        async with self._confirmed_answers("reading the speed override"):
             state = await self._link.get_state("/rw/panel/speedratio")
             return number_of(self._link, state, "speedratio") / 100.0
 
     async def position_data(self) -> tuple[ShownValue, ...]:
-        async with self._answer_deadline("reading the position"):
+        async with self._confirmed_answers("reading the position"):
             return await read_position_data(self._link)
 
     async def position_history(self, since: tuple[str, ...]) -> PositionHistory:
-        async with self._answer_deadline("reading the event log", times=10):
+        async with self._answer_deadline("reading the event log", times=10), self._link.confirmed_answers():
             return await read_position_history(self._link, since)
+
+    @asynccontextmanager
+    async def _confirmed_answers(self, doing: str) -> AsyncIterator[None]:
+        async with self._answer_deadline(doing), self._link.confirmed_answers():
+            yield
 
     # a move
 
     async def _read_angles(self) -> Joints:
-        return (await read_joints(self._link))[0]
+        async with self._link.confirmed_answers():
+            return (await read_joints(self._link))[0]
 
     async def move_joints(self, target_rad: Joints, *, speed_rad_s: float) -> None:
         try:
