@@ -8,10 +8,10 @@ from cellcal.drivers.errors import RefusedError
 from cellcal.drivers.interfaces import PositionHistory
 from cellcal.drivers.yaskawa.condition import concerns_position, describe_alarm
 from cellcal.drivers.yaskawa.hses_link import HsesLink
-from cellcal.drivers.yaskawa.state import LoggedAlarm, read_logged_alarms
+from cellcal.drivers.yaskawa.state import MARKED, LoggedAlarm, marks_of, read_logged_alarms
 
 _LISTS = (1, 1001)
-_NOTHING = "-"  # the mark of an empty list
+_BETWEEN = " | "  # marks of one list
 
 
 async def read_position_history(link: HsesLink, since: tuple[str, ...]) -> PositionHistory:
@@ -22,22 +22,25 @@ async def read_position_history(link: HsesLink, since: tuple[str, ...]) -> Posit
     RefusedError
         The controller gives no history.
     """
+    known = [tuple(filter(None, mark.split(_BETWEEN))) for mark in since]
     lists = [
-        await _read_list(link, first, since[k] if k < len(since) else "") for k, first in enumerate(_LISTS)
+        await _read_list(link, first, known[k] if k < len(known) else None) for k, first in enumerate(_LISTS)
     ]
-    marks = tuple(found[0].mark if found else _NOTHING for found in lists)
+    marks = tuple(_BETWEEN.join(marks_of(found[:MARKED])) for found in lists)
     if not since:
         return PositionHistory((), marks, is_whole=True)
-    later, is_whole = [], True
-    for found, mark in zip(lists, since, strict=False):
-        is_reached = mark == _NOTHING or any(each.mark == mark for each in found)
-        later += [each for each in found if each.mark != mark]
+    later: list[LoggedAlarm] = []
+    is_whole = True
+    for found, places in zip(lists, known, strict=False):
+        new = len(found) - len(places)
+        is_reached = new >= 0 and marks_of(found[new:]) == places
+        later += found[:new] if is_reached else found
         is_whole = is_whole and is_reached
     alarms = [alarm for each in later for alarm in describe_alarm(each.alarm) if concerns_position(alarm)]
     return PositionHistory(tuple(alarms), marks, is_whole)
 
 
-async def _read_list(link: HsesLink, first: int, known: str) -> tuple[LoggedAlarm, ...]:
+async def _read_list(link: HsesLink, first: int, known: tuple[str, ...] | None) -> tuple[LoggedAlarm, ...]:
     """Return one list; an empty one where the controller does not have it."""
     try:
         return await read_logged_alarms(link, first, known)

@@ -1,6 +1,7 @@
 """What the controller says of itself: status, alarms, position, identity."""
 
 import struct
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from cellcal.drivers.errors import WireProtocolError
@@ -11,6 +12,7 @@ from cellcal.drivers.yaskawa.hses_link import HsesLink
 AXES = 6
 PULSE_POSITION, CARTESIAN_POSITION = 1, 101  # instances of robot 1
 _READ_ALL, _ALARMS, _LOGGED = 0x01, 4, 100
+MARKED = 8  # alarms by which a place of the history is known: a clock that starts anew repeats itself
 _PULSE_TYPE = 0
 _ALARM = struct.Struct("<III16s32s")
 _POSITION = struct.Struct("<5I8i")
@@ -115,20 +117,28 @@ async def read_alarms(link: HsesLink) -> tuple[AlarmEntry, ...]:
     return tuple(found)
 
 
-async def read_logged_alarms(link: HsesLink, first: int, known: str) -> tuple[LoggedAlarm, ...]:
-    """Return the alarms of one list of the history down to the one with a mark, newest first; "" is the newest alone.
+async def read_logged_alarms(
+    link: HsesLink, first: int, known: tuple[str, ...] | None
+) -> tuple[LoggedAlarm, ...]:
+    """Return the alarms of one list of the history down to those with known marks, newest first.
 
-    ``first`` is the number of the newest alarm of the list. All that there are where the mark is in none of them.
+    ``first`` is the number of the newest alarm of the list; None as marks: the newest few alone. All that there are
+    where the known ones are not among them, or were all that there were.
     """
     found: list[LoggedAlarm] = []
-    for instance in range(first, first + (_LOGGED if known else 1)):
+    for instance in range(first, first + (MARKED if known is None else _LOGGED)):
         logged = await _read_alarm(link, 0x71, instance)
         if logged is None:
             break
         found.append(logged)
-        if logged.mark == known:
+        if known is not None and len(known) == MARKED and marks_of(found[-MARKED:]) == known:
             break
     return tuple(found)
+
+
+def marks_of(alarms: Sequence[LoggedAlarm]) -> tuple[str, ...]:
+    """Return the marks of logged alarms."""
+    return tuple(each.mark for each in alarms)
 
 
 async def _read_alarm(link: HsesLink, command: int, instance: int) -> LoggedAlarm | None:
