@@ -28,6 +28,7 @@ from cellcal.drivers.interfaces import (
     PositionHistory,
     RobotCapabilities,
 )
+from cellcal.drivers.wire.serial_number import describe_second_robot
 from cellcal.drivers.wire.stepwise_motion import IsFinished, StepwiseMotion, StepwiseOptions
 from cellcal.drivers.yaskawa.absolute_data import read_absolute_data
 from cellcal.drivers.yaskawa.alarm_history import read_position_history
@@ -110,6 +111,15 @@ class YaskawaRobot(StepwiseMotion):
         async with self._answer_deadline("asking who it is"):
             version, model = await read_system(self._link)
         return Identity("Yaskawa", model, self._options.serial, version)
+
+    async def identity_doubts(self) -> str:
+        """Say that another robot is on the same controller."""
+        async with self._answer_deadline("asking who it is"):
+            try:
+                _, second = await read_system(self._link, number=2)
+            except RefusedError:
+                return ""
+        return describe_second_robot("R1") if second else ""
 
     async def _request_condition(self) -> Condition:
         status = await read_status(self._link)

@@ -169,9 +169,9 @@ async def read_cartesian(link: HsesLink) -> CartesianPosition:
     return CartesianPosition((x * 1e-6, y * 1e-6, z * 1e-6), (rx * 1e-4, ry * 1e-4, rz * 1e-4), tool, user)
 
 
-async def read_system(link: HsesLink) -> tuple[str, str]:
-    """Return the software's version and the robot's model."""
-    data = await link.ask(HsesRequest(0x89, 11, 0, _READ_ALL))
+async def read_system(link: HsesLink, *, number: int = 1) -> tuple[str, str]:
+    """Return the software's version and the model of a robot of the controller."""
+    data = await link.ask(HsesRequest(0x89, 10 + number, 0, _READ_ALL))
     version, model, _ = _unpack(link, struct.Struct("<24s16s8s"), data)
     return text_of(version), text_of(model)
 

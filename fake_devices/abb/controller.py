@@ -49,6 +49,7 @@ class AbbController:
         arm.perceive = counters.to_shown_joints
         self.title = arm.model.name.removeprefix("abb_").upper()
         self.mode, self.motors, self.speed_percent = "AUTO", "motoron", 100
+        self.has_second_robot = False
         self.axis_states = ["Synchronized"] * 6
         self.calibration_offsets = list(_CALIBRATION_OFFSETS_RAD)
         self.tool_name, self.work_object = "tGripper", "wobj0"

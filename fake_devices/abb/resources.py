@@ -20,6 +20,7 @@ from cellcal.fake_devices.abb.quaternions import quaternion_of
 
 Reply = tuple[int, Any]
 _UNIT = "/rw/motionsystem/mechunits/ROB_1"
+_SECOND_UNIT = "/rw/motionsystem/mechunits/ROB_2"
 _MOTOR_CALIBRATION = "/rw/cfg/MOC/MOTOR_CALIB/instances/"
 _SYMBOL = "/rw/rapid/symbol/data/RAPID/T_ROB1/"
 _FAR = "8.9999998E+09"
@@ -51,6 +52,7 @@ class ResourceTable:
                 "mode": "Activated",
                 "status": c.unit_status,
             },
+            _SECOND_UNIT: lambda: {"_type": "ms-mechunit", "_title": "ROB_2", "mode": "Activated"},
             f"{_UNIT}/jointtarget": self._joint_target,
             f"{_UNIT}/robtarget": self._robot_target,
         }
@@ -89,7 +91,7 @@ class ResourceTable:
             return self._axis(path.rpartition("/")[2])
         if path.startswith(_MOTOR_CALIBRATION):
             return self._motor_calibration(path.removeprefix(_MOTOR_CALIBRATION))
-        if path in self._states:
+        if path in self._states and (path != _SECOND_UNIT or self._c.has_second_robot):
             return 200, {"_embedded": {"_state": [self._states[path]()]}}
         return _refusal(404, "no such resource")
 

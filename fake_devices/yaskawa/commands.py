@@ -157,7 +157,7 @@ class CommandTable:
         return b""
 
     def _system(self, request: HostRequest) -> bytes:
-        if request.instance not in (11, 101):
+        if request.instance not in ((11, 12, 101) if self._c.has_second_robot else (11, 101)):
             raise CommandRefusal(_NO_INSTANCE)
         return struct.pack("<24s16s8s", b"YAS2.80.00A(EN/DE)-00", self._c.title.encode(), b"12.34-00")
 

@@ -39,13 +39,14 @@ from cellcal.drivers.interfaces import (
 )
 from cellcal.drivers.wire.cancellation import run_to_end
 from cellcal.drivers.wire.joint_stream import JointStream
-from cellcal.drivers.wire.serial_number import check_serial_number
+from cellcal.drivers.wire.serial_number import check_serial_number, describe_second_robot
 from cellcal.drivers.wire.stepwise_motion import IsFinished, StepwiseOptions
 from cellcal.drivers.wire.streamed_motion import StreamedStepwiseMotion
 
 _LOG = logging.getLogger(__name__)
 VERIFIED_ON: tuple[str, ...] = ()  # controller software this driver has run on; none yet, see README.md
 _BASE = "wobj0"
+_SECOND_ROBOT = "/rw/motionsystem/mechunits/ROB_2"
 
 CAPABILITIES = RobotCapabilities(
     axes=AXES,
@@ -110,6 +111,15 @@ class AbbRobot(StreamedStepwiseMotion):
             str(identity.get("ctrl-id", "")),
             f"RobotWare {system.get('rwversion', '')}".strip(),
         )
+
+    async def identity_doubts(self) -> str:
+        """Say that another robot is on the same controller, whose serial number is the same."""
+        async with self._answer_deadline("asking who it is"):
+            try:
+                await self._link.get_state(_SECOND_ROBOT)
+            except RefusedError:
+                return ""
+        return describe_second_robot("ROB_1")
 
     async def _request_condition(self) -> Condition:
         async with self._link.confirmed_answers():
