@@ -13,7 +13,7 @@ from datetime import UTC, datetime
 from typing import Any, cast
 
 from cellcal.calibration.mastering.position_record import ArmPositionRecord, ShownValue
-from cellcal.calibration.message import make_message
+from cellcal.calibration.message import join_messages, make_message
 from cellcal.drivers.errors import RefusedError
 from cellcal.drivers.interfaces import (
     Alarm,
@@ -94,13 +94,17 @@ class PositionComparison:
         before |= {} if kept is None else kept.values
         trouble = None if accept else _find_trouble(before, present, history, kept)
         gap = "" if kept is None or history.is_whole else _describe_gap(kept)
+        absent = sorted({name for name, axis in before if (name, axis) not in present})
+        if absent:
+            unseen = make_message("not shown this time, and not compared: {names}.", names=", ".join(absent))
+            gap = join_messages(" ", filter(None, (gap, unseen)))
         if trouble is None:
             marks = history.marks or (() if kept is None else kept.marks)
             sha256 = (
                 record.measured.sha256 if record is not None else "" if kept is None else kept.record_sha256
             )
             self._keep(KeptPosition(robot.name, self._serial, {**before, **present}, marks, sha256, ""))
-        return PositionLook(_compared_with(record, kept), trouble, gap)
+        return PositionLook(_compared_with(record, kept, has_data=bool(before)), trouble, gap)
 
     def _keep(self, kept: KeptPosition) -> None:
         try:
@@ -130,7 +134,9 @@ def _is_valid(kept: KeptPosition, serial: str, record: ArmPositionRecord | None)
     return kept.serial == serial and (record is None or kept.record_sha256 == record.measured.sha256)
 
 
-def _compared_with(record: ArmPositionRecord | None, kept: KeptPosition | None) -> str:
+def _compared_with(record: ArmPositionRecord | None, kept: KeptPosition | None, *, has_data: bool) -> str:
+    if kept is not None and not has_data:
+        return make_message("the look of {seen_utc}, by its log alone", seen_utc=kept.seen_utc[:16])
     if kept is not None:
         return make_message("the look of {seen_utc}", seen_utc=kept.seen_utc[:16])
     return "" if record is None else "the position record"
