@@ -23,6 +23,7 @@ class ShownValue:
     unit: str = ""
     is_constant: bool = False  # a datum of the machine, which no motion and no cure changes
     is_zero: bool = False  # a datum of the zero position, which only making that zero anew changes
+    is_set: bool = False  # a datum that changes only when a person brings the position back at the pendant
 
 
 @dataclass(frozen=True, slots=True)

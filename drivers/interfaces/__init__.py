@@ -17,7 +17,8 @@ flag                           Protocol
 ``tells_active_frames``        ``KnowsActiveFrames``
 ``tells_mode``                 ``KnowsMode``
 ``tells_speed_override``       ``KnowsSpeedOverride``
-``position_cure``              ``TellsPositionData``
+``shows_position_data``        ``TellsPositionData``
+``keeps_position_history``     ``KeepsPositionHistory``
 ``measures_poses``             ``MeasuresPoses``
 =============================  ==========================
 
@@ -58,12 +59,14 @@ from cellcal.drivers.interfaces.robot import (
     JogsAxes,
     JointReading,
     Joints,
+    KeepsPositionHistory,
     KnowsActiveFrames,
     KnowsMode,
     KnowsSpeedOverride,
     MasteringData,
     MasteringStore,
     PositionCure,
+    PositionHistory,
     ReadsEncoderCounts,
     ReadsMastering,
     Robot,
@@ -102,6 +105,7 @@ __all__ = [
     "JogsAxes",
     "JointReading",
     "Joints",
+    "KeepsPositionHistory",
     "KnowsActiveFrames",
     "KnowsMode",
     "KnowsSpeedOverride",
@@ -113,6 +117,7 @@ __all__ = [
     "PointReading",
     "PoseReading",
     "PositionCure",
+    "PositionHistory",
     "ProbeCapabilities",
     "Question",
     "Readiness",

@@ -7,7 +7,7 @@ from typing import Protocol, runtime_checkable
 from cellcal.calibration.geometry import Pose
 from cellcal.calibration.mastering.counts import DriveTrain
 from cellcal.calibration.mastering.position_record import ShownValue
-from cellcal.drivers.interfaces.device import Device
+from cellcal.drivers.interfaces.device import Alarm, Device
 
 Joints = tuple[float, ...]
 Counts = tuple[int, ...]
@@ -53,6 +53,8 @@ class RobotCapabilities:
     tells_mode: bool = False
     tells_speed_override: bool = False
     position_cure: PositionCure | None = None  # what a person does about a lost position; None: nothing known
+    shows_position_data: bool = False  # values of its zero or its machine, which no motion changes
+    keeps_position_history: bool = False  # a log that tells of a position that was lost and is back
 
 
 @dataclass(frozen=True, slots=True)
@@ -134,10 +136,27 @@ class MasteringStore(ReadsEncoderCounts, Protocol):
 
 
 class TellsPositionData(Protocol):
-    """Robots with capabilities.position_cure: what their controllers show about the position."""
+    """Robots with capabilities.shows_position_data: what their controllers show about the position."""
 
     async def position_data(self) -> tuple[ShownValue, ...]:
         """Return joints, states and whatever else the maker documents, in the controller's own texts."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class PositionHistory:
+    """What a controller's log tells of the position since an entry: what was, never what is."""
+
+    alarms: tuple[Alarm, ...]  # those that are known to concern the position, newest first
+    marks: tuple[str, ...]  # of the newest entries; the next question begins behind them
+    is_whole: bool  # False: the log does not reach back to the entry that was asked for
+
+
+class KeepsPositionHistory(Protocol):
+    """Robots with capabilities.keeps_position_history."""
+
+    async def position_history(self, since: tuple[str, ...]) -> PositionHistory:
+        """Return what came behind the entries with these marks; without marks nothing but the newest marks."""
         ...
 
 

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cellcal.calibration.geometry import Pose, homogeneous_matrix
+from cellcal.calibration.mastering.position_record import ShownValue
 from cellcal.calibration.message import make_message
 from cellcal.calibration.orientation import rotation_from
 from cellcal.drivers.errors import DeviceError, DeviceTimeoutError, RefusedError, UnreachableError
@@ -36,7 +37,12 @@ STILL_S = 0.1
 _WATCHDOG_S = 1.5  # longer than any watchdog_hz of the cell file
 LOOK_FIRST = "Look at the robot first: it should have stopped. Use the emergency stop if it has not."
 READ_ONLY_CAPABILITIES = RobotCapabilities(
-    axes=6, moves_joints=False, hand_guiding=True, tells_active_frames=True, tells_speed_override=True
+    axes=6,
+    moves_joints=False,
+    hand_guiding=True,
+    tells_active_frames=True,
+    tells_speed_override=True,
+    shows_position_data=True,
 )
 
 
@@ -123,6 +129,15 @@ class ReadingUniversalRobot:
     async def factory_kinematics(self) -> FactoryKinematics:
         """Return the arm's kinematics as measured by the maker and used by the controller."""
         return await read_factory_kinematics(self.name, self._address, deadline_s=self._options.deadline_s)
+
+    async def position_data(self) -> tuple[ShownValue, ...]:
+        """Return what changes with an exchanged joint: the checksum of each, and the name of the factory's table."""
+        found = await self.factory_kinematics()
+        joints = [
+            ShownValue("checksum", f"{value:08x}", axis, is_constant=True)
+            for axis, value in enumerate(found.checksums)
+        ]
+        return (*joints, ShownValue("calibration", found.name, is_constant=True))
 
     async def move_joints(self, target_rad: Joints, *, speed_rad_s: float) -> None:
         del target_rad, speed_rad_s

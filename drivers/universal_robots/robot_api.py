@@ -41,6 +41,7 @@ class RobotApiClient:
             trust_env=False,
             verify=False,  # plain HTTP; with it every client loads certificates
             follow_redirects=True,  # the maker moves paths from version to version
+            limits=httpx.Limits(max_keepalive_connections=0),  # an answer too many ends with its connection
         )
         self._host = self._client.base_url.host
         self.trace = FrameTrace(device)

@@ -16,3 +16,12 @@ def check_serial_number(device: str, found: str, expected: str) -> None:
             ),
             remedy="Check the address, or correct the serial number in the cell file.",
         )
+
+
+def describe_second_robot(unit: str) -> str:
+    """Return that a controller has more robots than the one that is read, which its name plate does not tell."""
+    return make_message(
+        "This controller has more than one robot; {unit} is read. Turn one axis of the robot that is meant, and see "
+        "that its angle changes here.",
+        unit=unit,
+    )

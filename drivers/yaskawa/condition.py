@@ -1,6 +1,7 @@
 """What status and alarms mean for a technician."""
 
 import re
+from dataclasses import replace
 
 from cellcal.calibration.message import make_message
 from cellcal.drivers.interfaces import Alarm, AlarmKind, Condition, Readiness
@@ -20,6 +21,7 @@ _LOST_REMEDY = (
     "position and confirm it at the pendant; then compare with a measurement."
 )
 _OTHER_REMEDY = "Read the alarm at the pendant, mend its cause and reset it."
+_ON_HOLD = Condition(Readiness.STOPPED, "the robot is on hold.", "Release HOLD at the pendant or the panel.")
 _AXES = 8
 _UNREADABLE = "\N{REPLACEMENT CHARACTER}"
 
@@ -33,6 +35,7 @@ def describe_alarm(alarm: AlarmEntry) -> tuple[Alarm, ...]:
 def condition_of(status: ControllerStatus, alarms: tuple[AlarmEntry, ...]) -> Condition:
     """Say whether the robot can be used, and who must act. A lost position comes before everything else."""
     described = tuple(each for alarm in alarms for each in describe_alarm(alarm))
+    stopped = _stopping_alarm(described)
     for alarm in described:
         if alarm.kind is AlarmKind.TURNS:
             return Condition(
@@ -44,16 +47,24 @@ def condition_of(status: ControllerStatus, alarms: tuple[AlarmEntry, ...]) -> Co
                 ),
                 _LOST_REMEDY,
                 described,
+                stopped or (_ON_HOLD if status.is_on_hold else None),
             )
-    stopping = [alarm for alarm in described if alarm.kind is not AlarmKind.BATTERY_LOW]
-    if stopping:
-        text = make_message(
-            "alarm {stopping_code} {stopping_text}.",
-            stopping_code=stopping[0].code,
-            stopping_text=stopping[0].text,
-        )
-        return Condition(Readiness.STOPPED, text, _OTHER_REMEDY, described)
+    if stopped is not None:
+        return replace(stopped, alarms=described)
     return _condition_of_switches(status, described)
+
+
+def _stopping_alarm(alarms: tuple[Alarm, ...]) -> Condition | None:
+    """Return what stops the robot besides a lost position; that one takes the servo power itself."""
+    stopping = [alarm for alarm in alarms if alarm.kind not in (AlarmKind.BATTERY_LOW, AlarmKind.TURNS)]
+    if not stopping:
+        return None
+    text = make_message(
+        "alarm {stopping_code} {stopping_text}.",
+        stopping_code=stopping[0].code,
+        stopping_text=stopping[0].text,
+    )
+    return Condition(Readiness.STOPPED, text, _OTHER_REMEDY)
 
 
 def _condition_of_switches(status: ControllerStatus, alarms: tuple[Alarm, ...]) -> Condition:
@@ -74,10 +85,13 @@ def _condition_of_switches(status: ControllerStatus, alarms: tuple[Alarm, ...]) 
             alarms,
         )
     if status.is_on_hold:
-        return Condition(
-            Readiness.STOPPED, "the robot is on hold.", "Release HOLD at the pendant or the panel.", alarms
-        )
+        return replace(_ON_HOLD, alarms=alarms)
     return Condition(Readiness.READY, alarms=alarms)
+
+
+def concerns_position(alarm: Alarm) -> bool:
+    """Tell whether an alarm says something of the encoders or of the position."""
+    return alarm.kind in (AlarmKind.TURNS, AlarmKind.ENCODER, AlarmKind.COLLISION, AlarmKind.BATTERY_LOW)
 
 
 def _kind_of(alarm: AlarmEntry) -> AlarmKind:

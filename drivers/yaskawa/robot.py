@@ -25,10 +25,13 @@ from cellcal.drivers.interfaces import (
     JointReading,
     Joints,
     PositionCure,
+    PositionHistory,
     RobotCapabilities,
 )
+from cellcal.drivers.wire.serial_number import describe_second_robot
 from cellcal.drivers.wire.stepwise_motion import IsFinished, StepwiseMotion, StepwiseOptions
 from cellcal.drivers.yaskawa.absolute_data import read_absolute_data
+from cellcal.drivers.yaskawa.alarm_history import read_position_history
 from cellcal.drivers.yaskawa.condition import condition_of
 from cellcal.drivers.yaskawa.hses_link import HsesLink
 from cellcal.drivers.yaskawa.motion import PulseScale, hold_order, move_order, speed_share
@@ -53,6 +56,8 @@ CAPABILITIES = RobotCapabilities(
     tells_active_frames=True,
     tells_mode=True,
     position_cure=PositionCure.ABSOLUTE_DATA,
+    shows_position_data=True,
+    keeps_position_history=True,
 )
 
 
@@ -106,6 +111,15 @@ class YaskawaRobot(StepwiseMotion):
         async with self._answer_deadline("asking who it is"):
             version, model = await read_system(self._link)
         return Identity("Yaskawa", model, self._options.serial, version)
+
+    async def identity_doubts(self) -> str:
+        """Say that another robot is on the same controller."""
+        async with self._answer_deadline("asking who it is"):
+            try:
+                _, second = await read_system(self._link, number=2)
+            except RefusedError:
+                return ""
+        return describe_second_robot("R1") if second else ""
 
     async def _request_condition(self) -> Condition:
         status = await read_status(self._link)
@@ -161,10 +175,14 @@ class YaskawaRobot(StepwiseMotion):
             alarms = await read_alarms(self._link) if status.has_alarm else ()
         shown = [ShownValue("pulse", str(value), axis, "pulse") for axis, value in enumerate(pulses)]
         shown += [
-            ShownValue(_HOME_FILE, "none" if value is None else str(value), axis, "pulse")
+            ShownValue(_HOME_FILE, "none" if value is None else str(value), axis, "pulse", is_set=True)
             for axis, value in enumerate(await self._read_absolute_data())
         ]
         return (*shown, *(ShownValue("alarm", f"{alarm.code} {alarm.name}") for alarm in alarms))
+
+    async def position_history(self, since: tuple[str, ...]) -> PositionHistory:
+        async with self._answer_deadline("reading the alarm history", times=10):
+            return await read_position_history(self._link, since)
 
     # a move
 

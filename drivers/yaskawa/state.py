@@ -1,6 +1,7 @@
 """What the controller says of itself: status, alarms, position, identity."""
 
 import struct
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from cellcal.drivers.errors import WireProtocolError
@@ -10,7 +11,8 @@ from cellcal.drivers.yaskawa.hses_link import HsesLink
 
 AXES = 6
 PULSE_POSITION, CARTESIAN_POSITION = 1, 101  # instances of robot 1
-_READ_ALL, _ALARMS = 0x01, 4
+_READ_ALL, _ALARMS, _LOGGED = 0x01, 4, 100
+MARKED = 8  # alarms by which a place of the history is known: a clock that starts anew repeats itself
 _PULSE_TYPE = 0
 _ALARM = struct.Struct("<III16s32s")
 _POSITION = struct.Struct("<5I8i")
@@ -72,6 +74,14 @@ class AlarmEntry:
 
 
 @dataclass(frozen=True, slots=True)
+class LoggedAlarm:
+    """One alarm of the history (command 0x71), and when it came by the controller's clock."""
+
+    alarm: AlarmEntry
+    mark: str
+
+
+@dataclass(frozen=True, slots=True)
 class PulsePosition:
     """Command 0x75, instance 1: motor pulses from the home position, by axis S L U R B T."""
 
@@ -98,14 +108,47 @@ async def read_status(link: HsesLink) -> ControllerStatus:
 
 async def read_alarms(link: HsesLink) -> tuple[AlarmEntry, ...]:
     """Read the active alarms, newest first."""
-    found = []
+    found: list[AlarmEntry] = []
     for instance in range(1, _ALARMS + 1):
-        data = await link.ask(HsesRequest(0x70, instance, 0, _READ_ALL))
-        code, detail, kind, _, name = _unpack(link, _ALARM, data)
-        if kind == 0 and code == 0:  # an empty place
+        logged = await _read_alarm(link, 0x70, instance)
+        if logged is None:
             break
-        found.append(AlarmEntry(code, detail, text_of(name), kind))
+        found.append(logged.alarm)
     return tuple(found)
+
+
+async def read_logged_alarms(
+    link: HsesLink, first: int, known: tuple[str, ...] | None
+) -> tuple[LoggedAlarm, ...]:
+    """Return the alarms of one list of the history down to those with known marks, newest first.
+
+    ``first`` is the number of the newest alarm of the list; None as marks: the newest few alone. All that there are
+    where the known ones are not among them, or were all that there were.
+    """
+    found: list[LoggedAlarm] = []
+    for instance in range(first, first + (MARKED if known is None else _LOGGED)):
+        logged = await _read_alarm(link, 0x71, instance)
+        if logged is None:
+            break
+        found.append(logged)
+        if known is not None and len(known) == MARKED and marks_of(found[-MARKED:]) == known:
+            break
+    return tuple(found)
+
+
+def marks_of(alarms: Sequence[LoggedAlarm]) -> tuple[str, ...]:
+    """Return the marks of logged alarms."""
+    return tuple(each.mark for each in alarms)
+
+
+async def _read_alarm(link: HsesLink, command: int, instance: int) -> LoggedAlarm | None:
+    """Return the alarm at a place; None of an empty one."""
+    data = await link.ask(HsesRequest(command, instance, 0, _READ_ALL))
+    code, detail, kind, stamp, name = _unpack(link, _ALARM, data)
+    if kind == 0 and code == 0:
+        return None
+    alarm = AlarmEntry(code, detail, text_of(name), kind)
+    return LoggedAlarm(alarm, f"{text_of(stamp)} {code} {detail}")
 
 
 async def read_pulses(link: HsesLink) -> PulsePosition:
@@ -126,9 +169,9 @@ async def read_cartesian(link: HsesLink) -> CartesianPosition:
     return CartesianPosition((x * 1e-6, y * 1e-6, z * 1e-6), (rx * 1e-4, ry * 1e-4, rz * 1e-4), tool, user)
 
 
-async def read_system(link: HsesLink) -> tuple[str, str]:
-    """Return the software's version and the robot's model."""
-    data = await link.ask(HsesRequest(0x89, 11, 0, _READ_ALL))
+async def read_system(link: HsesLink, *, number: int = 1) -> tuple[str, str]:
+    """Return the software's version and the model of a robot of the controller."""
+    data = await link.ask(HsesRequest(0x89, 10 + number, 0, _READ_ALL))
     version, model, _ = _unpack(link, struct.Struct("<24s16s8s"), data)
     return text_of(version), text_of(model)
 

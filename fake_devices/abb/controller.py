@@ -15,7 +15,7 @@ Not modelled
 import datetime
 import math
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 
 import numpy as np
 
@@ -29,6 +29,7 @@ OFF, WAITING, MOVING, STOPPED = range(4)
 MODULE = "CELLCALSERVER"
 _ACCELERATION_RAD_S2 = 4.0
 _BRAKING_RAD_S2 = 8.0
+_LOG_PAGE = 50
 _NUMBER = re.compile(r"[-+]?[\d.]+(?:[eE][-+]?\d+)?")
 _TOOLS = {
     "tool0": ([0.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0], 0.001),
@@ -48,6 +49,7 @@ class AbbController:
         arm.perceive = counters.to_shown_joints
         self.title = arm.model.name.removeprefix("abb_").upper()
         self.mode, self.motors, self.speed_percent = "AUTO", "motoron", 100
+        self.has_second_robot = False
         self.axis_states = ["Synchronized"] * 6
         self.calibration_offsets = list(_CALIBRATION_OFFSETS_RAD)
         self.tool_name, self.work_object = "tGripper", "wobj0"
@@ -178,6 +180,19 @@ class AbbController:
         """Write an entry of the event log."""
         stamp = datetime.datetime.now(datetime.UTC).strftime("%Y-%m-%d T %H:%M:%S")
         self.log.insert(0, (code, kind, stamp, title))
+
+    def note_programs(self, count: int) -> None:
+        """Let a program be started often, of which the log tells each time."""
+        for _ in range(count):
+            self.note_event(10151, 1, "Program started")
+
+    def log_page(self, query: Mapping[str, str]) -> list[tuple[int, tuple[int, int, str, str]]]:
+        """Return a page of the log with the numbers of its entries, newest first; order=fifo: from elogseqnum on."""
+        numbered = [(len(self.log) - k, entry) for k, entry in enumerate(self.log)]
+        if query.get("order") == "fifo":
+            begin = int(query.get("elogseqnum", "0"))
+            numbered = [each for each in reversed(numbered) if each[0] >= begin]
+        return numbered[:_LOG_PAGE]
 
     def press_emergency_stop(self) -> None:
         """Push the red button."""

@@ -65,6 +65,9 @@ class FakeAbbRobot(NetworkedRobot):
             "auto_mode": lambda _: c.turn_to_auto(),
             "mend": lambda _: c.mend(),
             "program_start": lambda _: c.turn_to_auto(),
+            "second_robot": lambda p: setattr(c, "has_second_robot", bool(p.pop("there", True))),
+            "events_logged": lambda p: c.note_programs(int(p.pop("count", 1))),
+            "log_cleared": lambda _: c.log.clear(),
             "files_deleted": lambda _: c.files.contents.clear(),
         }
 

@@ -24,7 +24,7 @@ from urllib.parse import parse_qsl, unquote, urlsplit
 from cellcal.fake_devices.link_faults import LinkFaults
 from cellcal.fake_devices.listening_port import ListeningPort
 
-LINK_FAULTS = ("silent", "refuse", "reset", "garbage", "page", "no_session", "cut_upload")
+LINK_FAULTS = ("silent", "refuse", "reset", "garbage", "page", "no_session", "cut_upload", "doubled")
 _PHRASES = {
     200: "OK",
     201: "Created",
@@ -122,7 +122,8 @@ class HttpPort(ListeningPort):
             f"Content-Length: {len(octets)}",
         ]
         body = octets if with_body else b""
-        writer.write("\r\n".join([*lines, *answer.headers, "", ""]).encode("latin-1") + body)
+        times = 2 if self._faults.use_once("doubled") is not None else 1
+        writer.write(times * ("\r\n".join([*lines, *answer.headers, "", ""]).encode("latin-1") + body))
         await writer.drain()
 
 

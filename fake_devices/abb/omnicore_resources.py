@@ -56,7 +56,6 @@ class OmnicoreResources:
             f"{_UNIT}/robtarget": self._robot_target,
         }
         self._lists: dict[str, Callable[[], list[Table]]] = {
-            "/rw/elog/0": self._log,
             "/rw/motionsystem/mechunits": lambda: [_table("ms-mechunit-li", "ROB_1", mode="Activated")],
         }
 
@@ -72,7 +71,7 @@ class OmnicoreResources:
             return self._file(request, path.removeprefix(FOLDER).strip("/"))
         if request.method == "POST":
             return self._act(path, request.form, session)
-        return self._read(path)
+        return self._read(path, request.query)
 
     def end_session(self, session: str) -> None:
         """Take back what a session had."""
@@ -95,11 +94,13 @@ class OmnicoreResources:
             status = files.change(request.method, name, request.body)
         return (status, None) if status < 400 else _refusal(status, -1073445859, "the file service refuses")
 
-    def _read(self, path: str) -> Reply:
+    def _read(self, path: str, query: Mapping[str, str]) -> Reply:
         if path in ("/", "/rw"):
             return 200, _document([])
         if path in self._reads:
             return 200, _document(self._reads[path]())
+        if path == "/rw/elog/0":
+            return 200, {"_links": _links(), "_embedded": {"resources": self._log(query)}}
         if path in self._lists:
             return 200, {"_links": _links(), "_embedded": {"resources": self._lists[path]()}}
         if path.startswith(f"{_UNIT}/axes/"):
@@ -202,7 +203,7 @@ class OmnicoreResources:
         turn = {f"q{k}": f"{value:.10g}" for k, value in enumerate(quaternion_of(pose[:3, :3]), 1)}
         return [_table("ms-robtargets", "ROB_1", **place, **turn, cf1="0", cf4="0", cf6="0", cfx="0")]
 
-    def _log(self) -> list[Table]:
+    def _log(self, query: Mapping[str, str]) -> list[Table]:
         return [
             {
                 **_table("elog-message-li", f"/rw/elog/0/{number}", msgtype=str(kind), code=str(code)),
@@ -213,9 +214,7 @@ class OmnicoreResources:
                 "argc": "0",
                 **dict.fromkeys(("desc", "conseqs", "causes", "actions"), ""),
             }
-            for number, (code, kind, stamp, title) in zip(
-                range(len(self._c.log), 0, -1), self._c.log, strict=True
-            )
+            for number, (code, kind, stamp, title) in self._c.log_page(query)
         ]
 
 

@@ -20,6 +20,7 @@ from cellcal.fake_devices.abb.quaternions import quaternion_of
 
 Reply = tuple[int, Any]
 _UNIT = "/rw/motionsystem/mechunits/ROB_1"
+_SECOND_UNIT = "/rw/motionsystem/mechunits/ROB_2"
 _MOTOR_CALIBRATION = "/rw/cfg/MOC/MOTOR_CALIB/instances/"
 _SYMBOL = "/rw/rapid/symbol/data/RAPID/T_ROB1/"
 _FAR = "8.9999998E+09"
@@ -51,6 +52,7 @@ class ResourceTable:
                 "mode": "Activated",
                 "status": c.unit_status,
             },
+            _SECOND_UNIT: lambda: {"_type": "ms-mechunit", "_title": "ROB_2", "mode": "Activated"},
             f"{_UNIT}/jointtarget": self._joint_target,
             f"{_UNIT}/robtarget": self._robot_target,
         }
@@ -62,7 +64,7 @@ class ResourceTable:
             return self._file(request, path.removeprefix(FOLDER).strip("/"))
         if path.startswith(_SYMBOL):
             return self._symbol(method, path.removeprefix(_SYMBOL), query, form)
-        return self._read(path) if method == "GET" else self._act(path, query.get("action", ""), form)
+        return self._read(path, query) if method == "GET" else self._act(path, query.get("action", ""), form)
 
     def _file(self, request: HttpRequest, name: str) -> Reply:
         files = self._c.files
@@ -80,16 +82,16 @@ class ResourceTable:
             status = files.copy(name, form) if form.get("fs-action") == "copy" else 400
         return (status, None) if status < 400 else _refusal(status, "the file service refuses")
 
-    def _read(self, path: str) -> Reply:
+    def _read(self, path: str, query: Mapping[str, str]) -> Reply:
         if path in ("/logout", "/"):
             return 200, {}
         if path.rstrip("/") == "/rw/elog/0":
-            return 200, {"_embedded": {"_state": self._log()}}
+            return 200, {"_embedded": {"_state": self._log(query)}}
         if path.startswith(f"{_UNIT}/axes/"):
             return self._axis(path.rpartition("/")[2])
         if path.startswith(_MOTOR_CALIBRATION):
             return self._motor_calibration(path.removeprefix(_MOTOR_CALIBRATION))
-        if path in self._states:
+        if path in self._states and (path != _SECOND_UNIT or self._c.has_second_robot):
             return 200, {"_embedded": {"_state": [self._states[path]()]}}
         return _refusal(404, "no such resource")
 
@@ -173,12 +175,12 @@ class ResourceTable:
         state |= dict.fromkeys(("cf1", "cf4", "cf6", "cfx"), "0")
         return state | {f"eax{axis}": _FAR for axis in "abcdef"}
 
-    def _log(self) -> list[dict[str, Any]]:
+    def _log(self, query: Mapping[str, str]) -> list[dict[str, Any]]:
         texts = dict.fromkeys(("desc", "conseqs", "causes", "actions"), "")
         return [
             {
                 "_type": "elog-message-li",
-                "_title": f"/rw/elog/0/{len(self._c.log) - k}",
+                "_title": f"/rw/elog/0/{number}",
                 "msgtype": str(kind),
                 "code": str(code),
                 "tstamp": stamp,
@@ -186,7 +188,7 @@ class ResourceTable:
                 "argc": "0",
                 **texts,
             }
-            for k, (code, kind, stamp, title) in enumerate(self._c.log)
+            for number, (code, kind, stamp, title) in self._c.log_page(query)
         ]
 
 

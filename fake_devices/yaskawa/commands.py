@@ -21,6 +21,7 @@ from cellcal.fake_devices.kinematics import wpr_from_matrix
 from cellcal.fake_devices.yaskawa.controller import AXES, LOST_TEXT, PLAY, REMOTE, TEACH, YaskawaController
 from cellcal.fake_devices.yaskawa.packets import CommandRefusal, HostRequest
 
+Alarms = list[tuple[int, int, str, str]]
 _GET_ALL, _SET_ALL, _GET_ONE, _SET_ONE = 0x01, 0x02, 0x0E, 0x10
 _UNDEFINED, _NO_INSTANCE, _NO_ELEMENT = 0x08, 0x28, 0x09
 _DECIMAL, _AXES_OF_USER = 1, 3  # types of an alarm's data
@@ -37,7 +38,7 @@ class CommandTable:
         self._c = controller
         self._answers: dict[int, Callable[[HostRequest], bytes]] = {
             0x70: lambda request: self._alarm(request, self._c.alarms, 4),
-            0x71: lambda request: self._alarm(request, self._c.history, 100),
+            0x71: self._logged_alarm,
             0x72: self._status,
             0x74: lambda _: b"".join(name.encode().ljust(4, b"\0") for name in AXES).ljust(32, b"\0"),
             0x75: self._position,
@@ -83,12 +84,24 @@ class CommandTable:
         """Take a job that has come whole."""
         self._c.jobs[name.upper()] = content
 
-    def _alarm(self, request: HostRequest, entries: list[tuple[int, int, str, str]], places: int) -> bytes:
+    def _alarm(self, request: HostRequest, entries: Alarms, places: int) -> bytes:
         if not 1 <= request.instance <= places:
             raise CommandRefusal(_NO_INSTANCE)
-        if request.instance > len(entries):
+        return self._alarm_at(entries, request.instance - 1)
+
+    def _logged_alarm(self, request: HostRequest) -> bytes:
+        """Answer from a list of the history: major alarms from 1, minor ones, from number 4000, from 1001."""
+        of_list, place = divmod(request.instance - 1, 1000)
+        if of_list not in (0, 1) or place >= 100:
+            raise CommandRefusal(_NO_INSTANCE)
+        return self._alarm_at(
+            [each for each in self._c.history if (each[0] >= 4000) == (of_list == 1)], place
+        )
+
+    def _alarm_at(self, entries: Alarms, place: int) -> bytes:
+        if place >= len(entries):
             return bytes(60)
-        code, data, stamp, text = entries[request.instance - 1]
+        code, data, stamp, text = entries[place]
         data_type = _AXES_OF_USER if text == LOST_TEXT else _DECIMAL
         return struct.pack("<III16s32s", code, data, data_type, stamp.encode(), text.encode())
 
@@ -144,7 +157,7 @@ class CommandTable:
         return b""
 
     def _system(self, request: HostRequest) -> bytes:
-        if request.instance not in (11, 101):
+        if request.instance not in ((11, 12, 101) if self._c.has_second_robot else (11, 101)):
             raise CommandRefusal(_NO_INSTANCE)
         return struct.pack("<24s16s8s", b"YAS2.80.00A(EN/DE)-00", self._c.title.encode(), b"12.34-00")
 

@@ -46,6 +46,7 @@ class YaskawaController:
         self.mode, self.has_servo_power = REMOTE, True
         self.holds = {"pendant": False, "external": False, "command": False}
         self.emergency_stop = False
+        self.has_second_robot = False
         self.alarms: list[tuple[int, int, str, str]] = []  # code, data, time, text
         self.history: list[tuple[int, int, str, str]] = []
         self.tool_number, self.user_frame = 1, 0

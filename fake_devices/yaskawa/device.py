@@ -57,6 +57,7 @@ class FakeYaskawaRobot(NetworkedRobot):
             "type_absolute_data": lambda p: c.type_absolute_data(parse_axes(p.pop("axis", "S"), AXES)[0]),
             "make_home": lambda p: c.make_home(parse_axes(p.pop("axis", "S"), AXES)[0]),
             "confirm_positions": lambda _: c.confirm_positions(),
+            "second_robot": lambda p: setattr(c, "has_second_robot", bool(p.pop("there", True))),
             "jog_by_hand": self._jog_by_hand,
         }
 

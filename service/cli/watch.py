@@ -2,16 +2,21 @@
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
+from cyclopts import Parameter
 from rich.markup import escape
 
 if TYPE_CHECKING:
     from cellcal.service.configuration.cell_file import CellConfig
     from cellcal.service.watching.watch import PositionLoss
 
+Json = Annotated[
+    bool, Parameter(name="--json", negative=(), help="With --once: print one JSON object on standard output.")
+]
 
-def watch(cell: Path, /) -> int:
+
+def watch(cell: Path, /, *, once: bool = False, accept: tuple[str, ...] = (), as_json: Json = False) -> int:
     """Follow the encoders of a cell until interrupted; on a loss offer the recovery, or run it where allowed.
 
     Keep it running while the robot is healthy: what it saw last narrows a recovery to a few turns.
@@ -20,7 +25,14 @@ def watch(cell: Path, /) -> int:
     ----------
     cell
         The cell file (TOML); [watch] gives the period and whether a recovery may be started alone.
+    once
+        Look once at each robot and end, as for a timer at night. Exit code 0: all as before; 3: a position is or was
+        lost, or a zero changed; 5: a robot was not read; 4: one was compared with nothing. The gravest counts.
+    accept
+        With --once: a robot whose present zero and log a person has judged to be right.
     """
+    if once:
+        return _look_once(cell, frozenset(accept), as_json=as_json)
     import asyncio
     from functools import partial
 
@@ -42,6 +54,32 @@ def watch(cell: Path, /) -> int:
     watches = RobotWatches(config, on_loss, say)
     asyncio.run(follow_robots(watches, RobotListener(say)))
     return 0
+
+
+def _look_once(cell: Path, accept: frozenset[str], *, as_json: bool) -> int:
+    import asyncio
+
+    from cellcal.calibration.errors import CellError
+    from cellcal.service.cli.printing import STDERR_CONSOLE, print_json
+    from cellcal.service.configuration.cell_file import read_cell_file
+    from cellcal.service.watching.nightly_look import LookedAtRobot, look_at_cell, night_exit_code
+
+    config = read_cell_file(cell)
+    unknown = accept - {entry.name for entry in config.robots}
+    if unknown:
+        raise CellError(f"the cell file names no robot {', '.join(sorted(unknown))}.", code="usage")
+
+    def report(each: LookedAtRobot) -> None:
+        STDERR_CONSOLE.print(
+            f"{each.robot}  {each.state.upper()}  {each.sentence}", markup=False, soft_wrap=True
+        )
+
+    found = asyncio.run(look_at_cell(config, accept=accept, report=report))
+    if as_json:
+        print_json(
+            {"robots": [{"robot": one.robot, "state": one.state, "text": one.sentence} for one in found]}
+        )
+    return night_exit_code(found)
 
 
 async def _recover_or_offer(config: "CellConfig", loss: "PositionLoss") -> None:

@@ -16,9 +16,11 @@ from cellcal.service.configuration.cell_file import CellConfig
 from cellcal.service.record.healthy_counts import LastHealthyCounts
 from cellcal.service.record.journal_files import lease_folder
 from cellcal.service.record.robot_lock import DEVICES, is_held
+from cellcal.service.record.shown_positions import KeptPositions
 from cellcal.service.watching.loss_modes import wrong_robot
 from cellcal.service.watching.mastering_comparison import MasteringComparison, journalled_mastering
-from cellcal.service.watching.watch import PositionLoss, RobotWatch
+from cellcal.service.watching.position_comparison import PositionComparison, journalled_position
+from cellcal.service.watching.watch import PositionLoss, RobotWatch, ZeroComparison
 from cellcal.service.watching.watch_coverage import describe_coverage, sees_losses
 
 _LOG = logging.getLogger(__name__)
@@ -60,14 +62,24 @@ class RobotWatches:
     def watch_of(self, name: str, robot: Robot) -> RobotWatch:
         """Return the watch of a robot that is reached just now."""
         if name not in self._watches:
-            journalled = journalled_mastering(self.config, self.config.robot_named(name).serial)
-            comparison = MasteringComparison(journalled) if robot.capabilities.writes_mastering else None
             self._watches[name] = RobotWatch(
                 robot, self._memory, self.on_loss,
-                period_s=self.config.watch.period_s, warn=self._warn, comparison=comparison,
+                period_s=self.config.watch.period_s, warn=self._warn, comparison=self._comparison_for(name, robot),
             )  # fmt: skip
         self._watches[name].use_connection(robot)
         return self._watches[name]
+
+    def _comparison_for(self, name: str, robot: Robot) -> ZeroComparison | None:
+        serial = self.config.robot_named(name).serial
+        if robot.capabilities.writes_mastering:
+            return MasteringComparison(journalled_mastering(self.config, serial))
+        if robot.capabilities.shows_position_data:
+            memory, newest = (
+                KeptPositions(self.config.cell.data_dir),
+                journalled_position(self.config, serial),
+            )
+            return PositionComparison(memory, serial, newest, warn=self._warn)
+        return None
 
     def existing_watch(self, name: str) -> RobotWatch | None:
         """Return the watch of a robot that was reached before."""

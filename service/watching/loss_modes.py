@@ -62,6 +62,10 @@ _OLD_BACKUP = (
 _NOT_CONFIRMED = (
     "the mastering in force was never confirmed: do not move the robot in AUTO; resume that run, or undo it"
 )
+_BROUGHT_BACK = (
+    "somebody brought the position back, and nothing proves that each motor stands in the right turn: measure it by "
+    "a drift check or position_cure before the robot goes to taught points"
+)
 _ALONE = frozenset({LossMode.MEMORY, LossMode.TURNS})  # what may be recovered without a person's judgement
 
 
@@ -145,6 +149,11 @@ def old_backup() -> Suspicion:
     A recovery tells the two cases apart by measuring: it writes the record back, or refuses it as the older one.
     """
     return Suspicion(LossMode.WRONG_ROBOT, (), _OLD_BACKUP, record_differs=True)
+
+
+def suspect_return(axes: tuple[int, ...]) -> Suspicion:
+    """Return what is suspected where a log tells of a lost position that the controller believes it has again."""
+    return Suspicion(LossMode.TURNS, axes, _BROUGHT_BACK, position_lost=False)
 
 
 def suspect_unconfirmed(of_run: str) -> Suspicion:

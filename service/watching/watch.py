@@ -13,7 +13,7 @@ import time
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
-from typing import cast
+from typing import Any, Protocol, cast
 
 import numpy as np
 
@@ -24,9 +24,9 @@ from cellcal.drivers.interfaces import (
     Alarm,
     Condition,
     Counts,
-    MasteringStore,
     Readiness,
     ReadsEncoderCounts,
+    ReadsMastering,
     Robot,
 )
 from cellcal.drivers.supervision import raise_lost_cancellation
@@ -40,10 +40,16 @@ from cellcal.service.watching.loss_modes import (
     suspect_loss,
     turns_lost,
 )
-from cellcal.service.watching.mastering_comparison import MasteringComparison
 
 _LOG = logging.getLogger(__name__)
 _JUMP_SPEED_RAD_S = 6.0  # no industrial joint turns faster; a quicker change of counts is not motion
+
+
+class ZeroComparison(Protocol):
+    """Compares the zero that a controller holds with the one of its record."""
+
+    def force_check(self) -> None: ...
+    async def find_trouble(self, robot: Any, /) -> tuple[str, Suspicion] | None: ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,10 +79,10 @@ class RobotWatch:
         *,
         period_s: float,
         warn: Callable[[str], None] = _LOG.warning,
-        comparison: MasteringComparison | None = None,
+        comparison: ZeroComparison | None = None,
     ) -> None:
         self._robot, self._memory, self._on_loss, self._period_s = robot, memory, on_loss, period_s
-        self._warn, self._warned, self._comparison = warn, "", comparison
+        self._warn, self._warned, self.comparison = warn, "", comparison
         self._last_observation: tuple[float, Counts] | None = None
         self._saved: HealthyCounts | None = memory.load_counts(robot.name)
         self._drive: DriveTrain | None = None
@@ -112,8 +118,8 @@ class RobotWatch:
         else:
             detected_by = await self._find_trouble()
         suspicion = _suspect_condition(condition)
-        if detected_by is None and self._comparison is not None:
-            trouble = await self._comparison.find_trouble(cast(MasteringStore, self._robot))
+        if detected_by is None and self.comparison is not None:
+            trouble = await self.comparison.find_trouble(self._robot)
             detected_by, suspicion = trouble or (None, suspicion)
         if detected_by is None:
             self._reported, self._after_run = None, False
@@ -142,8 +148,8 @@ class RobotWatch:
         """Go on with the same robot over another connection."""
         if robot is not self._robot:
             self._robot, self._last_observation, self._drive = robot, None, None
-            if self._comparison is not None:
-                self._comparison.force_check()
+            if self.comparison is not None:
+                self.comparison.force_check()
 
     async def is_mended(self) -> bool:
         """Whether the last look found nothing wrong, and the controller holds a mastering."""
@@ -151,7 +157,7 @@ class RobotWatch:
             return False
         if not self._robot.capabilities.writes_mastering:
             return True  # its mastering cannot be read
-        return (await cast(MasteringStore, self._robot).read_mastering()).mastered
+        return (await cast(ReadsMastering, self._robot).read_mastering()).mastered
 
     @property
     def is_still_lost(self) -> bool:
@@ -161,8 +167,8 @@ class RobotWatch:
     def forget_motion(self) -> None:
         """Do not compare the next look with the last: a run has the robot, and may move it on command."""
         self._last_observation, self._after_run = None, True
-        if self._comparison is not None:
-            self._comparison.force_check()
+        if self.comparison is not None:
+            self.comparison.force_check()
 
     async def _find_trouble(self) -> str | None:
         """Compare with what was seen before; remember this look when all is well."""

@@ -24,6 +24,8 @@ ABILITIES = {
     "tells_active_frames": ("active_frames",),
     "tells_mode": ("controller_mode",),
     "tells_speed_override": ("speed_override",),
+    "shows_position_data": ("position_data",),
+    "keeps_position_history": ("position_history",),
 }
 
 

@@ -175,6 +175,25 @@ async def _moves(fake_client: FakeCellClient) -> bool:
     return bool((await truth_of(fake_client))["moving"])
 
 
+async def test_no_answer_that_came_twice_is_taken_for_the_next_one(
+    abb: Any, fake_client: FakeCellClient
+) -> None:
+    refused = 0
+    for k in range(12):
+        joints = [0.1 + 0.01 * k] * 6
+        await fake_client.inject_fault("hand_moves", device=CASE.name, joints=joints)
+        try:
+            assert (await abb.read_joints()).joints_rad == pytest.approx(joints, abs=1e-6)
+            await fake_client.inject_fault("doubled", device=CASE.name, count=1)
+            shown = (await abb.flange_pose()).to_matrix()
+        except WireProtocolError:
+            refused += 1
+            continue
+        assert np.allclose(shown, (await truth_of(fake_client))["base_flange"], atol=1e-6)
+    assert refused
+    assert (await abb.read_condition()).readiness is Readiness.READY
+
+
 async def test_calibration_offsets_are_shown_and_change_with_a_fine_calibration(
     abb: Any, fake_client: FakeCellClient
 ) -> None:

@@ -3,6 +3,7 @@
 import asyncio
 import math
 import struct
+from dataclasses import astuple
 from pathlib import Path
 from typing import Any
 
@@ -55,6 +56,32 @@ async def test_a_home_position_made_anew_shows_in_the_position_data(
     after = await homes()
     assert [now - then for now, then in zip(after, before, strict=True)] == [0, 0, pulses[2], 0, 0, 0]
     await fake_client.inject_fault("confirm_positions", device="motoman")
+
+
+async def test_the_history_of_minor_alarms_is_read_by_a_client_of_others(
+    motoman: Any, cell: CellConfig, fake_client: FakeCellClient
+) -> None:
+    _, marks, _ = astuple(await motoman.position_history(()))
+    for fault, parameters in (
+        ("alarm", {"code": 1300, "text": "SERVO CPU ERROR"}),
+        ("battery_loss", {"axes": "U"}),
+    ):
+        await fake_client.inject_fault(fault, device="motoman", **parameters)
+    await fake_client.inject_fault("confirm_positions", device="motoman")
+
+    def read_history() -> list[dict[str, Any]]:
+        with HsesClient(cell.robot_named("motoman").address) as client:
+            client.model = MODEL_YRC1000
+            return [client.read_alarm_history(number) for number in (1, 1001)]
+
+    entries = await asyncio.to_thread(read_history)
+    assert [entry["alarm_code"] for entry in entries] == [1300, 4107]
+    history = await motoman.position_history(marks)
+    assert [(alarm.code, alarm.axis, alarm.kind) for alarm in history.alarms] == [
+        ("4107", 2, AlarmKind.TURNS)
+    ]
+    assert history.is_whole
+    assert (await motoman.position_history(history.marks)).alarms == ()
 
 
 def test_a_status_request_has_the_octets_of_the_makers_example() -> None:

@@ -9,7 +9,7 @@ from cellcal.drivers.errors import RefusedError, WireProtocolError
 from cellcal.drivers.interfaces import Alarm, AlarmKind
 from cellcal.drivers.wire.tables import read_table_rows
 
-_COMMON = "/rw/elog/0"  # the domain of all events
+COMMON_LOG = "/rw/elog/0"  # the domain of all events
 _ENTRY = "elog-message-li"
 _NEWEST = 50
 
@@ -27,7 +27,7 @@ async def read_position_events(link: WebLink) -> tuple[Alarm, ...]:
     A log holds what was, not what is: these alarms explain a lost position, and never say that one is lost.
     """
     try:
-        entries = await link.get_states(_COMMON, lang="en", order="lifo", limit=str(_NEWEST))
+        entries = await link.get_states(COMMON_LOG, lang="en", order="lifo", limit=str(_NEWEST))
     except (RefusedError, WireProtocolError):
         return ()  # an empty log, or none for this user
     return position_alarms(entries)
@@ -35,13 +35,7 @@ async def read_position_events(link: WebLink) -> tuple[Alarm, ...]:
 
 def position_alarms(entries: list[Mapping[str, Any]]) -> tuple[Alarm, ...]:
     """Return the newest entry of each known code, newest first; one without code, time or title counts for none."""
-    known = [
-        entry
-        for entry in entries
-        if entry.get("_type") == _ENTRY
-        and all(isinstance(entry.get(key), str) for key in ("code", "tstamp", "title"))
-        and entry["code"] in event_kinds()
-    ]
+    known = [entry for entry in entries if is_entry(entry) and entry["code"] in event_kinds()]
     found: dict[str, Alarm] = {}
     for entry in sorted(known, key=lambda one: str(one["tstamp"]), reverse=True):
         code = entry["code"]
@@ -49,3 +43,10 @@ def position_alarms(entries: list[Mapping[str, Any]]) -> tuple[Alarm, ...]:
             code, Alarm(code, ", ".join((entry["title"], entry["tstamp"])), None, event_kinds()[code])
         )
     return tuple(found.values())
+
+
+def is_entry(state: Mapping[str, Any]) -> bool:
+    """Tell whether a state is an entry of the log that can be read."""
+    return state.get("_type") == _ENTRY and all(
+        isinstance(state.get(key), str) for key in ("code", "tstamp", "title")
+    )

@@ -2,12 +2,15 @@
 
 import logging
 import time
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
 from dataclasses import dataclass
 from functools import partial
 
 from cellcal.calibration.geometry import Array, Pose
 from cellcal.calibration.mastering.position_record import ShownValue
 from cellcal.calibration.message import make_message
+from cellcal.drivers.abb.robot_web_services.event_history import read_position_history
 from cellcal.drivers.abb.robot_web_services.mastership import EditMastership
 from cellcal.drivers.abb.robot_web_services.motion_server import MotionServer
 from cellcal.drivers.abb.robot_web_services.rapid_values import AXES, read_tool
@@ -31,17 +34,19 @@ from cellcal.drivers.interfaces import (
     JointReading,
     Joints,
     PositionCure,
+    PositionHistory,
     RobotCapabilities,
 )
 from cellcal.drivers.wire.cancellation import run_to_end
 from cellcal.drivers.wire.joint_stream import JointStream
-from cellcal.drivers.wire.serial_number import check_serial_number
+from cellcal.drivers.wire.serial_number import check_serial_number, describe_second_robot
 from cellcal.drivers.wire.stepwise_motion import IsFinished, StepwiseOptions
 from cellcal.drivers.wire.streamed_motion import StreamedStepwiseMotion
 
 _LOG = logging.getLogger(__name__)
 VERIFIED_ON: tuple[str, ...] = ()  # controller software this driver has run on; none yet, see README.md
 _BASE = "wobj0"
+_SECOND_ROBOT = "/rw/motionsystem/mechunits/ROB_2"
 
 CAPABILITIES = RobotCapabilities(
     axes=AXES,
@@ -50,6 +55,8 @@ CAPABILITIES = RobotCapabilities(
     tells_mode=True,
     tells_speed_override=True,
     position_cure=PositionCure.REVOLUTION_COUNTERS,
+    shows_position_data=True,
+    keeps_position_history=True,
 )
 
 
@@ -105,24 +112,35 @@ class AbbRobot(StreamedStepwiseMotion):
             f"RobotWare {system.get('rwversion', '')}".strip(),
         )
 
+    async def identity_doubts(self) -> str:
+        """Say that another robot is on the same controller, whose serial number is the same."""
+        async with self._answer_deadline("asking who it is"):
+            try:
+                await self._link.get_state(_SECOND_ROBOT)
+            except RefusedError:
+                return ""
+        return describe_second_robot("ROB_1")
+
     async def _request_condition(self) -> Condition:
-        return condition_of(await read_state(self._link))
+        async with self._link.confirmed_answers():
+            return condition_of(await read_state(self._link))
 
     async def read_joints(self) -> JointReading:
         async with self._answer_deadline("reading the joints"):
             if compared := await self._read_compared():
                 return compared
-            before, _ = await read_joints(self._link)
-            joints, reply = await read_joints(self._link)
+            async with self._link.confirmed_answers():
+                before, _ = await read_joints(self._link)
+                joints, reply = await read_joints(self._link)
         moving = bool(self._doing) or joints != before  # the service tells no motion of others
         return JointReading(joints, moving, time.monotonic(), raw=str(dict(reply)))
 
     async def flange_pose(self) -> Pose:
-        async with self._answer_deadline("reading the pose"):
+        async with self._confirmed_answers("reading the pose"):
             return await read_flange_pose(self._link)
 
     async def active_frames(self) -> ActiveFrames:
-        async with self._answer_deadline("reading the active tool"):
+        async with self._confirmed_answers("reading the active tool"):
             tool_name, work_object = await read_unit_names(self._link)
             text = await self._link.read_symbol(tool_name)
         robot_carries, flange_tool, mass_kg = converted(self._link, partial(read_tool, text))
@@ -136,22 +154,32 @@ class AbbRobot(StreamedStepwiseMotion):
         return ActiveFrames(None, flange_tool, 0 if work_object == _BASE else None, payload_kg)
 
     async def controller_mode(self) -> str:
-        async with self._answer_deadline("reading the mode"):
+        async with self._confirmed_answers("reading the mode"):
             return text_of(self._link, await self._link.get_state("/rw/panel/opmode"), "opmode")
 
     async def speed_override(self) -> float:
-        async with self._answer_deadline("reading the speed override"):
+        async with self._confirmed_answers("reading the speed override"):
             state = await self._link.get_state("/rw/panel/speedratio")
             return number_of(self._link, state, "speedratio") / 100.0
 
     async def position_data(self) -> tuple[ShownValue, ...]:
-        async with self._answer_deadline("reading the position"):
+        async with self._confirmed_answers("reading the position"):
             return await read_position_data(self._link)
+
+    async def position_history(self, since: tuple[str, ...]) -> PositionHistory:
+        async with self._answer_deadline("reading the event log", times=10), self._link.confirmed_answers():
+            return await read_position_history(self._link, since)
+
+    @asynccontextmanager
+    async def _confirmed_answers(self, doing: str) -> AsyncIterator[None]:
+        async with self._answer_deadline(doing), self._link.confirmed_answers():
+            yield
 
     # a move
 
     async def _read_angles(self) -> Joints:
-        return (await read_joints(self._link))[0]
+        async with self._link.confirmed_answers():
+            return (await read_joints(self._link))[0]
 
     async def move_joints(self, target_rad: Joints, *, speed_rad_s: float) -> None:
         try:

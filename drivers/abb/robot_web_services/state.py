@@ -20,6 +20,7 @@ _UNIT = "/rw/motionsystem/mechunits/ROB_1"
 _MOTOR_CALIBRATION, _OFFSET = "/rw/cfg/MOC/MOTOR_CALIB/instances", "cal_offset"
 _SYNCHRONISED = "Synchronized"
 _COUNTER_LOST = "20032"
+_EMERGENCY_STOPS = ("emergencystop", "emergencystopreset")
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,21 +113,32 @@ async def read_unit_names(link: WebLink) -> tuple[str, str]:
 
 def condition_of(state: ControllerState) -> Condition:
     """Say whether the robot can be used, and who must act. A lost position comes before everything else."""
+    stop = _stop_of(state)
     if state.is_position_lost:
-        return _lost_condition(state)
+        return replace(_lost_condition(state), stop=stop)
+    if stop is not None:
+        return stop
     if state.mode != "AUTO":
         return Condition(
             Readiness.NOT_READY,
             make_message("the controller is in {mode}, not in AUTO.", mode=state.mode),
             "Turn the mode switch to AUTO and confirm at the pendant.",
         )
-    if state.motors != "motoron":
-        return Condition(
-            Readiness.STOPPED,
-            make_message("the motors are off ({motors}).", motors=state.motors),
-            "Look at the cell, release the emergency stop, then press the motors-on button.",
-        )
-    return Condition(Readiness.READY)
+    return _motors_off(state) if state.motors != "motoron" else Condition(Readiness.READY)
+
+
+def _stop_of(state: ControllerState) -> Condition | None:
+    """Return the emergency or guard stop; in manual mode a guard stop is the enabling device that nobody holds."""
+    guarded = state.mode == "AUTO" and state.motors == "guardstop"
+    return _motors_off(state) if guarded or state.motors in _EMERGENCY_STOPS else None
+
+
+def _motors_off(state: ControllerState) -> Condition:
+    return Condition(
+        Readiness.STOPPED,
+        make_message("the motors are off ({motors}).", motors=state.motors),
+        "Look at the cell, release the emergency stop, then press the motors-on button.",
+    )
 
 
 def _lost_condition(state: ControllerState) -> Condition:

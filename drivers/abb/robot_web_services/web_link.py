@@ -1,11 +1,13 @@
 """Requests to Robot Web Services of either generation: JSON over HTTP or HTTPS, one session.
 
 The session's cookies are sent back, or every request would take a new session and the controller would refuse with
-503 soon.
+503 soon. An answer carries no number: what was read counts once a question of another kind is answered after it
+(``confirmed_answers``), since answers keep their order and one too many has shown itself by then.
 """
 
 import asyncio
-from collections.abc import Mapping
+from collections.abc import AsyncIterator, Mapping
+from contextlib import asynccontextmanager
 from typing import Any
 
 import httpx
@@ -33,6 +35,10 @@ from cellcal.drivers.wire.link_errors import find_reason, unreadable_answer_erro
 from cellcal.drivers.wire.trace import FrameTrace
 
 _MOST_OCTETS = 4_000_000
+_CONFIRMING = {
+    "/rw/panel/opmode": "opmode",
+    "/rw/panel/speedratio": "speedratio",
+}  # and what the answer holds
 _WHY = {
     401: ("the controller does not accept user and password.", "Correct user and password in the cell file."),
     403: (
@@ -57,7 +63,9 @@ class WebLink:
         self._address, self._user = address, user
         self._found: FoundService | None = None
         self._client: httpx.AsyncClient | None = None
+        self._login: httpx.Auth = httpx.Auth()
         self._earliest_s = 0.0  # of the next request, by the loop's clock
+        self._last_path = ""
         self.trace = FrameTrace(address.device)
 
     @property
@@ -69,20 +77,49 @@ class WebLink:
 
     async def connect(self) -> None:
         """Find out the generation. The session begins with the first request."""
-        found = await find_service(self._address, self._deadline_s)
-        auth = (
-            httpx.DigestAuth(*self._user) if found.dialect.generation == 1 else httpx.BasicAuth(*self._user)
-        )
-        self._found = found
-        self._client = httpx.AsyncClient(
+        self._found = await find_service(self._address, self._deadline_s)
+        first = self._found.dialect.generation == 1
+        self._login = httpx.DigestAuth(*self._user) if first else httpx.BasicAuth(*self._user)
+        self._client = self._make_client(self._found)
+
+    def _make_client(self, found: FoundService, cookies: httpx.Cookies | None = None) -> httpx.AsyncClient:
+        """Return a client that connects with its first request; with cookies it goes on in their session."""
+        return httpx.AsyncClient(
             base_url=found.base_url,
-            auth=auth,
+            cookies=cookies,
+            auth=self._login,
             verify=found.tls,
             headers={"Accept": found.dialect.accept},
             timeout=self._deadline_s,
             trust_env=False,
             limits=httpx.Limits(max_connections=1),
         )
+
+    @asynccontextmanager
+    async def confirmed_answers(self) -> AsyncIterator[None]:
+        """Hold that what is told inside is told in answer to what is asked: nothing of it counts where this raises.
+
+        Raises
+        ------
+        WireProtocolError
+            An answer too many has come; the connection is made anew.
+        DeviceError
+            As for ``get_state``.
+        """
+        try:
+            yield
+            path, key = next(each for each in _CONFIRMING.items() if each[0] != self._last_path)
+            if key not in await self.get_state(path):
+                raise self._unreadable("it answers another question than was asked")
+        except WireProtocolError:
+            await self._renew_connection()
+            raise
+
+    async def _renew_connection(self) -> None:
+        """Give up the connection, and whatever answers are still under way on it; the session stays."""
+        if self._client is not None and self._found is not None and not self._client.is_closed:
+            old, self._client = self._client, self._make_client(self._found, self._client.cookies)
+            await old.aclose()
 
     async def close(self) -> None:
         """Give the session back and hang up."""
@@ -168,6 +205,7 @@ class WebLink:
         if self._client is None or self._client.is_closed:
             raise self._closed_error()
         await self._keep_pace()
+        self._last_path = path
         self.trace.add_frame(">", f"{method} {path} {(body or b'')[:500]!r}")
         headers = {"Content-Type": content_type} if content_type else {}
         try:

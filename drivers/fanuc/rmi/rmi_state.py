@@ -3,7 +3,7 @@
 import math
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -122,17 +122,10 @@ def condition_of(status: RmiStatus, texts: tuple[str, ...]) -> Condition:
             make_message("{lost_code} {lost_text}.", lost_code=lost.code, lost_text=lost.text),
             remedy,
             alarms,
+            _stop_since(lost, alarms),
         )
     if not status.has_servo_power:
-        text = (
-            make_message(
-                "{alarms_code} {alarms_text}.", alarms_code=alarms[0].code, alarms_text=alarms[0].text
-            )
-            if alarms
-            else "the servo power is off."
-        )
-        remedy = "Look at the cell, release the emergency stop and reset on the pendant."
-        return Condition(Readiness.STOPPED, text, remedy, alarms)
+        return replace(_power_off(alarms[0] if alarms else None), alarms=alarms)
     if status.pendant_enabled:
         remedy = "Switch the teach pendant off and the mode switch to AUTO."
         return Condition(Readiness.NOT_READY, "the teach pendant is enabled.", remedy)
@@ -141,6 +134,21 @@ def condition_of(status: RmiStatus, texts: tuple[str, ...]) -> Condition:
             Readiness.NOT_READY, "the single step mode is on.", "Switch single step off at the pendant."
         )
     return Condition(Readiness.READY)
+
+
+def _stop_since(lost: Alarm, alarms: tuple[Alarm, ...]) -> Condition | None:
+    """Return the stop that was told after the loss; an older message may be one that was released."""
+    newer = alarms[: alarms.index(lost)]
+    stop = next((alarm for alarm in newer if alarm.kind is AlarmKind.OTHER), None)
+    return None if stop is None else _power_off(stop)
+
+
+def _power_off(alarm: Alarm | None) -> Condition:
+    text = "the servo power is off."
+    if alarm is not None:
+        text = make_message("{alarms_code} {alarms_text}.", alarms_code=alarm.code, alarms_text=alarm.text)
+    remedy = "Look at the cell, release the emergency stop and reset on the pendant."
+    return Condition(Readiness.STOPPED, text, remedy)
 
 
 def _alarm_of(text: str) -> Alarm:

@@ -54,6 +54,7 @@ CAPABILITIES = RobotCapabilities(
     tells_mode=True,
     tells_speed_override=True,
     position_cure=PositionCure.MASTERING_GAUGE,
+    shows_position_data=True,
 )
 
 

@@ -125,9 +125,23 @@ def condition_of(state: ControllerState) -> Condition:
     if alarms:
         axes = ", ".join(f"A{axis + 1}" for axis in state.lost_axes)
         remedy = "Master it with the EMD at the pendant, with the tool's load offset, then run a drift check."
+        text = make_message("not mastered: {axes}.", axes=axes)
+        return Condition(Readiness.POSITION_LOST, text, remedy, alarms, _stop_of(state))
+    if (stop := _stop_of(state)) is not None:
+        return stop
+    if state.mode not in _AUTOMATIC:
         return Condition(
-            Readiness.POSITION_LOST, make_message("not mastered: {axes}.", axes=axes), remedy, alarms
+            Readiness.NOT_READY,
+            make_message("the controller is in {mode}, not in AUT or EXT.", mode=state.mode.lstrip("#")),
+            "Turn the mode switch to AUT or EXT.",
         )
+    if not state.has_drives:
+        return Condition(Readiness.STOPPED, "the drives are off.", "Switch the drives on at the pendant.")
+    return Condition(Readiness.READY)
+
+
+def _stop_of(state: ControllerState) -> Condition | None:
+    """Return what stops the robot whatever its position is."""
     if not state.has_safety:
         return Condition(
             Readiness.STOPPED,
@@ -140,12 +154,4 @@ def condition_of(state: ControllerState) -> Condition:
             "a stop message is active.",
             "Read the message at the pendant and acknowledge it.",
         )
-    if state.mode not in _AUTOMATIC:
-        return Condition(
-            Readiness.NOT_READY,
-            make_message("the controller is in {mode}, not in AUT or EXT.", mode=state.mode.lstrip("#")),
-            "Turn the mode switch to AUT or EXT.",
-        )
-    if not state.has_drives:
-        return Condition(Readiness.STOPPED, "the drives are off.", "Switch the drives on at the pendant.")
-    return Condition(Readiness.READY)
+    return None

@@ -1,0 +1,131 @@
+"""One look at every robot of a cell, all at once, for a timer at night: what it found of each, and an exit code."""
+
+import asyncio
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+
+from cellcal.calibration.errors import CellError
+from cellcal.calibration.message import join_messages, make_message
+from cellcal.drivers.errors import WrongDeviceError
+from cellcal.drivers.interfaces import Condition, Readiness, Robot
+from cellcal.drivers.registry import RobotConfig
+from cellcal.service.configuration.cell_file import CellConfig
+from cellcal.service.exit_codes import ExitCode
+from cellcal.service.record.journal_files import lease_folder
+from cellcal.service.record.robot_lock import DEVICES, is_held
+from cellcal.service.watching.follow import RobotWatches
+from cellcal.service.watching.loss_response import answer_to
+from cellcal.service.watching.mastering_comparison import journalled_mastering
+from cellcal.service.watching.position_comparison import PositionComparison, PositionLook
+from cellcal.service.watching.watch import PositionLoss
+
+
+class NightState(StrEnum):
+    """How one robot was found."""
+
+    UNCHANGED = "unchanged"
+    CHANGED = "changed"
+    LOST = "position lost"
+    NOT_COMPARED = "not compared"
+    FAILED = "not read"
+
+
+_EXIT_CODES = {
+    NightState.LOST: ExitCode.OUT_OF_TOLERANCE,
+    NightState.CHANGED: ExitCode.OUT_OF_TOLERANCE,
+    NightState.FAILED: ExitCode.UNREACHABLE,
+    NightState.NOT_COMPARED: ExitCode.REFUSED,
+    NightState.UNCHANGED: ExitCode.PASS,
+}
+
+
+@dataclass(frozen=True, slots=True)
+class LookedAtRobot:
+    """What one look found of one robot."""
+
+    robot: str
+    state: NightState
+    sentence: str
+
+
+def night_exit_code(found: Sequence[LookedAtRobot]) -> ExitCode:
+    """Return the exit code of a whole cell; the gravest state counts."""
+    states = {each.state for each in found}
+    return next((code for state, code in _EXIT_CODES.items() if state in states), ExitCode.PASS)
+
+
+async def look_at_cell(
+    config: CellConfig, *, accept: frozenset[str] = frozenset(), report: Callable[[LookedAtRobot], None]
+) -> tuple[LookedAtRobot, ...]:
+    """Look at every robot; what a robot in ``accept`` shows is taken as right. ``report`` hears each as it comes."""
+
+    async def look(entry: RobotConfig) -> LookedAtRobot:
+        found = await _look_at(config, entry, accept=entry.name in accept)
+        report(found)
+        return found
+
+    return tuple(await asyncio.gather(*(look(entry) for entry in config.robots)))
+
+
+async def _look_at(config: CellConfig, entry: RobotConfig, *, accept: bool) -> LookedAtRobot:
+    if is_held(lease_folder(config), entry.serial, DEVICES):
+        return LookedAtRobot(entry.name, NightState.FAILED, "another cellcal works with it now.")
+    try:
+        async with entry.open() as robot:
+            return await _look_over(config, entry, robot, accept=accept)
+    except WrongDeviceError as error:
+        return LookedAtRobot(entry.name, NightState.CHANGED, str(error))
+    except CellError as error:
+        return LookedAtRobot(entry.name, NightState.FAILED, str(error))
+
+
+async def _look_over(config: CellConfig, entry: RobotConfig, robot: Robot, *, accept: bool) -> LookedAtRobot:
+    losses: list[PositionLoss] = []
+    remarks: list[str] = []
+
+    async def on_loss(loss: PositionLoss) -> None:
+        losses.append(loss)
+
+    watch = RobotWatches(config, on_loss, remarks.append).watch_of(entry.name, robot)
+    position = watch.comparison if isinstance(watch.comparison, PositionComparison) else None
+    if accept and position is not None:
+        await position.look(robot, accept=True)
+    await watch.look_once()
+    if watch.condition.readiness is Readiness.UNREACHABLE:
+        return LookedAtRobot(entry.name, NightState.FAILED, _words_of(watch.condition))
+    if losses:
+        answer_to(config, losses[0])
+        lost = watch.condition.readiness is Readiness.POSITION_LOST
+        text = make_message(
+            "{detected_by}: {words}.", detected_by=losses[0].detected_by, words=losses[0].suspicion.words
+        )
+        return LookedAtRobot(entry.name, NightState.LOST if lost else NightState.CHANGED, text)
+    has_record = journalled_mastering(config, entry.serial)().record is not None
+    state, text = _describe_look(None if position is None else position.last_look, has_record=has_record)
+    stops = [_words_of(watch.condition)] if watch.condition.readiness is Readiness.STOPPED else []
+    return LookedAtRobot(entry.name, state, join_messages(" ", (text, *remarks, *stops)))
+
+
+def _describe_look(look: PositionLook | None, *, has_record: bool) -> tuple[NightState, str]:
+    """Say what a robot that shows no trouble was compared with."""
+    if look is not None and not look.compared_with:
+        first = "looked at for the first time: what it shows of its zero is kept for the next night."
+        return NightState.NOT_COMPARED, first
+    if look is not None:
+        text = make_message("as in {compared_with}.", compared_with=look.compared_with)
+        return NightState.NOT_COMPARED if look.gap else NightState.UNCHANGED, text
+    if has_record:
+        return NightState.UNCHANGED, "as in its mastering record."
+    return (
+        NightState.NOT_COMPARED,
+        "nothing of its zero was compared; only what it says of itself was looked at.",
+    )
+
+
+def _words_of(condition: Condition) -> str:
+    return make_message(
+        "{condition_message} {condition_remedy}",
+        condition_message=condition.message,
+        condition_remedy=condition.remedy,
+    )

@@ -1,0 +1,205 @@
+"""Whether a controller whose mastering no wire writes shows the zero of its record, and what its log tells since.
+
+Calibration offsets of an ABB, absolute data of a Yaskawa, mastering angles of a KUKA and the factory data of a UR do
+not change by themselves; and a log tells of a position that was lost and brought back between two looks. Neither
+raises an alarm. What is found is told at each look until a new position record is taken, or a person accepts it.
+"""
+
+import logging
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime
+from typing import Any, cast
+
+from cellcal.calibration.mastering.position_record import ArmPositionRecord, ShownValue
+from cellcal.calibration.message import join_messages, make_message
+from cellcal.drivers.errors import RefusedError
+from cellcal.drivers.interfaces import (
+    Alarm,
+    AlarmKind,
+    KeepsPositionHistory,
+    PositionHistory,
+    Robot,
+    TellsPositionData,
+)
+from cellcal.service.configuration.cell_file import CellConfig
+from cellcal.service.record.journal import StoreError
+from cellcal.service.record.journal_files import journal_path, open_journal
+from cellcal.service.record.run_store import RunStore
+from cellcal.service.record.shown_positions import Datum, KeptPosition, KeptPositions
+from cellcal.service.watching.loss_modes import Suspicion, old_backup, suspect_return
+
+_LOG = logging.getLogger(__name__)
+LOOK_EVERY_S = 600.0
+Trouble = tuple[str, Suspicion]
+_NO_LOG = PositionHistory((), (), is_whole=True)
+
+
+@dataclass(frozen=True, slots=True)
+class PositionLook:
+    """What one look found: what it was compared with, in words what is wrong, and what was not seen."""
+
+    compared_with: str  # "": nothing, it was the first look
+    trouble: Trouble | None
+    gap: str = ""  # what the log does not tell
+
+
+class PositionComparison:
+    """Compares what one controller shows with its position record and with what it showed before."""
+
+    def __init__(
+        self,
+        memory: KeptPositions,
+        serial: str,
+        newest: Callable[[], ArmPositionRecord | None],
+        *,
+        warn: Callable[[str], None] = _LOG.warning,
+        look_every_s: float = LOOK_EVERY_S,
+    ) -> None:
+        self._memory, self._serial, self._newest = memory, serial, newest
+        self._warn, self._look_every_s = warn, look_every_s
+        self._next_s = 0.0
+        self.last_look: PositionLook | None = None
+
+    def force_check(self) -> None:
+        """Look at the next opportunity: a run may have taken a record."""
+        self._next_s = 0.0
+
+    async def find_trouble(self, robot: Any) -> Trouble | None:
+        """Return in words what is wrong, and what is suspected; None: nothing. Between two looks the last stands."""
+        now_s = time.monotonic()
+        if now_s >= self._next_s:
+            self.last_look = await self.look(robot)
+            self._next_s = now_s + self._look_every_s
+            if self.last_look.gap:
+                self._warn(f"{robot.name}: {self.last_look.gap}")
+        return None if self.last_look is None else self.last_look.trouble
+
+    async def look(self, robot: Robot, *, accept: bool = False) -> PositionLook:
+        """Compare once; what is as before, or is accepted by a person, is kept for the next look.
+
+        Raises
+        ------
+        DeviceError
+            The controller does not answer.
+        """
+        record = self._newest()
+        kept = self._memory.load(robot.name)
+        if kept is not None and not _is_valid(kept, self._serial, record):
+            kept = None
+        shown = await cast(TellsPositionData, robot).position_data()
+        history = await _history_of(robot, () if kept is None else kept.marks)
+        present, before = _zero_data(shown), {} if record is None else _zero_data(record.shown)
+        before |= {} if kept is None else kept.values
+        trouble = None if accept else _find_trouble(before, present, history, kept)
+        gap = "" if kept is None or history.is_whole else _describe_gap(kept)
+        absent = sorted({name for name, axis in before if (name, axis) not in present})
+        if absent:
+            unseen = make_message("not shown this time, and not compared: {names}.", names=", ".join(absent))
+            gap = join_messages(" ", filter(None, (gap, unseen)))
+        if trouble is None:
+            marks = history.marks or (() if kept is None else kept.marks)
+            sha256 = (
+                record.measured.sha256 if record is not None else "" if kept is None else kept.record_sha256
+            )
+            self._keep(KeptPosition(robot.name, self._serial, {**before, **present}, marks, sha256, ""))
+        return PositionLook(_compared_with(record, kept, has_data=bool(before)), trouble, gap)
+
+    def _keep(self, kept: KeptPosition) -> None:
+        try:
+            self._memory.save(replace(kept, seen_utc=datetime.now(UTC).isoformat()))
+        except OSError as error:  # the eyes on the robot matter more than the disk
+            self._warn(f"{kept.robot}: what it shows cannot be kept: {error.strerror or error}.")
+
+
+def journalled_position(config: CellConfig, serial: str) -> Callable[[], ArmPositionRecord | None]:
+    """Return what reads the newest position record of a robot from the cell's journal."""
+
+    def read_journal() -> ArmPositionRecord | None:
+        if not journal_path(config).exists():
+            return None
+        try:
+            with open_journal(config) as journal:
+                return RunStore(journal).position_record(serial)
+        except StoreError as error:
+            _LOG.warning("what the controller shows is not compared with its position record: %s", error)
+            return None
+
+    return read_journal
+
+
+def _is_valid(kept: KeptPosition, serial: str, record: ArmPositionRecord | None) -> bool:
+    """Tell whether what was kept is of this robot, and no record was taken since that tells what is right."""
+    return kept.serial == serial and (record is None or kept.record_sha256 == record.measured.sha256)
+
+
+def _compared_with(record: ArmPositionRecord | None, kept: KeptPosition | None, *, has_data: bool) -> str:
+    if kept is not None and not has_data:
+        return make_message("the look of {seen_utc}, by its log alone", seen_utc=kept.seen_utc[:16])
+    if kept is not None:
+        return make_message("the look of {seen_utc}", seen_utc=kept.seen_utc[:16])
+    return "" if record is None else "the position record"
+
+
+async def _history_of(robot: Robot, since: tuple[str, ...]) -> PositionHistory:
+    if not robot.capabilities.keeps_position_history:
+        return _NO_LOG
+    try:
+        return await cast(KeepsPositionHistory, robot).position_history(since)
+    except RefusedError:
+        return PositionHistory((), (), is_whole=False)
+
+
+def _zero_data(shown: tuple[ShownValue, ...]) -> dict[Datum, str]:
+    kept = (each for each in shown if each.is_constant or each.is_zero or each.is_set)
+    return {(each.name, each.axis): each.value for each in kept}
+
+
+def _find_trouble(
+    before: Mapping[Datum, str],
+    present: Mapping[Datum, str],
+    history: PositionHistory,
+    kept: KeptPosition | None,
+) -> Trouble | None:
+    changed = [key for key in before if key in present and not _is_same(before[key], present[key])]
+    if changed:
+        return _describe_change(changed, before, present), old_backup()
+    lost = tuple(alarm for alarm in history.alarms if alarm.kind is AlarmKind.TURNS)
+    if kept is None or not lost:
+        return None
+    axes = sorted({alarm.axis + 1 for alarm in lost if alarm.axis is not None})
+    return _describe_return(lost, kept), suspect_return(tuple(axes))
+
+
+def _is_same(before: str, now: str) -> bool:
+    """Tell whether two texts say the same; numbers may be written with more or fewer zeros."""
+    try:
+        return before == now or float(before) == float(now)
+    except ValueError:
+        return False
+
+
+def _describe_change(changed: list[Datum], before: Mapping[Datum, str], now: Mapping[Datum, str]) -> str:
+    texts = [
+        f"{name}{'' if axis is None else f' {axis + 1}'}: {before[name, axis]}, {now[name, axis]}"
+        for name, axis in changed
+    ]
+    return make_message("the controller shows another zero than before, and no alarm tells of it: {axes}",
+                        axes="; ".join(texts))  # fmt: skip
+
+
+def _describe_return(lost: tuple[Alarm, ...], kept: KeptPosition) -> str:
+    return make_message(
+        "since the look of {seen_utc} the controller logged {events}, and shows nothing of it any more",
+        seen_utc=kept.seen_utc[:16],
+        events="; ".join(f"{alarm.code} {alarm.text}" for alarm in lost),
+    )
+
+
+def _describe_gap(kept: KeptPosition) -> str:
+    return make_message(
+        "the controller's log does not reach back to the look of {seen_utc}: whether its position was lost since is "
+        "not known.",
+        seen_utc=kept.seen_utc[:16],
+    )

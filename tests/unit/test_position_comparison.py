@@ -1,0 +1,74 @@
+"""What a controller shows of its zero against its last look: nothing that was not compared is called unchanged."""
+
+from pathlib import Path
+from typing import Any
+
+from cellcal.calibration.mastering.position_record import ShownValue
+from cellcal.drivers.interfaces import Alarm, AlarmKind, PositionHistory, RobotCapabilities
+from cellcal.service.record.shown_positions import KeptPositions
+from cellcal.service.watching.position_comparison import PositionComparison
+
+
+class ShowingArm:
+    """Only what the comparison asks for."""
+
+    name = "arm"
+    capabilities = RobotCapabilities(axes=1, shows_position_data=True, keeps_position_history=True)
+
+    def __init__(self) -> None:
+        self.shown: tuple[ShownValue, ...] = (ShownValue("zero", "1.50", 0, is_zero=True),)
+        self.history = PositionHistory((), ("1",), is_whole=True)
+
+    async def position_data(self) -> tuple[ShownValue, ...]:
+        return self.shown
+
+    async def position_history(self, since: tuple[str, ...]) -> PositionHistory:
+        return self.history
+
+
+async def look(arm: ShowingArm, folder: Path, serial: str = "A1", **options: Any) -> Any:
+    comparison = PositionComparison(KeptPositions(folder), serial, lambda: None)
+    return await comparison.look(arm, **options)  # type: ignore[arg-type]
+
+
+async def test_a_datum_that_is_not_shown_is_not_called_unchanged_and_not_forgotten(tmp_path: Path) -> None:
+    arm = ShowingArm()
+    assert (await look(arm, tmp_path)).compared_with == ""
+    arm.shown = ()
+    found = await look(arm, tmp_path)
+    assert "zero" in found.gap
+    arm.shown = (ShownValue("zero", "1.6", 0, is_zero=True),)
+    assert "1.50, 1.6" in (await look(arm, tmp_path)).trouble[0]
+    arm.shown = (ShownValue("zero", "1.500", 0, is_zero=True),)
+    assert (await look(arm, tmp_path)).trouble is None
+
+
+async def test_another_robot_is_not_compared_with_the_one_before(tmp_path: Path) -> None:
+    arm = ShowingArm()
+    await look(arm, tmp_path)
+    arm.shown = (ShownValue("zero", "2", 0, is_zero=True),)
+    found = await look(arm, tmp_path, serial="B2")
+    assert (found.compared_with, found.trouble) == ("", None)
+
+
+async def test_a_robot_that_shows_no_datum_is_compared_by_its_log_alone(tmp_path: Path) -> None:
+    arm = ShowingArm()
+    arm.shown = ()
+    await look(arm, tmp_path)
+    assert "log alone" in (await look(arm, tmp_path)).compared_with
+
+
+async def test_only_a_lost_position_in_the_log_is_told(tmp_path: Path) -> None:
+    arm = ShowingArm()
+    await look(arm, tmp_path)
+    for kind, is_told in ((AlarmKind.BATTERY_LOW, False), (AlarmKind.TURNS, True)):
+        arm.history = PositionHistory((Alarm("7", "x", None, kind),), ("2",), is_whole=True)
+        assert ((await look(arm, tmp_path)).trouble is not None) is is_told
+
+
+async def test_a_damaged_file_is_a_first_look(tmp_path: Path) -> None:
+    arm = ShowingArm()
+    await look(arm, tmp_path)
+    for text in ("", "[]", '{"values": [[1]]}', "{", "null"):
+        (tmp_path / "shown_position_arm.json").write_text(text)
+        assert (await look(arm, tmp_path)).compared_with == ""

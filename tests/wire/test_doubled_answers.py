@@ -1,0 +1,45 @@
+"""A server that answers each question twice: the second answer is taken for no other question's."""
+
+import asyncio
+import json
+from collections.abc import AsyncIterator
+
+import pytest
+
+from cellcal.drivers.universal_robots.robot_api import RobotApiClient
+
+ANSWERS = {
+    "openapi.json": {"info": {"version": "3.2.1"}},
+    "controlmode": {"mode": "REMOTE"},
+    "operationalmode": {"mode": "MANUAL"},
+}
+
+
+@pytest.fixture
+async def doubling_port() -> AsyncIterator[int]:
+    async def serve(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        try:
+            while head := await reader.readuntil(b"\r\n\r\n"):
+                path = head.split(b" ")[1].decode()
+                body = json.dumps(ANSWERS[path.rpartition("/")[2]]).encode()
+                head = b"HTTP/1.1 200 OK\r\nContent-Length: %d\r\n\r\n" % len(body)
+                writer.write(2 * (head + body))
+                await writer.drain()
+        except (asyncio.IncompleteReadError, ConnectionError):
+            pass
+        finally:
+            writer.close()
+
+    async with await asyncio.start_server(serve, "127.0.0.1", 0) as server:
+        yield server.sockets[0].getsockname()[1]
+
+
+async def test_the_robot_api_is_asked_on_a_connection_for_each_question(doubling_port: int) -> None:
+    client = RobotApiClient("ur", "127.0.0.1", doubling_port, deadline_s=5.0)
+    try:
+        await client.connect()
+        for _ in range(3):
+            assert await client.in_remote_control()
+            assert await client.operational_mode() == "MANUAL"
+    finally:
+        await client.close()
