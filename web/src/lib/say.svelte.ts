@@ -60,6 +60,12 @@ class Sayings {
     return language.locale === "zh" ? "" : " ";
   }
 
+  /** A text of the page with the full stop of its language; what has one, or another mark, keeps it. */
+  stopped = (text: string): string => text + (STOPPED.test(text) ? "" : language.locale === "zh" ? "。" : ".");
+
+  /** Sentences one after the other, each with its stop. */
+  joined = (...texts: string[]): string => texts.map(this.stopped).join(this.gap);
+
   /** The same, sentence by sentence. */
   parts = (text: string): Spoken[] =>
     this.#parts(text).map((part) => ({ text: this.#labelled(part.text), english: this.#isEnglish(part) }));
@@ -145,7 +151,7 @@ class Sayings {
   #found(template: string): string | null {
     const translation = this.#table[template.trim()];
     if (translation !== undefined) return translation;
-    if (isPunctuation(template)) return language.locale === "zh" ? template.replaceAll("; ", "；") : template;
+    if (isPunctuation(template)) return language.locale === "zh" ? template.replaceAll("; ", "；").replace(/\}\.$/, "}。") : template;
     const lead = LEAD.exec(template)?.[0] ?? "";
     const rest = lead === "" ? undefined : this.#table[template.slice(lead.length)];
     return rest === undefined ? null : `${lead.trim()} ${rest}`;
