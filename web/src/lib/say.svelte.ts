@@ -16,6 +16,7 @@ const KINDS = ["procedures", "settings", "refusals"];
 const SENTENCED = /\p{Ll} \p{Ll}/u; // a name is no reason to fetch what refusals say
 const SENTENCE = /(?<=[.?!])\s+/;
 const STOPPED = /[.。?？!！]$/;
+const BEGINNING = /^\p{Ll}(?!\S*[._\d]\S)/u; // of a sentence; a file's name stays as it is
 const WORD = /\p{L}{2}/u; // a name like "x" is the same everywhere
 const UNITS = ["", "%", "mm", "m", "deg", "rad"];
 const LEAD = /^(?:\{\w+\}\s*)+/; // of a template: what is filled in before its first word
@@ -186,7 +187,7 @@ class Sayings {
 
 function wholeSentence({ text, english }: Spoken): string {
   const stop = language.locale === "zh" && !english ? "。" : ".";
-  return text.replace(/^\p{Ll}/u, (letter) => letter.toUpperCase()) + (STOPPED.test(text) ? "" : stop);
+  return text.replace(BEGINNING, (letter) => letter.toUpperCase()) + (STOPPED.test(text) ? "" : stop);
 }
 
 /** A translation with the space before the English text, which may be the end of another. */
