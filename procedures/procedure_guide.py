@@ -143,7 +143,7 @@ NEED_REMEDIES: Mapping[str, str] = {
     "gauge_setup": "Measure with a tape where the draw-wire stands and enter it in the cell file.",
     "record": "Take a mastering record while the robot is healthy; one that is lost without a record is first "
     "mastered at the pendant, by its marks or pins.",
-    "position_cure": "Use mastering_recovery where the controller opens its mastering; else the maker's manual.",
+    "position_cure": "Use “Mastering recovery” where the controller opens its mastering; else the maker's manual.",
     "drive_data": "Enter the gear ratios of the data sheet in the cell file; the catalogue of models holds none.",
     "position_record": "Take a position record while the robot is healthy; one that is lost without a record is "
     "first brought back at the pendant, as its maker says.",

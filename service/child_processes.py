@@ -19,7 +19,8 @@ class ChildEndedError(CellError):
 
     def __init__(self, title: str, code: int, words: str) -> None:
         how = f"exit code {code}" if code >= 0 else f"signal {-code} ({signal.strsignal(-code) or 'unknown'})"
-        last = f' Its last words: "{words}".' if words else ""
+        was_killed = -code in (signal.SIGKILL, signal.SIGTERM)  # by another: what it said before is no reason
+        last = f' Its last words: "{words}".' if words and not was_killed else ""
         super().__init__(
             f"{title} ended: {how}.{last}",
             remedy="It is started again by itself. If this stays, look into the log of the service.",

@@ -122,7 +122,7 @@ class Translations:
         if (translated := self.table.get(template)) is not None:
             return translated
         if is_punctuation(template):
-            return template.replace(_LIST, "；") if self.locale == "zh" else template  # noqa: RUF001 - Chinese
+            return _chinese_punctuation(template) if self.locale == "zh" else template
         lead, rest = split_lead(template)
         if not lead or (translated := self.table.get(rest)) is None:
             return None
@@ -135,6 +135,12 @@ class Translations:
             return translated
         words, _, number = argument.rpartition(" ")
         return self.translate_step(argument) if words and number.isdecimal() else argument
+
+
+def _chinese_punctuation(template: str) -> str:
+    """Return a template of holes with its lists and its full stop as Chinese writes them."""
+    listed = template.replace(_LIST, "；")  # noqa: RUF001 - Chinese
+    return f"{listed[:-1]}。" if listed.endswith("}.") else listed
 
 
 def _with_spaces_of(english: str, translated: str) -> str:

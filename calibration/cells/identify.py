@@ -114,7 +114,8 @@ def fit_cell(cell: CalibrationCell, options: CellOptions | None = None) -> CellI
     options = options or CellOptions()
     if options.level is not None and options.level not in LEVELS:
         raise CalibrationError(
-            f"there is no level {options.level}.", remedy=f"Levels are {LEVELS[0]} to {LEVELS[-1]}."
+            make_message("there is no level {level}.", level=options.level),
+            remedy=f"Levels are {LEVELS[0]} to {LEVELS[-1]}.",
         )
     frames = CellFrames.from_cell(cell)
     refuse_unknown_words(frames, options)

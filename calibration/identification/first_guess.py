@@ -12,6 +12,7 @@ from cellcal.calibration.identification.observations import (
     PoseObservations,
 )
 from cellcal.calibration.identification.parameters import ArmState, nominal_state
+from cellcal.calibration.message import make_message
 
 _MOST_ROWS = 100  # more make a guess no better
 _NEAR_M = 1e-3  # a nominal arm is off by as much
@@ -31,8 +32,12 @@ def first_guess(model: RobotModel, observations: Observations) -> tuple[ArmState
     """
     if len(observations) < _FEWEST[observations.kind]:
         raise DegenerateDataError(
-            f"{len(observations)} usable rows cannot place the device and its target.",
-            remedy=f"Measure at least {_FEWEST[observations.kind]} postures, better 30.",
+            make_message(
+                "too few usable rows to place the device and its target: {rows}.", rows=len(observations)
+            ),
+            remedy=make_message(
+                "Measure at least {fewest} postures, better 30.", fewest=_FEWEST[observations.kind]
+            ),
         )
     count = int(observations.mounting.max()) + 1
     observations = observations.select_rows(

@@ -57,6 +57,7 @@ from cellcal.calibration.identification.selection import (
 )
 from cellcal.calibration.identification.series_breaks import SeriesBreak
 from cellcal.calibration.identification.work_parts import SERIAL, PartRunner
+from cellcal.calibration.message import make_message
 
 _FEWEST_ROWS = {"length": 12, "point": 8, "pose": 6}
 _ENDLESS = 1e9  # degrees of freedom
@@ -244,23 +245,33 @@ def _check_options(
     if options.level is not None and options.level not in LEVELS:
         names = ", ".join(f"{level} {LEVEL_NAMES[level]}" for level in LEVELS)
         raise CalibrationError(
-            f"there is no level {options.level}.", remedy=f"Levels are: {names}.", code="usage"
+            make_message("there is no level {level}.", level=options.level),
+            remedy=make_message("Levels are: {names}.", names=names),
+            code="usage",
         )
     layout = make_layout(model, observations.kind, 1, level=GEAR, terms=all_joint_terms(model))
     start = replace(options.start, free=normalise_words(options.start.free, layout.parameters))
     fewest = _fewest_rows(observations, start, layout.parameters)
     if len(observations) < fewest:
         raise DegenerateDataError(
-            f"{len(observations)} usable rows are too few to identify anything and to check it.",
-            remedy=f"Measure at least {fewest} postures, better 60.",
+            make_message(
+                "too few usable rows to identify anything and to check it: {rows}.", rows=len(observations)
+            ),
+            remedy=make_message("Measure at least {fewest} postures, better 60.", fewest=fewest),
         )
     needed = min(fewest, FEWEST_POSTURES)
     postures = count_postures(observations.joints_rad, needed)
     if postures < needed:
         raise DegenerateDataError(
-            f"{postures} postures in {len(observations)} usable rows are too few to identify anything and to check "
-            "it.",
-            remedy=f"Measure at least {fewest} postures, better 60; see that the joints change from row to row.",
+            make_message(
+                "too few postures to identify anything and to check it: {postures}, in {rows} usable rows.",
+                postures=postures,
+                rows=len(observations),
+            ),
+            remedy=make_message(
+                "Measure at least {fewest} postures, better 60; see that the joints change from row to row.",
+                fewest=fewest,
+            ),
         )
     return replace(options, start=start)
 

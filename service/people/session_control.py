@@ -3,6 +3,7 @@
 A stop needs no control, and letting the hold button go needs none. Control is free until the first order, and again
 when its holder signs out, is locked out by idling, or may no longer run anything. A request that the holder leaves
 unanswered for half a minute is granted when the page that made it asks again: one that left meanwhile gets nothing.
+A holder without an open page answers nothing: then it takes a few seconds, which a page that is reloaded needs.
 """
 
 import time
@@ -12,6 +13,7 @@ from dataclasses import dataclass, field
 from cellcal.service.people.errors import ElsewhereError
 
 REQUEST_GRANTED_S = 30.0
+HOLDER_GONE_GRANTED_S = 5.0  # where no page of the holder is open
 _REQUEST_VALID_S = 15.0  # beyond that the request has expired
 
 
@@ -25,9 +27,10 @@ class SessionHolder:
 
 @dataclass
 class SessionControl:
-    """The seat in control, and the one that asks for it. ``is_in_charge``: a seat may still order."""
+    """The seat in control, and the one that asks for it. ``has_open_page``: a seat still looks on."""
 
     clock: Callable[[], float] = time.monotonic
+    has_open_page: Callable[[str], bool] = lambda _: True
     asked_s: float = REQUEST_GRANTED_S
     _holder: SessionHolder | None = field(init=False, default=None)
     _asking: tuple[SessionHolder, float] | None = field(init=False, default=None)  # and since when
@@ -112,4 +115,6 @@ class SessionControl:
 
     def _remaining_s(self) -> float:
         assert self._asking is not None
-        return self._asking[1] + self.asked_s - self.clock()
+        is_gone = self._holder is not None and not self.has_open_page(self._holder.id)
+        granted_s = min(self.asked_s, HOLDER_GONE_GRANTED_S) if is_gone else self.asked_s
+        return self._asking[1] + granted_s - self.clock()

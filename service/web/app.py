@@ -70,7 +70,7 @@ def create_app(settings: ServiceSettings) -> FastAPI:
         screens,
         authenticator,
         OrderAuthorizer(),
-        SessionControl(),
+        SessionControl(has_open_page=screens.has_page_of),
     )
 
     @asynccontextmanager

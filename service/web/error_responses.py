@@ -11,6 +11,7 @@ from cellcal.service.path_redaction import without_paths
 from cellcal.service.people.errors import PeopleError
 from cellcal.service.web.cell_client import CellProcessGoneError
 from cellcal.service.web.response_models import MessageJsonResponse
+from cellcal.service.web.waiting_clients import ClientGoneError
 
 
 class RefusalResponse(BaseModel):
@@ -45,7 +46,14 @@ def respond_to_error(_: Request, error: Exception) -> MessageJsonResponse:
     if isinstance(error, PeopleError):
         wait = {} if error.retry_after_s is None else {"retry-after": str(error.retry_after_s)}
         return MessageJsonResponse(body, status_code=error.status, headers=wait)
-    return MessageJsonResponse(body, status_code=503 if isinstance(error, CellProcessGoneError) else 422)
+    return MessageJsonResponse(body, status_code=_status_of(error))
+
+
+def _status_of(error: CellError) -> int:
+    if isinstance(error, CellProcessGoneError):
+        return 503
+    # as other servers log it: nobody reads this answer, and nothing was wrong with what was asked
+    return 499 if isinstance(error, ClientGoneError) else 422
 
 
 def not_understood(_: Request, error: Exception) -> MessageJsonResponse:

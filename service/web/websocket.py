@@ -104,6 +104,9 @@ async def serve_screen(socket: WebSocket) -> None:
                     await _handle_text(socket, shown, beats, text)
 
     await context.screens.serve_screen(shown, receive_messages)
+    if context.control.takeover_requester is not None:  # a holder without a page is waited for less long
+        for screen in context.screens.open_screens:
+            show_control(context, screen)
 
 
 async def _handle_text(socket: WebSocket, shown: OpenScreen, beats: HeartbeatNumbers, text: str) -> None:

@@ -80,6 +80,10 @@ class OpenScreens:
         """All that are open."""
         return tuple(self._open)
 
+    def has_page_of(self, session_id: str) -> bool:
+        """Whether a page of a session is open."""
+        return any(screen.session_id == session_id for screen in self._open)
+
     def close_session(self, session_id: str) -> None:
         """Let the screens of one session go: it has ended, and another may begin in the same browser."""
         for screen in self._open:

@@ -16,6 +16,7 @@ DECLARED = re.compile(
     rf"\b(?:const|let|function|snippet)\s+(?:[\[{{][^\]}}=]*\b)?({PARTICIPLES})\b|#({PARTICIPLES})\s*[=:(]"
     rf"|\(({PARTICIPLES})(?:: [^()]*)?\) =>"
 )
+STOP_BEHIND_A_TEXT = re.compile(r"(?<!\d)\}\.(?:</| \$?\{)")  # a number with its point is none
 
 
 def imported_files(text: str, folder: Path, known: frozenset[Path]) -> set[Path]:
@@ -73,3 +74,10 @@ def test_names_in_the_pages_are_no_bare_participles(file: Path) -> None:
 )
 def test_a_bare_participle_is_found(line: str) -> None:
     assert DECLARED.search(line)
+
+
+def test_no_page_ends_a_text_with_the_stop_of_one_language() -> None:
+    """Chinese has a stop of its own: `sayings.stopped` and `sayings.joined` know it."""
+    assert STOP_BEHIND_A_TEXT.search("<strong>{t(title)}.</strong>")
+    assert STOP_BEHIND_A_TEXT.search("`${title}. ${description}`")
+    assert not [file.name for file, text in page_sources().items() if STOP_BEHIND_A_TEXT.search(text)]

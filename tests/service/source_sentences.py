@@ -16,7 +16,7 @@ ROOT = Path(__file__).parents[2]
 SENTENCE = re.compile(r"(?<=[.?!])\s+")  # as in web/src/lib/say.svelte.ts
 # Names of arguments, constants, fields and functions whose texts are read by people.
 _BY_NAME = """
-    access_rule advice after descriptions attitude_forms alarm_text alike_text amount any_amount
+    TASK access_rule advice after descriptions attitude_forms alarm_text alike_text amount any_amount
     any_increment assumed assumption_texts
     barred_computed barred_different barred_moved barred_reason barred_set beside_external called caller
     camera chain_flaw chain_flaws clean_text collision_text compare_mastering component_set computed

@@ -4,6 +4,8 @@ import json
 from pathlib import Path
 from typing import Any
 
+import pytest
+
 from cellcal.calibration.errors import CellError
 from cellcal.calibration.message import Message, find_message, make_message
 from cellcal.procedures.run_history import EventKind
@@ -11,6 +13,7 @@ from cellcal.service.cell_process.lines import LineWriter
 from cellcal.service.path_redaction import without_paths
 from cellcal.service.record.journal import Journal
 from cellcal.service.runs.journal_ledger import JournalLedger
+from cellcal.service.translation import Translations
 from cellcal.service.web.error_responses import respond_to_error
 from cellcal.service.web.websocket_hub import encode_message
 
@@ -69,3 +72,12 @@ def test_a_text_without_a_path_stays_the_message_that_it_is() -> None:
     found = without_paths(text_about("e.csv", 0.5))
     assert isinstance(found, Message)
     assert find_message("e.csv gives 0.50 of 3 m.") == found
+
+
+@pytest.mark.parametrize(("template", "chinese"), [("{why}.", "{0}。"), ("{why}; {then}.", "{0}\uff1b{1}。")])
+def test_chinese_sentences_that_are_only_filled_in_end_with_its_own_stop(template: str, chinese: str) -> None:
+    table = {"the wire is slack": "拉线松弛", "the hook is off": "挂钩脱落"}
+    names = {"why": "the wire is slack", "then": "the hook is off"}
+    text = make_message(template, **{name: names[name] for name in names if f"{{{name}}}" in template})
+    assert Translations("zh", table).translate(text) == chinese.format(*table.values())
+    assert Translations("de", {key: key.upper() for key in table}).translate(text).endswith(".")

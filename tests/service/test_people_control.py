@@ -6,7 +6,12 @@ import pytest
 
 from cellcal.service.cell_process.hold_to_move import DEAD_MAN_S, HoldButton
 from cellcal.service.people.errors import ElsewhereError
-from cellcal.service.people.session_control import REQUEST_GRANTED_S, SessionControl, SessionHolder
+from cellcal.service.people.session_control import (
+    HOLDER_GONE_GRANTED_S,
+    REQUEST_GRANTED_S,
+    SessionControl,
+    SessionHolder,
+)
 from cellcal.service.web.websocket import HeartbeatNumbers
 from tests.service.service_client import ServiceClient, ServiceClock, another_browser, open_service_client
 
@@ -50,6 +55,22 @@ def test_an_unanswered_request_is_granted_to_a_requester_who_still_asks() -> Non
     control.drop_inactive(lambda _: True)
     assert control.to_json(EMIL.id)["asking"] is None
     control.request_control(EMIL)
+    assert control.current_holder == TINA
+
+
+def test_a_holder_without_an_open_page_is_waited_for_only_as_long_as_a_reload_takes() -> None:
+    clock, open_pages = ServiceClock(), {TOM.id, TINA.id}
+    control = SessionControl(clock, has_open_page=open_pages.__contains__)
+    control.take_control(TOM)
+    open_pages.discard(TOM.id)  # the tablet fell, or its browser was closed
+    control.request_control(TINA)
+    assert control.to_json(TINA.id)["remaining_s"] == HOLDER_GONE_GRANTED_S
+    clock.pass_by(HOLDER_GONE_GRANTED_S - 1.0)
+    open_pages.add(TOM.id)  # it was a reload: Tom may answer for as long as ever
+    assert control.to_json(TINA.id)["remaining_s"] == REQUEST_GRANTED_S - HOLDER_GONE_GRANTED_S + 1.0
+    open_pages.discard(TOM.id)
+    clock.pass_by(1.0)
+    control.request_control(TINA)
     assert control.current_holder == TINA
 
 

@@ -13,6 +13,7 @@ from cellcal.calibration.documents.json_text import parse_json
 from cellcal.service.configuration.cell_file import CellConfig, read_cell_file
 from cellcal.service.demo.fake_cell import free_address, write_cell_file
 from cellcal.service.review.compute_client import ComputeClient, ComputeError
+from cellcal.service.web.error_responses import respond_to_error
 from cellcal.service.web.preview_worker import DRY_RUN, MODULE, make_handlers
 from cellcal.service.web.procedures import ProcedureLists
 from cellcal.service.web.waiting_clients import ClientGoneError, answer_while_awaited
@@ -59,8 +60,9 @@ async def test_planning_ends_when_the_client_leaves(config: CellConfig) -> None:
             answer_while_awaited(request_of(left), planner.ask_worker(DRY_RUN, **LONG))
         )
         left.set()
-        with pytest.raises(ClientGoneError):
+        with pytest.raises(ClientGoneError) as broken_off:
             await asked
+        assert respond_to_error(request_of(left), broken_off.value).status_code == 499  # no fault of the page
         assert working is not None
         assert working.returncode is not None
         assert (await planner.ask_worker(DRY_RUN, **QUICK))["procedure"] == "mastering_recovery"

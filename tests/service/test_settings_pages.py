@@ -81,6 +81,31 @@ async def test_all_settings_unfolded_are_fields_for_gloves_and_none_wants_json(
                 await hold_to_rules(page, entry.name)
 
 
+async def test_nothing_begins_while_a_field_shows_what_does_not_count(page_viewer: PageViewer) -> None:
+    """Its usual value would be used: not the 0.5 that the screen shows."""
+    async with page_viewer.open_page("#/procedure/six_point_tcp") as page:
+        await page.get_by_test_id("settings").wait_for()
+        await unfold_sections(page)
+        await fill_field(page, "value-tool_number", "1.5")
+        await expect(page.get_by_text("This is not a whole number.")).to_be_visible()
+        await fill_field(page, "value-tool_number", "1")
+        start, unread = page.get_by_test_id("start"), page.get_by_test_id("unread")
+        for field, typed in (("rms_limit_m", "0.5 mm"), ("rms_limit_m", "1e999"), ("min_move_m", "0.3")):
+            await expect(unread).to_have_count(0)
+            await fill_field(page, f"value-{field}", typed)
+            await expect(unread).to_contain_text("Not taken over yet")
+            await expect(start).to_be_disabled()
+            await fill_field(page, f"value-{field}", "")
+        await expect(unread).to_have_count(0)
+        await go_to_page(page, "#/procedure/mastering_recovery")
+        await page.get_by_test_id("settings").wait_for()
+        await unfold_sections(page)
+        await page.get_by_test_id("alarms.battery-add").click()  # a line that is left empty
+        await expect(unread).to_contain_text("Not taken over yet")
+        await page.get_by_test_id("alarms.battery-remove-1").click()
+        await expect(unread).to_have_count(0)
+
+
 async def test_what_has_parts_is_filled_in_part_by_part(page_viewer: PageViewer) -> None:
     async with page_viewer.open_page("#/procedure/mastering_recovery", locale="de") as page:
         await page.get_by_test_id("settings").wait_for()

@@ -14,7 +14,14 @@ import pytest
 import pytest_asyncio
 from playwright.async_api import Page, expect
 
-from tests.service.browser_pages import hold_to_rules_in_languages, wait_for_value
+from tests.service.browser_pages import (
+    CHOOSE,
+    at_rest,
+    hold_to_rules_in_languages,
+    layout_faults,
+    wait_for_language,
+    wait_for_value,
+)
 from tests.service.step_page_actions import (
     TIP_IN_FLANGE_M,
     FakePendant,
@@ -69,10 +76,22 @@ async def _save_screenshots(page: Page, folder: Path, name: str) -> None:
     for width, height in ((1280, 800), (800, 1280)):
         await page.set_viewport_size({"width": width, "height": height})
         await page.screenshot(path=folder / f"{name}_{width}.png")
+    await _fits_a_telephone(page, name)
     await page.set_viewport_size({"width": 1280, "height": 800})
     await hold_to_rules_in_languages(page, name)
     if name in STEPS:
         await _tells_one_thing(page)
+
+
+async def _fits_a_telephone(page: Page, name: str) -> None:
+    """See that nothing is wider than a telephone in German, whose words are the longest."""
+    await page.set_viewport_size({"width": 390, "height": 844})
+    choice = page.get_by_test_id("language")
+    for locale in ("de", "en"):
+        await page.evaluate(CHOOSE, [await choice.element_handle(), locale])
+        await wait_for_language(page, locale)
+        await at_rest(page)
+        assert not await layout_faults(page), (name, locale)
 
 
 async def _tells_one_thing(page: Page) -> None:

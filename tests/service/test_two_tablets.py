@@ -88,6 +88,29 @@ async def test_one_orders_the_other_sees_and_takes_over(tablets: TabletsAtCell) 
     await expect_enabled(tina, "yes", be_pressed=False)
 
 
+async def test_a_tablet_takes_over_from_one_that_is_gone_while_a_question_waits(
+    tablets: TabletsAtCell,
+) -> None:
+    await tablets.first_question()
+    tina, gone = tablets.tina, await tablets.tom.context.new_page()
+    await tablets.tom.goto(f"http://127.0.0.1:{tablets.port}/icon.svg")  # no page of the app
+    await gone.goto(f"http://127.0.0.1:{tablets.port}/")
+    await gone.get_by_test_id("yes").click()  # Tom has control
+    await expect(tina.get_by_test_id("controlled-by")).to_contain_text("Tom")
+    await gone.close()  # the battery of the only tablet with his session is empty
+    control = tablets.app.state.context.control
+    await wait_for_value(lambda: _has_no_page(control))
+    await tina.get_by_test_id("take-over").click()
+    await expect_enabled(tina, "yes")  # long before the hour that an answer is waited for in these tests
+    assert control.current_holder.name == "Tina"
+    await tablets.tom.goto(f"http://127.0.0.1:{tablets.silent_link.port}/")
+    await expect(tablets.tom.get_by_test_id("controlled-by")).to_contain_text("Tina")
+
+
+async def _has_no_page(control: Any) -> bool:
+    return not control.has_open_page(control.current_holder.id)
+
+
 async def test_a_double_tap_answers_one_question(tablets: TabletsAtCell) -> None:
     first = await tablets.first_question()
     page = tablets.tina

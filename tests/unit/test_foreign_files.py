@@ -386,7 +386,7 @@ def test_rows_of_one_posture_are_refused(tmp_path, capsys):
     )
     code, _, message = identify_file_as(path, capsys)
     assert code == ExitCode.REFUSED
-    assert "1 postures in 30 usable rows are too few" in message
+    assert "too few postures to identify anything and to check it: 1, in 30 usable rows" in message
 
 
 @pytest.mark.parametrize("postures", [1, 4])
@@ -399,7 +399,7 @@ def test_few_postures_whose_encoders_flicker_are_refused(postures, tmp_path, cap
     )
     code, _, message = identify_file_as(path, capsys)
     assert code == ExitCode.REFUSED
-    assert f"{postures} postures in 40 usable rows are too few" in message
+    assert f"to check it: {postures}, in 40 usable rows" in message
 
 
 def test_a_file_with_five_of_six_joints_is_no_list_of_points(tmp_path, capsys):

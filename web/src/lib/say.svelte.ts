@@ -16,6 +16,7 @@ const KINDS = ["procedures", "settings", "refusals"];
 const SENTENCED = /\p{Ll} \p{Ll}/u; // a name is no reason to fetch what refusals say
 const SENTENCE = /(?<=[.?!])\s+/;
 const STOPPED = /[.。?？!！]$/;
+const BEGINNING = /^\p{Ll}(?!\S*[._\d]\S)/u; // of a sentence; a file's name stays as it is
 const WORD = /\p{L}{2}/u; // a name like "x" is the same everywhere
 const UNITS = ["", "%", "mm", "m", "deg", "rad"];
 const LEAD = /^(?:\{\w+\}\s*)+/; // of a template: what is filled in before its first word
@@ -59,6 +60,12 @@ class Sayings {
   get gap(): string {
     return language.locale === "zh" ? "" : " ";
   }
+
+  /** A text of the page with the full stop of its language; what has one, or another mark, keeps it. */
+  stopped = (text: string): string => text + (STOPPED.test(text) ? "" : language.locale === "zh" ? "。" : ".");
+
+  /** Sentences one after the other, each with its stop. */
+  joined = (...texts: string[]): string => texts.map(this.stopped).join(this.gap);
 
   /** The same, sentence by sentence. */
   parts = (text: string): Spoken[] =>
@@ -145,7 +152,7 @@ class Sayings {
   #found(template: string): string | null {
     const translation = this.#table[template.trim()];
     if (translation !== undefined) return translation;
-    if (isPunctuation(template)) return language.locale === "zh" ? template.replaceAll("; ", "；") : template;
+    if (isPunctuation(template)) return language.locale === "zh" ? template.replaceAll("; ", "；").replace(/\}\.$/, "}。") : template;
     const lead = LEAD.exec(template)?.[0] ?? "";
     const rest = lead === "" ? undefined : this.#table[template.slice(lead.length)];
     return rest === undefined ? null : `${lead.trim()} ${rest}`;
@@ -180,7 +187,7 @@ class Sayings {
 
 function wholeSentence({ text, english }: Spoken): string {
   const stop = language.locale === "zh" && !english ? "。" : ".";
-  return text.replace(/^\p{Ll}/u, (letter) => letter.toUpperCase()) + (STOPPED.test(text) ? "" : stop);
+  return text.replace(BEGINNING, (letter) => letter.toUpperCase()) + (STOPPED.test(text) ? "" : stop);
 }
 
 /** A translation with the space before the English text, which may be the end of another. */
