@@ -118,7 +118,9 @@ async def test_another_robots_stop_and_loss_are_on_every_page_and_the_watch_is_n
             await expect(page.get_by_test_id("yes")).to_be_visible()
             process_double.tell_live()
             await expect(page.get_by_test_id("other-ur")).to_be_visible()
-            await expect(page.get_by_test_id("gauge")).to_have_count(0)  # another robot's joints are no reading
+            await expect(page.get_by_test_id("gauge")).to_have_count(
+                0
+            )  # another robot's joints are no reading
             await hold_to_rules(page, locale)
 
 
