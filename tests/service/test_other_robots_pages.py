@@ -107,10 +107,6 @@ async def test_another_robots_stop_and_loss_are_on_every_page_and_the_watch_is_n
             await expect(page.get_by_test_id("loss")).to_contain_text(SAID[locale][1])
             await expect(page.get_by_test_id("loss")).to_contain_text(LOST[locale])
             await hold_to_rules(page, locale)
-        await go_to_page(page, "#/")
-        process_double.tell_live()
-        await expect(page.get_by_test_id("view3d")).to_be_attached()
-        await expect(page.get_by_test_id("gauge")).to_have_count(0)  # another robot's joints are no reading
         await page.get_by_test_id("loss").get_by_role("button").click()
         await tablet_service.wait_until(lambda _: process_double.selected == "fanuc")
         for locale in locales_for("a loss"):
@@ -120,6 +116,11 @@ async def test_another_robots_stop_and_loss_are_on_every_page_and_the_watch_is_n
             await page.get_by_test_id("alone").get_by_role("link").click()
             await expect(page.get_by_test_id("run-who")).to_contain_text(SAID[locale][2])
             await expect(page.get_by_test_id("yes")).to_be_visible()
+            process_double.tell_live()
+            await expect(page.get_by_test_id("other-ur")).to_be_visible()
+            await expect(page.get_by_test_id("gauge")).to_have_count(
+                0
+            )  # another robot's joints are no reading
             await hold_to_rules(page, locale)
 
 
