@@ -15,20 +15,20 @@ INCH_M = 0.0254
 
 def rows_of(robot, seed):
     simulated = tracker_points(robot, 40, seed=seed)
-    seen = simulated.observations
-    once = np.zeros(len(seen), dtype=np.intp)
+    measured = simulated.observations
+    once = np.zeros(len(measured), dtype=np.intp)
     return simulated.model, PointObservations(
-        seen.joints_rad, seen.positions_m + np.array([1.5, -2.0, 0.3]), seen.sigma_m, once
+        measured.joints_rad, measured.positions_m + np.array([1.5, -2.0, 0.3]), measured.sigma_m, once
     )
 
 
-def changed(seen, rows, *, joints=1.0, places=1.0):
-    scaled = np.isin(np.arange(len(seen)), rows)[:, None]
+def changed(measured, rows, *, joints=1.0, places=1.0):
+    scaled = np.isin(np.arange(len(measured)), rows)[:, None]
     return PointObservations(
-        np.where(scaled, seen.joints_rad * joints, seen.joints_rad),
-        np.where(scaled, seen.positions_m * places, seen.positions_m),
-        seen.sigma_m,
-        seen.mounting,
+        np.where(scaled, measured.joints_rad * joints, measured.joints_rad),
+        np.where(scaled, measured.positions_m * places, measured.positions_m),
+        measured.sigma_m,
+        measured.mounting,
     )
 
 
@@ -54,18 +54,18 @@ CASES = {
 @pytest.mark.parametrize("case", CASES)
 def test_the_other_unit_of_a_part_is_named(robot, case):
     rows, wrong, what, words = CASES[case]
-    model, seen = rows_of(robot, 1)
+    model, measured = rows_of(robot, 1)
     with pytest.raises(MisfitError, match=words) as refused:
-        refuse_misfit(model, changed(seen, list(rows), **wrong), search_models=False)
+        refuse_misfit(model, changed(measured, list(rows), **wrong), search_models=False)
     assert what in refused.value.message
     assert refused.value.causes[0].kinds == ("mixed",)
 
 
 def test_sound_rows_pass_and_strange_ones_are_not_called_mixed():
-    model, seen = rows_of("ur10", 5)
-    refuse_misfit(model, seen)
-    order = np.random.default_rng(3).permutation(len(seen))
-    shuffled = replace(seen, positions_m=seen.positions_m[order])
+    model, measured = rows_of("ur10", 5)
+    refuse_misfit(model, measured)
+    order = np.random.default_rng(3).permutation(len(measured))
+    shuffled = replace(measured, positions_m=measured.positions_m[order])
     with pytest.raises(MisfitError) as refused:
         refuse_misfit(model, changed(shuffled, list(range(20, 40)), places=1e-3), search_models=False)
     assert ("mixed",) not in [cause.kinds for cause in refused.value.causes]
