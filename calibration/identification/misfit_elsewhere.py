@@ -8,6 +8,7 @@ import numpy as np
 from cellcal.calibration.arm.kinematics import RobotModel
 from cellcal.calibration.geometry import Array, inverse_transform
 from cellcal.calibration.identification.misfit_error import MisfitCause, MisfitScore
+from cellcal.calibration.identification.misfit_mixed_units import mixed_units
 from cellcal.calibration.identification.observations import Observations, PointObservations
 from cellcal.calibration.identification.quick_fit import point_residuals, trimmed_point_scores
 from cellcal.calibration.message import make_message
@@ -38,6 +39,7 @@ def outer_causes(
     if not isinstance(some, PointObservations) or not np.isfinite(limit_m):
         return ()
     found = [
+        *mixed_units(model, some, fit, limit_m),
         *_seen_from_flange(model, some, limit_m),
         *(
             cause

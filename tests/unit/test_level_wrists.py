@@ -96,11 +96,11 @@ def test_a_robot_of_another_kind_is_not_taken_for_a_mistyped_arm(name, words):
 
 
 @pytest.mark.parametrize(
-    ("words", "said"), [("delta", "parallel robot"), ("m410", "level"), ("kr 180 pa", "level")]
+    ("words", "expected"), [("delta", "parallel robot"), ("m410", "level"), ("kr 180 pa", "level")]
 )
-def test_searching_for_a_robot_of_another_kind_says_so(words, said, capsys):
+def test_searching_for_a_robot_of_another_kind_says_so(words, expected, capsys):
     assert run_command_line(["models", *words.split()]) != 0
-    assert said in capsys.readouterr().err
+    assert expected in capsys.readouterr().err
 
 
 def test_a_longer_number_beside_a_robot_of_another_kind_is_still_listed(capsys):
