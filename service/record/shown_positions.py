@@ -51,19 +51,19 @@ class KeptPositions:
             _LOG.warning("the position kept of %s cannot be read and is ignored: %s", robot, error)
             return None
 
-    def save(self, kept: KeptPosition) -> None:
+    def save(self, baseline: KeptPosition) -> None:
         """Replace the file so that a crash leaves the old or the new one, never half of it."""
         make_private_folder(self._dir)
-        values = [[name, axis, value] for (name, axis), value in kept.values.items()]
+        values = [[name, axis, value] for (name, axis), value in baseline.values.items()]
         document = {
-            "robot": kept.robot,
-            "serial": kept.serial,
+            "robot": baseline.robot,
+            "serial": baseline.serial,
             "values": values,
-            "marks": list(kept.marks),
-            "record_sha256": kept.record_sha256,
-            "seen_utc": kept.seen_utc,
+            "marks": list(baseline.marks),
+            "record_sha256": baseline.record_sha256,
+            "seen_utc": baseline.seen_utc,
         }
-        replace_file(self._path_of(kept.robot), json.dumps(document))
+        replace_file(self._path_of(baseline.robot), json.dumps(document))
 
     def _path_of(self, robot: str) -> Path:
         return self._dir / f"shown_position_{robot}.json"

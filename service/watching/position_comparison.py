@@ -85,32 +85,36 @@ class PositionComparison:
             The controller does not answer.
         """
         record = self._newest()
-        kept = self._memory.load(robot.name)
-        if kept is not None and not _is_valid(kept, self._serial, record):
-            kept = None
+        baseline = self._memory.load(robot.name)
+        if baseline is not None and not _is_valid(baseline, self._serial, record):
+            baseline = None
         shown = await cast(TellsPositionData, robot).position_data()
-        history = await _history_of(robot, () if kept is None else kept.marks)
+        history = await _history_of(robot, () if baseline is None else baseline.marks)
         present, before = _zero_data(shown), {} if record is None else _zero_data(record.shown)
-        before |= {} if kept is None else kept.values
-        trouble = None if accept else _find_trouble(before, present, history, kept)
-        gap = "" if kept is None or history.is_whole else _describe_gap(kept)
+        before |= {} if baseline is None else baseline.values
+        trouble = None if accept else _find_trouble(before, present, history, baseline)
+        gap = "" if baseline is None or history.is_whole else _describe_gap(baseline)
         absent = sorted({name for name, axis in before if (name, axis) not in present})
         if absent:
             unseen = make_message("not shown this time, and not compared: {names}.", names=", ".join(absent))
             gap = join_messages(" ", filter(None, (gap, unseen)))
         if trouble is None:
-            marks = history.marks or (() if kept is None else kept.marks)
+            marks = history.marks or (() if baseline is None else baseline.marks)
             sha256 = (
-                record.measured.sha256 if record is not None else "" if kept is None else kept.record_sha256
+                record.measured.sha256
+                if record is not None
+                else ""
+                if baseline is None
+                else baseline.record_sha256
             )
             self._keep(KeptPosition(robot.name, self._serial, {**before, **present}, marks, sha256, ""))
-        return PositionLook(_compared_with(record, kept, has_data=bool(before)), trouble, gap)
+        return PositionLook(_compared_with(record, baseline, has_data=bool(before)), trouble, gap)
 
-    def _keep(self, kept: KeptPosition) -> None:
+    def _keep(self, baseline: KeptPosition) -> None:
         try:
-            self._memory.save(replace(kept, seen_utc=datetime.now(UTC).isoformat()))
+            self._memory.save(replace(baseline, seen_utc=datetime.now(UTC).isoformat()))
         except OSError as error:  # the eyes on the robot matter more than the disk
-            self._warn(f"{kept.robot}: what it shows cannot be kept: {error.strerror or error}.")
+            self._warn(f"{baseline.robot}: what it shows cannot be kept: {error.strerror or error}.")
 
 
 def journalled_position(config: CellConfig, serial: str) -> Callable[[], ArmPositionRecord | None]:
@@ -129,16 +133,16 @@ def journalled_position(config: CellConfig, serial: str) -> Callable[[], ArmPosi
     return read_journal
 
 
-def _is_valid(kept: KeptPosition, serial: str, record: ArmPositionRecord | None) -> bool:
+def _is_valid(baseline: KeptPosition, serial: str, record: ArmPositionRecord | None) -> bool:
     """Tell whether what was kept is of this robot, and no record was taken since that tells what is right."""
-    return kept.serial == serial and (record is None or kept.record_sha256 == record.measured.sha256)
+    return baseline.serial == serial and (record is None or baseline.record_sha256 == record.measured.sha256)
 
 
-def _compared_with(record: ArmPositionRecord | None, kept: KeptPosition | None, *, has_data: bool) -> str:
-    if kept is not None and not has_data:
-        return make_message("the look of {seen_utc}, by its log alone", seen_utc=kept.seen_utc[:16])
-    if kept is not None:
-        return make_message("the look of {seen_utc}", seen_utc=kept.seen_utc[:16])
+def _compared_with(record: ArmPositionRecord | None, baseline: KeptPosition | None, *, has_data: bool) -> str:
+    if baseline is not None and not has_data:
+        return make_message("the look of {seen_utc}, by its log alone", seen_utc=baseline.seen_utc[:16])
+    if baseline is not None:
+        return make_message("the look of {seen_utc}", seen_utc=baseline.seen_utc[:16])
     return "" if record is None else "the position record"
 
 
@@ -152,24 +156,24 @@ async def _history_of(robot: Robot, since: tuple[str, ...]) -> PositionHistory:
 
 
 def _zero_data(shown: tuple[ShownValue, ...]) -> dict[Datum, str]:
-    kept = (each for each in shown if each.is_constant or each.is_zero or each.is_set)
-    return {(each.name, each.axis): each.value for each in kept}
+    data = (each for each in shown if each.is_constant or each.is_zero or each.is_set)
+    return {(each.name, each.axis): each.value for each in data}
 
 
 def _find_trouble(
     before: Mapping[Datum, str],
     present: Mapping[Datum, str],
     history: PositionHistory,
-    kept: KeptPosition | None,
+    baseline: KeptPosition | None,
 ) -> Trouble | None:
     changed = [key for key in before if key in present and not _is_same(before[key], present[key])]
     if changed:
         return _describe_change(changed, before, present), old_backup()
     lost = tuple(alarm for alarm in history.alarms if alarm.kind is AlarmKind.TURNS)
-    if kept is None or not lost:
+    if baseline is None or not lost:
         return None
     axes = sorted({alarm.axis + 1 for alarm in lost if alarm.axis is not None})
-    return _describe_return(lost, kept), suspect_return(tuple(axes))
+    return _describe_return(lost, baseline), suspect_return(tuple(axes))
 
 
 def _is_same(before: str, now: str) -> bool:
@@ -189,17 +193,17 @@ def _describe_change(changed: list[Datum], before: Mapping[Datum, str], now: Map
                         axes="; ".join(texts))  # fmt: skip
 
 
-def _describe_return(lost: tuple[Alarm, ...], kept: KeptPosition) -> str:
+def _describe_return(lost: tuple[Alarm, ...], baseline: KeptPosition) -> str:
     return make_message(
         "since the look of {seen_utc} the controller logged {events}, and shows nothing of it any more",
-        seen_utc=kept.seen_utc[:16],
+        seen_utc=baseline.seen_utc[:16],
         events="; ".join(f"{alarm.code} {alarm.text}" for alarm in lost),
     )
 
 
-def _describe_gap(kept: KeptPosition) -> str:
+def _describe_gap(baseline: KeptPosition) -> str:
     return make_message(
         "the controller's log does not reach back to the look of {seen_utc}: whether its position was lost since is "
         "not known.",
-        seen_utc=kept.seen_utc[:16],
+        seen_utc=baseline.seen_utc[:16],
     )
