@@ -119,10 +119,10 @@ def _is_enough(key: _Key, table: MeasurementTable, other: MeasurementTable) -> b
 
 
 def _join(table: MeasurementTable, other: MeasurementTable, key: _Key) -> MeasurementTable:
-    kept = [at for at in range(len(other.names)) if at != key.columns[1]]
+    other_columns = [at for at in range(len(other.names)) if at != key.columns[1]]
     rows, others = ([pair[side] for pair in key.pairs] for side in (0, 1))
     width = len(table.names)
-    place = {at: width + new for new, at in enumerate(kept)}
+    place = {at: width + new for new, at in enumerate(other_columns)}
     texts = {
         (new, at): text
         for new, row in enumerate(rows)
@@ -132,12 +132,12 @@ def _join(table: MeasurementTable, other: MeasurementTable, key: _Key) -> Measur
     texts |= {
         (new, place[at]): text
         for new, row in enumerate(others)
-        for at in kept
+        for at in other_columns
         if (text := other.texts.get((row, at)))
     }
     return MeasurementTable(
-        names=_names_apart(table, other, kept),
-        numbers=np.hstack([table.numbers[rows], other.numbers[others][:, kept]]),
+        names=_names_apart(table, other, other_columns),
+        numbers=np.hstack([table.numbers[rows], other.numbers[others][:, other_columns]]),
         texts=texts,
         lines=table.lines[rows],
         dialect=_dialect(table, other, key),
@@ -149,9 +149,11 @@ def _join(table: MeasurementTable, other: MeasurementTable, key: _Key) -> Measur
     )
 
 
-def _names_apart(table: MeasurementTable, other: MeasurementTable, kept: Sequence[int]) -> tuple[str, ...]:
+def _names_apart(
+    table: MeasurementTable, other: MeasurementTable, other_columns: Sequence[int]
+) -> tuple[str, ...]:
     """Return the names of all columns; those that both sheets have begin with the sheet's."""
-    behind = [other.names[at] for at in kept]
+    behind = [other.names[at] for at in other_columns]
     both = {plain_name(name) for name in table.names} & {plain_name(name) for name in behind}
     return tuple(
         f"{sheet} {name}" if plain_name(name) in both else name

@@ -17,8 +17,8 @@ def lists_above(programs: Sequence[Path]) -> dict[Path, str]:
         for suffix, folder in sorted({(path.suffix.lower(), path.parent) for path in programs})
         for brand, suffixes in SUFFIXES.items()
         if suffix in suffixes
-        for wanted in brand_named(brand).beside
-        if (place := above.find_list(folder, wanted)) is not None
+        for list_path in brand_named(brand).beside
+        if (place := above.find_list(folder, list_path)) is not None
     }
 
 
@@ -30,12 +30,12 @@ class _FoldersAbove:
         default_factory=dict
     )  # by folder: what is there, in small letters
 
-    def find_list(self, folder: Path, wanted: PurePath) -> Path | None:
+    def find_list(self, folder: Path, list_path: PurePath) -> Path | None:
         above = [folder, *folder.parents]
         above += [] if folder.is_absolute() else [Path(*[".."] * depth) for depth in range(1, _MOST)]
         for each in above[:_MOST]:
             place: Path | None = each
-            for part in wanted.parts:
+            for part in list_path.parts:
                 place = None if place is None else self._names_in(place).get(part.casefold())
             if place is not None:
                 return place
