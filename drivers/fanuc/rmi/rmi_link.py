@@ -130,7 +130,7 @@ class RmiLink:
 
     @asynccontextmanager
     async def confirmed_answers(self) -> AsyncIterator[None]:
-        """Check that what is told inside is told in answer to what is asked: nothing of it counts where this raises.
+        """Check that the answers read inside belong to their questions: nothing of it counts where this raises.
 
         Raises
         ------
