@@ -323,7 +323,7 @@ def test_what_is_missing_of_a_measurement_is_said(tmp_path: Path, names: list[st
     assert says in refused.value.remedy
 
 
-def test_joints_and_readings_on_two_sheets_are_told(tmp_path: Path) -> None:
+def test_sheets_whose_rows_nothing_pairs_are_named(tmp_path: Path) -> None:
     book = openpyxl.Workbook()
     joints, measured = book.active, book.create_sheet("Measured")
     assert joints is not None
@@ -331,7 +331,7 @@ def test_joints_and_readings_on_two_sheets_are_told(tmp_path: Path) -> None:
     for sheet, names, rows in ((joints, HEADING[:6], DEG), (measured, HEADING[6:], MM)):
         sheet.append(["Point", *names])
         for at, row in enumerate(rows, 1):
-            sheet.append([f"P{at}", *row.tolist()])
+            sheet.append([f"{sheet.title} {at}", *row.tolist()])
     book.save(tmp_path / "rows.xlsx")
     with pytest.raises(MeasurementError, match="sheet 'Joints': no measurement") as refused:
         read_measurements(tmp_path / "rows.xlsx", MODEL)
