@@ -6,7 +6,7 @@ import os
 import signal
 import threading
 from collections.abc import AsyncIterator, Callable, Iterator
-from contextlib import asynccontextmanager
+from contextlib import asynccontextmanager, suppress
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -106,7 +106,8 @@ async def test_a_solver_that_dies_says_how_and_the_next_question_has_an_answer(t
             asking = asyncio.create_task(solver.ask_worker("review", run_id="none", config={}))
             await poll_until(solver._turn.locked)
             os.kill(process.pid, number)
-            os.kill(process.pid, signal.SIGCONT)
+            with suppress(ProcessLookupError):  # SIGKILL ends a stopped process, too
+                os.kill(process.pid, signal.SIGCONT)
             with pytest.raises(SolverEndedError, match=f"signal {int(number)}"):
                 await asking
             assert SUPERVISOR.failure_counts()[COMPUTES] == before + 1

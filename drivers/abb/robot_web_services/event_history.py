@@ -13,6 +13,7 @@ from cellcal.drivers.interfaces import PositionHistory
 
 _MOST_PAGES = 40
 _EMPTY = "-"  # the mark of a log without entries
+_FIRST = 1  # number of a log's first entry; where it is gone, so may others be
 Entries = dict[int, Mapping[str, Any]]  # by their numbers
 
 
@@ -29,14 +30,25 @@ async def read_position_history(link: WebLink, since: tuple[str, ...]) -> Positi
     newest = await _read_entries(link, order="lifo")
     last = max(newest, default=0)
     marks = (_mark_of(last, newest[last]) if newest else _EMPTY,)
-    if not since or since == (_EMPTY,):
-        later = [] if not since else list(newest.values())
-        return PositionHistory(position_alarms(later), marks, is_whole=True)
-    number = _number_of(since[0])
-    found = newest if number is None or number > last else newest | await _read_from(link, number, last)
-    is_whole = number in found and _mark_of(number, found[number]) == since[0]
+    if not since:
+        return PositionHistory((), marks, is_whole=True)
+    number = 0 if since[0] == _EMPTY else _number_of(since[0])
+    if number is None or number > last:
+        found, is_whole = newest, False
+    else:
+        earlier = await _read_from(link, number, last)
+        found = newest | earlier
+        is_joined = max(earlier, default=0) >= min(newest, default=0)
+        is_whole = is_joined and _begins_at(since[0], number, found)
     later = [entry for n, entry in found.items() if not is_whole or n > (number or 0)]
     return PositionHistory(position_alarms(later), marks, is_whole)
+
+
+def _begins_at(mark: str, number: int, found: Entries) -> bool:
+    """Tell whether entries reach back to a mark: of a log without entries to the first one that it got."""
+    if mark == _EMPTY:
+        return min(found, default=0) <= _FIRST
+    return number in found and _mark_of(number, found[number]) == mark
 
 
 async def _read_from(link: WebLink, number: int, last: int) -> Entries:
