@@ -25,6 +25,7 @@ from cellcal.calibration.motion.motion_quantities import (
 )
 from cellcal.calibration.motion.position_uncertainty import PositionUncertainty
 
+_MOST_SLIDE_MARGIN_M = 0.005  # of a joint that slides: a quill travels 0.1 to 0.3 m
 _HOPELESS_RAD = 1.0  # beyond a joint's limit
 _RATE_SAMPLE_RAD = 0.02  # paths are looked at this densely; more so where collisions are checked
 
@@ -300,8 +301,22 @@ def _posture_excesses(
 
 
 def _joint_limits(model: RobotModel, joints: Array, limits: MotionLimits) -> LimitExcess:
+    return joint_limit_excess(model, joints, _joint_margins(model, limits))
+
+
+def _joint_margins(model: RobotModel, limits: MotionLimits) -> Array:
+    """Return the distance that each joint keeps from its limits (n,) [rad, m]."""
     uncertainty = np.array(limits.mastering_uncertainty_rad or (0.0,) * model.axis_count)
-    return joint_limit_excess(model, joints, limits.joint_margin_rad + uncertainty)
+    margins = np.full(model.axis_count, limits.joint_margin_rad)
+    if model.sliding is not None:
+        margins[model.sliding] = min(limits.joint_margin_rad, _MOST_SLIDE_MARGIN_M)
+    return margins + uncertainty
+
+
+def narrow_joints(model: RobotModel, limits: MotionLimits) -> tuple[int, ...]:
+    """Return the joints (from 0) whose range is within the margins at its two ends: no posture keeps them."""
+    within = model.upper_rad - model.lower_rad <= 2.0 * _joint_margins(model, limits)
+    return tuple(np.flatnonzero(within).tolist())
 
 
 def _joint_speed(model: RobotModel, limits: MotionLimits, speed_rad_s: float) -> list[MotionFinding]:

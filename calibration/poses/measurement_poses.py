@@ -12,7 +12,7 @@ from cellcal.calibration.errors import DegenerateDataError
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.mastering.pose_design import candidate_joints
 from cellcal.calibration.message import make_message
-from cellcal.calibration.motion.motion_check import MotionLimits
+from cellcal.calibration.motion.motion_check import MotionLimits, narrow_joints
 from cellcal.calibration.poses.measurement_prediction import (
     LEARNT_SHARE,
     AccuracyPrediction,
@@ -60,6 +60,16 @@ def measurable_postures(
     """
     drawn = candidate_joints(model, limits, 2 * count, seed=seed, hook_in_flange_m=tip_in_flange_m)
     if not len(drawn):
+        if narrow := narrow_joints(model, limits):
+            raise DegenerateDataError(
+                make_message(
+                    "{model_name}: the range of {joints} is smaller than the distance to keep from both its ends.",
+                    model_name=model.name,
+                    joints=", ".join(model.joint_names[joint] for joint in narrow),
+                ),
+                remedy="Correct its limits in the robot's description, or describe a joint that does not move as "
+                "fixed.",
+            )
         raise DegenerateDataError(
             make_message("{model_name}: no posture keeps the limits.", model_name=model.name),
             remedy="Check joint limits, workspace box and the wire's range against the place of its anchor.",

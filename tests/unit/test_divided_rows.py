@@ -202,3 +202,12 @@ def test_a_document_that_is_no_table_is_said(tmp_path: Path, text: str) -> None:
     file.write_text(text, encoding="utf-8")
     with pytest.raises(MeasurementError, match="JSON or XML"):
         read_measurements(file, tracker_points(ROBOT, 8).model)
+
+
+@pytest.mark.parametrize("text", ["{E6AXIS: A1 10.0,A2 -90.0,A3 90.0};1000.0;0;0", "{X 1.0,Y 2.0,Z 3.0}"])
+def test_rows_of_krl_are_named_as_such(tmp_path: Path, text: str) -> None:
+    file = tmp_path / "m.csv"
+    file.write_text("\n".join([text] * 3), encoding="utf-8")
+    with pytest.raises(MeasurementError, match="KRL text") as refused:
+        read_measurements(file, tracker_points(ROBOT, 8).model)
+    assert "without braces" in refused.value.remedy

@@ -1,6 +1,7 @@
 """Planning measurements: predictions that simulated calibrations keep, the next best poses, and enough of them."""
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -63,6 +64,23 @@ def test_a_wire_that_reaches_nothing_is_reported():
         measurable_postures(MODEL, limits, 10)
     with pytest.raises(DegenerateDataError, match="collisions"):
         measurable_postures(MODEL, MotionLimits(), 10, filters=(lambda q: np.zeros(len(q), dtype=bool),))
+
+
+def test_a_joint_whose_range_is_within_its_margins_is_named():
+    low, high = MODEL.lower_rad.copy(), MODEL.upper_rad.copy()
+    low[4], high[4] = -0.03, 0.03
+    narrow = replace(MODEL, lower_rad=low, upper_rad=high)
+    with pytest.raises(DegenerateDataError, match=f"the range of {MODEL.joint_names[4]} is smaller"):
+        measurable_postures(narrow, MotionLimits(), 10)
+
+
+def test_poses_of_a_quill_reach_near_both_its_ends():
+    scara = load_model("mitsubishi_rh6crh6020")
+    quill = measurable_postures(scara, MotionLimits(), 400)[:, 2]
+    assert quill.min() < scara.lower_rad[2] + 0.01
+    assert quill.max() > scara.upper_rad[2] - 0.01
+    assert scara.lower_rad[2] + 0.004 < quill.min()
+    assert quill.max() < scara.upper_rad[2] - 0.004
 
 
 @pytest.mark.parametrize("instrument", [POINT, POSE, WIRE], ids=["point", "pose", "length"])

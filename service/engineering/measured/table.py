@@ -58,6 +58,7 @@ _UNIT_BEHIND = re.compile(
     r"(?<=[\d.])[ \t]+(mm|cm|m|um|\u00b5m|inch|deg|degrees|rad|mrad|\u00b0)(?=[ \t\r\n]|$)"
 )  # 12.3 deg is one cell between blanks
 _EXCEL = {".xlsx", ".xlsm"}
+_KRL = re.compile(rb"\s*\{\s*(?:[A-Za-z]\w*\s*:\s*)?(?:A1|X)\s+[-+.\d]+")
 _BEGINS_AS_NUMBER = re.compile(r"[+-]?[\d.,]*\d")
 WRITE_PLAINLY = (
     "Write numbers with a decimal point and no marks of thousands, and all of a column in the unit that its heading "
@@ -147,6 +148,14 @@ def read_table(path: Path, *, sheet: str | None = None) -> MeasurementTable:
 
 
 def _read_text(path: Path, content: bytes) -> MeasurementTable:
+    if krl := _KRL.match(content):
+        raise MeasurementError(
+            make_message(
+                "{path}: its rows are KRL text ({begin}…).", path=path, begin=krl[0].decode().strip()
+            ),
+            remedy="Write a heading A1, A2 … A6, X, Y, Z, and in each row the numbers alone, without braces and "
+            "names.",
+        )
     if content.lstrip()[:2] in (b"[{", b"[[") or content.lstrip()[:1] in (b"{", b"<"):
         raise MeasurementError(
             make_message("{path} holds no table: it is JSON or XML.", path=path),
