@@ -306,11 +306,12 @@ def _joint_limits(model: RobotModel, joints: Array, limits: MotionLimits) -> Lim
 
 def _joint_margins(model: RobotModel, limits: MotionLimits) -> Array:
     """Return the distance that each joint keeps from its limits (n,) [rad, m]."""
-    uncertainty = np.array(limits.mastering_uncertainty_rad or (0.0,) * model.axis_count)
-    margins = np.full(model.axis_count, limits.joint_margin_rad)
+    margins: Array = np.full(model.axis_count, limits.joint_margin_rad)
     if model.sliding is not None:
         margins[model.sliding] = min(limits.joint_margin_rad, _MOST_SLIDE_MARGIN_M)
-    return margins + uncertainty
+    if limits.mastering_uncertainty_rad:
+        margins += limits.mastering_uncertainty_rad
+    return margins
 
 
 def narrow_joints(model: RobotModel, limits: MotionLimits) -> tuple[int, ...]:
