@@ -33,6 +33,8 @@ def watch(cell: Path, /, *, once: bool = False, accept: tuple[str, ...] = (), as
     """
     if once:
         return _look_once(cell, frozenset(accept), as_json=as_json)
+    if accept or as_json:
+        _refuse_without_once()
     import asyncio
     from functools import partial
 
@@ -54,6 +56,12 @@ def watch(cell: Path, /, *, once: bool = False, accept: tuple[str, ...] = (), as
     watches = RobotWatches(config, on_loss, say)
     asyncio.run(follow_robots(watches, RobotListener(say)))
     return 0
+
+
+def _refuse_without_once() -> None:
+    from cellcal.calibration.errors import CellError
+
+    raise CellError("--accept and --json belong to one look.", remedy="Give --once, too.", code="usage")
 
 
 def _look_once(cell: Path, accept: frozenset[str], *, as_json: bool) -> int:

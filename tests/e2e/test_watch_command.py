@@ -1,13 +1,18 @@
 """``cellcal watch`` on a fake cell: it says what it watches, sees the loss by itself, and offers the recovery."""
 
 import asyncio
+import json
 import os
 import sys
 from pathlib import Path
 
+import pytest
+
 from cellcal.drivers.operator.scripted import ScriptedOperator
+from cellcal.service.cli.app import run_command_line
 from cellcal.service.configuration.cell_file import read_cell_file
 from cellcal.service.demo.fake_cell import free_address, running_fakes, write_cell_file
+from cellcal.service.exit_codes import ExitCode
 from cellcal.service.record.healthy_counts import HealthyCounts, LastHealthyCounts
 from cellcal.service.record.journal_files import open_journal
 from cellcal.service.record.run_outcome import RunVerdict
@@ -132,3 +137,32 @@ async def test_without_encoder_counts_stops_are_reported_and_the_missing_checks_
         finally:
             process.terminate()
             await process.communicate()
+
+
+async def test_one_look_compares_and_is_one_document(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with free_address() as address:
+        cell = write_cell_file(tmp_path, address, seed=3, time_factor=50.0)
+    once = ["watch", str(cell), "--once", "--json"]
+    assert await asyncio.to_thread(run_command_line, once) == ExitCode.UNREACHABLE
+    states = {each["robot"]: each["state"] for each in json.loads(capsys.readouterr().out)["robots"]}
+    assert states == {"fanuc": "not read", "ur": "not read"}
+    async with running_fakes(cell):
+        for code in (ExitCode.REFUSED, ExitCode.REFUSED):  # the FANUC has no record yet
+            assert await asyncio.to_thread(run_command_line, once) == code
+        printed = json.loads(capsys.readouterr().out.splitlines()[-1])
+    assert {each["robot"]: each["state"] for each in printed["robots"]} == {
+        "fanuc": "not compared",
+        "ur": "unchanged",
+    }
+
+
+@pytest.mark.parametrize("option", [["--accept", "fanuc"], ["--json"]])
+def test_what_belongs_to_one_look_is_not_ignored(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], option: list[str]
+) -> None:
+    with free_address() as address:
+        cell = write_cell_file(tmp_path, address, seed=3, time_factor=50.0)
+    assert run_command_line(["watch", str(cell), *option]) != 0
+    assert "Give --once" in capsys.readouterr().err
