@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from contextlib import suppress
 from importlib.metadata import version as installed_version
 
-from cyclopts import App, CycloptsError
+from cyclopts import App, CycloptsError, Parameter
 from rich.console import Console
 from rich.text import Text
 
@@ -45,6 +45,7 @@ from cellcal.service.unexpected_errors import (
 )
 
 app = App(
+    default_parameter=Parameter(negative_iterable=()),  # an option left out is empty already
     name="cellcal",
     help="Bring a robot cell's zero positions, tool, frames and kinematics back to the truth.",
     version=installed_version("cellcal"),

@@ -16,7 +16,14 @@ Json = Annotated[
 ]
 
 
-def watch(cell: Path, /, *, once: bool = False, accept: tuple[str, ...] = (), as_json: Json = False) -> int:
+def watch(
+    cell: Path,
+    /,
+    *,
+    once: Annotated[bool, Parameter(negative=())] = False,
+    accept: tuple[str, ...] = (),
+    as_json: Json = False,
+) -> int:
     """Follow the encoders of a cell until interrupted; on a loss offer the recovery, or run it where allowed.
 
     Keep it running while the robot is healthy: what it saw last narrows a recovery to a few turns.
