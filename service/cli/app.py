@@ -50,7 +50,7 @@ app = App(
     help="Bring a robot cell's zero positions, tool, frames and kinematics back to the truth.",
     version=installed_version("cellcal"),
     version_flags=["--version"],
-    help_format="plaintext",
+    help_format="markdown",
     result_action="return_value",
     suppress_keyboard_interrupt=False,  # what is interrupted is said by us, with our exit code
 )
