@@ -36,6 +36,9 @@ from cellcal.procedures.steps.teach import is_still
 PROBING_CAP_M_S = 0.002
 STOP_S = 0.2  # a controller's own reaction and its braking at probing speed
 SETTLE_S = 0.5
+_MOST_APPROACHES = (
+    3  # of a contact that opens again: an arm may come to rest just where a surface begins, even twice
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -196,13 +199,15 @@ async def _feel_contact(
     """Travel the line from where the arm stands until the contact closes.
 
     A segment may end just where the surface begins: the arm swings as it comes to rest there, and the contact opens
-    again. That is felt for once more, from nearer: its segments end elsewhere.
+    again. That is felt for again, from nearer: its segments end elsewhere.
     """
     probe, _ = probe_of(cell)
     travel, edge = await _travel_to_contact(cell, label, line, approach, speed_m_s)
     standing = await _standing_joints(cell, label)
-    if not edge.steady:
-        back_m = approach.retreat_m + speed_m_s * (probe.capabilities.reaction_s + STOP_S)
+    for again in range(1, _MOST_APPROACHES):
+        if edge.steady:
+            break
+        back_m = again * approach.retreat_m + speed_m_s * (probe.capabilities.reaction_s + STOP_S)
         await _move_back(cell, label, line, line.distance_of(standing), back_m)
         travel, edge = await _travel_to_contact(cell, label, line, approach, speed_m_s)
         standing = await _standing_joints(cell, label)

@@ -290,9 +290,7 @@ def test_poses_are_planned_for_any_kind(tmp_path, robot, capsys):
 
 
 def broken(model, start, targets):
-    verdict = check_moves(
-        model, start, targets, MotionLimits(joint_margin_rad=np.zeros(model.axis_count)), speed_rad_s=0.1
-    )
+    verdict = check_moves(model, start, targets, MotionLimits(joint_margin_rad=0.0), speed_rad_s=0.1)
     return [found.sentence for found in verdict.findings if found.check == "joint limits"]
 
 
