@@ -1,18 +1,13 @@
 """Where the motors stood when a robot was last healthy: one small file per robot."""
 
-import json
-import logging
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import Any
 
-from cellcal.calibration.documents.json_text import parse_json
-from cellcal.calibration.documents.plain_files import read_plain_text
 from cellcal.drivers.interfaces import Counts, MasteringStore
-from cellcal.service.files import make_private_folder, replace_file
+from cellcal.service.record.robot_files import RobotFiles
 from cellcal.service.times import read_time
-
-_LOG = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,30 +24,22 @@ class LastHealthyCounts:
     """One small file per robot, replaced atomically: an observation, not a record."""
 
     def __init__(self, data_dir: Path) -> None:
-        self._dir = data_dir
+        self._files = RobotFiles(data_dir, "last_healthy", "the observation of the last healthy counts")
 
     def load_counts(self, robot: str) -> HealthyCounts | None:
         """Return what was seen last, or None where nothing (readable) is stored."""
-        try:
-            document = parse_json(read_plain_text(self._counts_path(robot)))
-            counts = tuple(int(count) for count in document["counts"])
-            seen_utc = str(document["seen_utc"])
-            read_time(seen_utc)
-            return HealthyCounts(str(document["robot"]), counts, int(document["epoch"]), seen_utc)
-        except FileNotFoundError:
-            return None
-        except (OSError, ValueError, KeyError, TypeError) as error:
-            _LOG.warning("the last healthy counts of %s cannot be read and are ignored: %s", robot, error)
-            return None
+        return self._files.load_content(robot, _parse_counts)
 
     def save_counts(self, observed: HealthyCounts) -> None:
         """Replace the file so that a crash leaves the old or the new one, never half of it."""
-        make_private_folder(self._dir)
-        path = self._counts_path(observed.robot)
-        replace_file(path, json.dumps(asdict(observed)))
+        self._files.save_document(observed.robot, asdict(observed))
 
-    def _counts_path(self, robot: str) -> Path:
-        return self._dir / f"last_healthy_{robot}.json"
+
+def _parse_counts(document: Any) -> HealthyCounts:
+    counts = tuple(int(count) for count in document["counts"])
+    seen_utc = str(document["seen_utc"])
+    read_time(seen_utc)
+    return HealthyCounts(str(document["robot"]), counts, int(document["epoch"]), seen_utc)
 
 
 async def remember_healthy(robot: str, encoders: MasteringStore, memory: LastHealthyCounts) -> HealthyCounts:

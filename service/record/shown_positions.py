@@ -1,17 +1,13 @@
 """What controllers showed of their zero at the last look that found nothing wrong: one small file per robot."""
 
-import json
-import logging
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
-from cellcal.calibration.documents.json_text import parse_json
-from cellcal.calibration.documents.plain_files import read_plain_text
-from cellcal.service.files import make_private_folder, replace_file
+from cellcal.service.record.robot_files import RobotFiles
 from cellcal.service.times import read_time
 
-_LOG = logging.getLogger(__name__)
 Datum = tuple[str, int | None]  # as the maker calls it, and the axis from 0 that it belongs to
 
 
@@ -31,29 +27,14 @@ class KeptPositions:
     """One small file per robot, replaced atomically."""
 
     def __init__(self, data_dir: Path) -> None:
-        self._dir = data_dir
+        self._files = RobotFiles(data_dir, "shown_position", "the position kept")
 
     def load(self, robot: str) -> KeptPosition | None:
         """Return what was kept last, or None where nothing (readable) is stored."""
-        try:
-            document = parse_json(read_plain_text(self._path_of(robot)))
-            values = {
-                (str(name), None if axis is None else int(axis)): str(value)
-                for name, axis, value in document["values"]
-            }
-            read_time(document["seen_utc"])
-            texts = (str(document[key]) for key in ("record_sha256", "seen_utc"))
-            marks = tuple(str(mark) for mark in document["marks"])
-            return KeptPosition(str(document["robot"]), str(document["serial"]), values, marks, *texts)
-        except FileNotFoundError:
-            return None
-        except (OSError, ValueError, KeyError, TypeError) as error:
-            _LOG.warning("the position kept of %s cannot be read and is ignored: %s", robot, error)
-            return None
+        return self._files.load_content(robot, _parse_position)
 
     def save(self, baseline: KeptPosition) -> None:
         """Replace the file so that a crash leaves the old or the new one, never half of it."""
-        make_private_folder(self._dir)
         values = [[name, axis, value] for (name, axis), value in baseline.values.items()]
         document = {
             "robot": baseline.robot,
@@ -63,7 +44,15 @@ class KeptPositions:
             "record_sha256": baseline.record_sha256,
             "seen_utc": baseline.seen_utc,
         }
-        replace_file(self._path_of(baseline.robot), json.dumps(document))
+        self._files.save_document(baseline.robot, document)
 
-    def _path_of(self, robot: str) -> Path:
-        return self._dir / f"shown_position_{robot}.json"
+
+def _parse_position(document: Any) -> KeptPosition:
+    values = {
+        (str(name), None if axis is None else int(axis)): str(value)
+        for name, axis, value in document["values"]
+    }
+    read_time(document["seen_utc"])
+    texts = (str(document[key]) for key in ("record_sha256", "seen_utc"))
+    marks = tuple(str(mark) for mark in document["marks"])
+    return KeptPosition(str(document["robot"]), str(document["serial"]), values, marks, *texts)
