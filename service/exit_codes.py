@@ -2,6 +2,7 @@
 
 import asyncio
 import errno
+from collections.abc import Iterable
 from enum import IntEnum
 
 from cellcal.calibration.errors import CalibrationError, CellError
@@ -79,6 +80,15 @@ def exit_code_of_word(word: str | None) -> ExitCode:
     """Return the exit code of a finished run's verdict; where a procedure states none, its end is the verdict."""
     by_word = {"fail": ExitCode.OUT_OF_TOLERANCE, "undecided": ExitCode.REFUSED}
     return by_word.get(word or "", ExitCode.PASS)
+
+
+_GRAVITY = (ExitCode.OUT_OF_TOLERANCE, ExitCode.UNREACHABLE, ExitCode.REFUSED, ExitCode.PASS)
+
+
+def gravest_exit_code(codes: Iterable[ExitCode]) -> ExitCode:
+    """Return the exit code of a look at many robots: a change or loss first, then a robot that was not read."""
+    found = set(codes)
+    return next((code for code in _GRAVITY if code in found), ExitCode.PASS)
 
 
 def exit_code_named(code: str) -> ExitCode:

@@ -139,10 +139,8 @@ def watch(
         Addresses of controllers, or folders with backups of them.
     """
     from cellcal.service.cli.printing import STDERR_CONSOLE, print_json
-    from cellcal.service.engineering.controller_files.nightly_watch import (
-        gravest_exit_code,
-        watch_controllers,
-    )
+    from cellcal.service.engineering.controller_files.nightly_watch import watch_controllers
+    from cellcal.service.exit_codes import gravest_exit_code
 
     addresses = (*sources, *_addresses_in(addresses_file))
     if not addresses:
@@ -156,7 +154,7 @@ def watch(
     )
     if as_json:
         print_json({"robots": [_watched_document(each) for each in found]})
-    return gravest_exit_code(found)
+    return gravest_exit_code(each.exit_code for each in found)
 
 
 def _login(options: FtpOptions) -> "FtpLogin":

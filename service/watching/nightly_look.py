@@ -11,7 +11,7 @@ from cellcal.drivers.errors import WrongDeviceError
 from cellcal.drivers.interfaces import Condition, Readiness, Robot
 from cellcal.drivers.registry import RobotConfig
 from cellcal.service.configuration.cell_file import CellConfig
-from cellcal.service.exit_codes import ExitCode
+from cellcal.service.exit_codes import ExitCode, gravest_exit_code
 from cellcal.service.record.journal_files import lease_folder
 from cellcal.service.record.robot_lock import DEVICES, is_held
 from cellcal.service.watching.follow import RobotWatches
@@ -51,8 +51,7 @@ class LookedAtRobot:
 
 def night_exit_code(found: Sequence[LookedAtRobot]) -> ExitCode:
     """Return the exit code of a whole cell; the gravest state counts."""
-    states = {each.state for each in found}
-    return next((code for state, code in _EXIT_CODES.items() if state in states), ExitCode.PASS)
+    return gravest_exit_code(_EXIT_CODES[each.state] for each in found)
 
 
 async def look_at_cell(

@@ -87,7 +87,6 @@ _EXIT_CODES = {
     WatchState.NO_RECORD: ExitCode.REFUSED,
     WatchState.FAILED: ExitCode.UNREACHABLE,
 }
-_GRAVITY = (ExitCode.OUT_OF_TOLERANCE, ExitCode.UNREACHABLE, ExitCode.REFUSED, ExitCode.PASS)
 
 
 @contextmanager
@@ -201,9 +200,3 @@ def _records_of(files: ControllerFiles, stored: Sequence[StoredRecord]) -> list[
         return ours or here
     alike = [each for each in stored if files.serial and each.record.robot_serial == files.serial]
     return alike if len({each.controller.address for each in alike}) == 1 else []
-
-
-def gravest_exit_code(found: Sequence[WatchedController]) -> ExitCode:
-    """Return the exit code of a whole night: a change or loss first, then a robot that was not read."""
-    codes = {each.exit_code for each in found}
-    return next((code for code in _GRAVITY if code in codes), ExitCode.PASS)
