@@ -88,10 +88,11 @@ class PositionComparison:
         baseline = self._memory.load(robot.name)
         if baseline is not None and not _is_valid(baseline, self._serial, record):
             baseline = None
+        last = baseline or KeptPosition(robot.name, self._serial, {}, (), "", "")
         shown = await cast(TellsPositionData, robot).position_data()
-        history = await _history_of(robot, () if baseline is None else baseline.marks)
-        present, before = _zero_data(shown), {} if record is None else _zero_data(record.shown)
-        before |= {} if baseline is None else baseline.values
+        history = await _history_of(robot, last.marks)
+        present, recorded = _zero_data(shown), {} if record is None else _zero_data(record.shown)
+        before = {**recorded, **last.values}
         trouble = None if accept else _find_trouble(before, present, history, baseline)
         gap = "" if baseline is None or history.is_whole else _describe_gap(baseline)
         absent = sorted({name for name, axis in before if (name, axis) not in present})
@@ -99,18 +100,12 @@ class PositionComparison:
             unseen = make_message("not shown this time, and not compared: {names}.", names=", ".join(absent))
             gap = join_messages(" ", filter(None, (gap, unseen)))
         if trouble is None:
-            marks = history.marks or (() if baseline is None else baseline.marks)
-            sha256 = (
-                record.measured.sha256
-                if record is not None
-                else ""
-                if baseline is None
-                else baseline.record_sha256
-            )
-            self._keep(KeptPosition(robot.name, self._serial, {**before, **present}, marks, sha256, ""))
+            sha256 = last.record_sha256 if record is None else record.measured.sha256
+            values, marks = {**before, **present}, history.marks or last.marks
+            self._store_baseline(replace(last, values=values, marks=marks, record_sha256=sha256))
         return PositionLook(_compared_with(record, baseline, has_data=bool(before)), trouble, gap)
 
-    def _keep(self, baseline: KeptPosition) -> None:
+    def _store_baseline(self, baseline: KeptPosition) -> None:
         try:
             self._memory.save(replace(baseline, seen_utc=datetime.now(UTC).isoformat()))
         except OSError as error:  # the eyes on the robot matter more than the disk
