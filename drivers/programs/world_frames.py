@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from cellcal.calibration.geometry import Pose
+from cellcal.calibration.geometry import Pose, log_rotation
 from cellcal.calibration.message import make_message
 from cellcal.drivers.programs.positions import ProgramFrames, Remark
 
@@ -24,7 +24,6 @@ def seen_from_base(frames: ProgramFrames, world_base: Pose | None) -> ProgramFra
 def standing_remark(world_base: Pose) -> Remark:
     """Return what a person must know of a robot that does not stand at the origin of its controller's world."""
     x, y, z = (1e3 * value for value in world_base.position_m)
-    cosine = (float(np.trace(world_base.rotation_matrix())) - 1.0) / 2.0
     text = make_message(
         "Its controller has the robot's base at {x:.1f}, {y:.1f}, {z:.1f} mm in the world, turned by {turn_deg:.1f} "
         "deg: frames of its files are taken from the base, and so are a change and the frames of the project. "
@@ -32,6 +31,6 @@ def standing_remark(world_base: Pose) -> Remark:
         x=x,
         y=y,
         z=z,
-        turn_deg=np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0))),
+        turn_deg=np.degrees(np.linalg.norm(log_rotation(world_base.rotation_matrix()))),
     )
     return Remark(0, "foreign", text)

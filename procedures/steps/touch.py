@@ -202,15 +202,13 @@ async def _feel_contact(
     again. That is felt for again, from nearer: its segments end elsewhere.
     """
     probe, _ = probe_of(cell)
-    travel, edge = await _travel_to_contact(cell, label, line, approach, speed_m_s)
-    standing = await _standing_joints(cell, label)
-    for again in range(1, _MOST_APPROACHES):
-        if edge.steady:
-            break
-        back_m = again * approach.retreat_m + speed_m_s * (probe.capabilities.reaction_s + STOP_S)
-        await _move_back(cell, label, line, line.distance_of(standing), back_m)
+    for approaches in range(1, _MOST_APPROACHES + 1):
         travel, edge = await _travel_to_contact(cell, label, line, approach, speed_m_s)
         standing = await _standing_joints(cell, label)
+        if edge.steady or approaches == _MOST_APPROACHES:
+            break
+        back_m = approaches * approach.retreat_m + speed_m_s * (probe.capabilities.reaction_s + STOP_S)
+        await _move_back(cell, label, line, line.distance_of(standing), back_m)
     await _refuse_uncertain(label, edge, probe)
     tips = line.tips_m(np.array([reading.joints_rad for reading in travel.readings]))
     at = position_between(travel.readings, tips, edge.earliest_s, edge.latest_s)
