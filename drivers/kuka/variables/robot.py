@@ -34,7 +34,7 @@ from cellcal.drivers.kuka.variables.values import (
     read_pose,
     write_pose,
 )
-from cellcal.drivers.kuka.variables.variable_link import VariableLink
+from cellcal.drivers.kuka.variables.variable_link import VariableLink, unquoted_text
 from cellcal.drivers.wire.frame_readback import require_frame_as_sent
 from cellcal.drivers.wire.joint_stream import JointStream
 from cellcal.drivers.wire.serial_number import check_serial_number
@@ -96,7 +96,7 @@ class KukaRobot(StreamedStepwiseMotion):
     async def identify(self) -> Identity:
         async with self._answer_deadline("asking who it is"):
             server = await self._link.identify_server()
-            model = (await self._link.read_variable("$MODEL_NAME[]")).strip().strip('"').lstrip("#")
+            model = unquoted_text(await self._link.read_variable("$MODEL_NAME[]")).lstrip("#")
             serial = await self._link.read_serial()
         return Identity("KUKA", model, serial, f"{server.name} {server.version}".strip())
 

@@ -62,7 +62,7 @@ class VariableLink:
 
     async def read_serial(self) -> str:
         """Return the serial number of the robot; errors as for ``read_variable``."""
-        return _unquoted(await self.read_variable(_SERIAL))
+        return unquoted_text(await self.read_variable(_SERIAL))
 
     async def read_variable(self, variable: str) -> str:
         """Return a variable's value as the controller writes it.
@@ -93,7 +93,7 @@ class VariableLink:
         """Check that the controller of the last connection answers on this one, too."""
         found = await self._ask(_READ, _SERIAL, None)
         try:
-            check_serial_number(self.device, _unquoted(found), self.serial)
+            check_serial_number(self.device, unquoted_text(found), self.serial)
         except DeviceError:
             await self.close()  # the next question looks again
             raise
@@ -172,7 +172,8 @@ class VariableLink:
         )
 
 
-def _unquoted(text: str) -> str:
+def unquoted_text(text: str) -> str:
+    """Return a variable of characters without the quotes around it."""
     return text.strip().strip('"')
 
 
