@@ -18,22 +18,23 @@ Not modelled
 import asyncio
 import json
 from collections.abc import Awaitable, Callable
+from contextlib import suppress
 from typing import Any
 
 from cellcal.fake_devices.cell import FakeCell
 from cellcal.fake_devices.device import FakeDevice, FaultRefusedError, JsonObject
+from cellcal.fake_devices.listening_port import ListeningPort
 
-_LINE_LIMIT = 1 << 20
+_LINE_LIMIT_BYTES = 1 << 20
 _ANSWERED = (ValueError, TypeError, AttributeError, OSError, ArithmeticError, LookupError, RuntimeError)
 
 
-class ControlServer:
+class ControlServer(ListeningPort):
     """A TCP server on loopback for one cell; an async context."""
 
     def __init__(self, cell: FakeCell, host: str = "127.0.0.1") -> None:
-        self._cell, self.host, self.port = cell, host, cell.control_port
-        self._server: asyncio.Server | None = None
-        self._writers: set[asyncio.StreamWriter] = set()
+        super().__init__(host, cell.control_port, self._serve_client, line_limit_bytes=_LINE_LIMIT_BYTES)
+        self._cell = cell
         self._verbs: dict[str, Callable[[JsonObject], Awaitable[JsonObject]]] = {
             "truth": self._report_truth,
             "fault": self._inject_fault,
@@ -44,31 +45,13 @@ class ControlServer:
             "tcp_error": self._tcp_error,
         }
 
-    async def __aenter__(self) -> "ControlServer":
-        self._server = await asyncio.start_server(self._serve_client, self.host, self.port, limit=_LINE_LIMIT)
-        self.port = self._server.sockets[0].getsockname()[1]
-        return self
-
-    async def __aexit__(self, *_exc: object) -> None:
-        if self._server is not None:
-            self._server.close()
-            for writer in list(self._writers):
-                writer.close()
-            await self._server.wait_closed()
-
     async def _serve_client(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        self._writers.add(writer)
-        try:
+        with suppress(ValueError):  # a line beyond the limit
             while (
                 (line := await reader.readline()).lstrip().startswith(b"{")
             ):  # a browser's request begins otherwise
                 writer.write(json.dumps(await self.answer_line(line)).encode() + b"\n")
                 await writer.drain()
-        except (ConnectionError, ValueError):  # gone, or a line beyond the limit
-            return
-        finally:
-            self._writers.discard(writer)
-            writer.close()
 
     async def answer_line(self, line: bytes) -> JsonObject:
         """Return the answer to one line; a refusal, or a verb that fails, is ``{"error": …}``."""

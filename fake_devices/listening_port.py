@@ -2,30 +2,63 @@
 
 import asyncio
 import ssl
-from abc import ABC, abstractmethod
 from collections.abc import Awaitable, Callable
 from contextlib import suppress
-from typing import TypeAlias
+from typing import Self, TypeAlias
 
 ServeClient: TypeAlias = Callable[[asyncio.StreamReader, asyncio.StreamWriter], Awaitable[None]]
 
 
 class ListeningPort:
-    """Calls ``serve`` for each client; a connection that ends is closed, whatever the reason."""
+    """Calls ``serve`` for each client; an async context. Port 0 finds a free one and keeps it.
+
+    A connection that ends is closed, whatever the reason: one of a client that came while the port closed, and whose
+    ``serve`` never began, as well.
+    """
 
     def __init__(
-        self, host: str, port: int, serve: ServeClient, *, tls: ssl.SSLContext | None = None
+        self,
+        host: str,
+        port: int,
+        serve: ServeClient,
+        *,
+        tls: ssl.SSLContext | None = None,
+        line_limit_bytes: int = 1 << 16,
     ) -> None:
-        self._host, self._port, self._serve, self._tls = host, port, serve, tls
+        self.host, self.port = host, port
+        self._serve, self._tls, self._line_limit_bytes = serve, tls, line_limit_bytes
         self._server: asyncio.Server | None = None
-        self._writers: set[asyncio.StreamWriter] = set()
+        self._connections: dict[asyncio.Task[None], asyncio.StreamWriter] = {}
+
+    async def __aenter__(self) -> Self:
+        await self.open()
+        return self
+
+    async def __aexit__(self, *_exc: object) -> None:
+        await self.wait_closed()
+
+    @property
+    def is_listening(self) -> bool:
+        """Whether new clients are accepted."""
+        return self._server is not None
+
+    @property
+    def client_count(self) -> int:
+        """The number of connected clients."""
+        return len(self._connections)
 
     async def open(self) -> None:
-        """Listen, where nothing listens yet."""
+        """Listen, where nothing listens yet; raise OSError when the address is taken."""
         if self._server is None:
             self._server = await asyncio.start_server(
-                self._serve_client, self._host, self._port, ssl=self._tls
+                self._accept_client,
+                self.host,
+                self.port,
+                limit=self._line_limit_bytes,
+                ssl=self._tls,
+                reuse_address=True,
             )
+            self.port = self._server.sockets[0].getsockname()[1]
 
     def close(self) -> None:
         """Stop listening and cut every connection."""
@@ -34,66 +67,42 @@ class ListeningPort:
             self._server = None
         self.cut_connections()
 
+    async def wait_closed(self) -> None:
+        """Close, end what is being served, and wait until every connection has ended."""
+        self.close()
+        for task in self._connections:
+            task.cancel()
+        if self._connections:
+            await asyncio.wait(self._connections)
+
     def cut_connections(self) -> None:
-        """Cut every connection; new clients are accepted."""
-        for writer in tuple(self._writers):
+        """Reset every connection; new clients are accepted while the port is open."""
+        for writer in tuple(self._connections.values()):
             writer.transport.abort()
 
-    async def _serve_client(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        self._writers.add(writer)
+    def cut_oldest_connection(self) -> None:
+        """Reset the connection that was opened first; there must be one."""
+        next(iter(self._connections.values())).transport.abort()
+
+    def _accept_client(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        """Begin to serve a client; no coroutine: its writer is known before its task has run."""
+        if self._server is None:
+            writer.transport.abort()
+            return
+        task = asyncio.create_task(self._serve_until_closed(reader, writer))
+        self._connections[task] = writer
+        task.add_done_callback(self._end_connection)
+
+    async def _serve_until_closed(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         try:
             with suppress(OSError, asyncio.IncompleteReadError):
                 await self._serve(reader, writer)
         finally:
-            self._writers.discard(writer)
             writer.close()
+        with suppress(OSError):
+            await writer.wait_closed()
 
-
-class AwaitedPort(ABC):
-    """A port whose users wait until its last connection has ended; port 0 finds a free one and keeps it."""
-
-    def __init__(self, host: str, port: int) -> None:
-        self.host, self.port = host, port
-        self._server: asyncio.Server | None = None
-        self._serving: set[asyncio.Task[None]] = set()
-
-    @property
-    def is_listening(self) -> bool:
-        """Whether new clients are accepted."""
-        return self._server is not None
-
-    async def open(self) -> None:
-        """Listen, where nothing listens yet."""
-        if self._server is None:
-            self._server = await asyncio.start_server(
-                self._serve_noted, self.host, self.port, reuse_address=True
-            )
-            self.port = self._server.sockets[0].getsockname()[1]
-
-    def close(self) -> None:
-        """Stop listening and drop every connection."""
-        if self._server is not None:
-            self._server.close()
-            self._server = None
-        self.drop_connections()
-
-    async def wait_closed(self) -> None:
-        """Close, and wait until every connection has ended."""
-        self.close()
-        if self._serving:
-            await asyncio.wait(self._serving)
-
-    @abstractmethod
-    def drop_connections(self) -> None:
-        """Reset every connection; new clients are accepted while the port is open."""
-
-    @abstractmethod
-    async def _serve_client(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        """Serve one client until its connection ends."""
-
-    async def _serve_noted(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        task = asyncio.current_task()
-        if task is not None:
-            self._serving.add(task)
-            task.add_done_callback(self._serving.discard)
-        await self._serve_client(reader, writer)
+    def _end_connection(self, task: asyncio.Task[None]) -> None:
+        self._connections.pop(task).close()
+        if not task.cancelled() and (error := task.exception()) is not None:
+            task.get_loop().call_exception_handler({"message": "serving a client failed", "exception": error})

@@ -14,12 +14,11 @@ Not modelled
 """
 
 import asyncio
-import contextlib
 import logging
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from cellcal.fake_devices.listening_port import AwaitedPort
+from cellcal.fake_devices.listening_port import ListeningPort
 
 log = logging.getLogger(__name__)
 
@@ -49,11 +48,11 @@ class _CanClient:
     raw_from_s: float | None = None
 
 
-class SocketCanDaemon(AwaitedPort):
+class SocketCanDaemon(ListeningPort):
     """Carries frames between TCP clients and the nodes of one bus."""
 
     def __init__(self, host: str, port: int, channel: str, real: Callable[[], float]) -> None:
-        super().__init__(host, port)
+        super().__init__(host, port, self._serve_client)
         self.channel = channel
         self.hung = False
         self.on_frame: Callable[[int, bytes], None] = lambda _can_id, _data: None
@@ -61,19 +60,10 @@ class SocketCanDaemon(AwaitedPort):
         self._clients: list[_CanClient] = []
 
     @property
-    def client_count(self) -> int:
-        """The number of connected clients."""
-        return len(self._clients)
-
-    @property
     def ready_clients(self) -> int:
         """The number of clients that receive frames by now."""
         now_s = self._real()
         return sum(client.raw_from_s is not None and now_s >= client.raw_from_s for client in self._clients)
-
-    def drop_connections(self) -> None:
-        for client in self._clients:
-            client.writer.transport.abort()
 
     def send_frame(self, can_id: int, data: bytes, *, sender: object = None) -> None:
         """Put a frame on the bus: every client but the sender reads it."""
@@ -104,9 +94,6 @@ class SocketCanDaemon(AwaitedPort):
             log.debug("client gone: %s", error)
         finally:
             self._clients.remove(client)
-            writer.close()
-            with contextlib.suppress(ConnectionError):
-                await writer.wait_closed()
 
     async def _read_commands(self, client: _CanClient, reader: asyncio.StreamReader) -> None:
         buffer = ""

@@ -28,6 +28,7 @@ from cellcal.fake_devices.fanuc_files.report_texts import (
     version_text,
 )
 from cellcal.fake_devices.fanuc_files.variable_texts import symotn_text, sysframe_text, sysmast_text
+from cellcal.fake_devices.listening_port import ListeningPort
 
 HOST = "127.0.0.1"
 _TEXTS: dict[str, Callable[[FanucCabinet], str]] = {
@@ -72,12 +73,13 @@ class FanucFtpServer:
     transfers: list[str] = field(default_factory=list)
 
     async def __aenter__(self) -> "FanucFtpServer":
-        self._server = await asyncio.start_server(self._serve_client, HOST, self.port)
-        self.port = self._server.sockets[0].getsockname()[1]
+        self._command_port = ListeningPort(HOST, self.port, self._serve_client)
+        await self._command_port.open()
+        self.port = self._command_port.port
         return self
 
     async def __aexit__(self, *_exc: object) -> None:
-        self._server.close()
+        await self._command_port.wait_closed()
 
     def file_bytes(self, name: str) -> bytes | None:
         """Return a file as it is at this moment; None where there is none of that name."""
@@ -107,10 +109,8 @@ class FanucFtpServer:
         session = _FtpSession(self, reader, writer)
         try:
             await session.serve_commands()
-        except (ConnectionError, asyncio.IncompleteReadError):
-            pass  # the client has hung up
         finally:
-            await session.close_streams()
+            await session.close_data_connections()
 
 
 class _FtpSession:
@@ -126,10 +126,10 @@ class _FtpSession:
         self._data: asyncio.Queue[asyncio.StreamWriter] = asyncio.Queue()
         self._data_writers: list[asyncio.StreamWriter] = []
 
-    async def close_streams(self) -> None:
+    async def close_data_connections(self) -> None:
         if self._listener is not None:
             self._listener.close()
-        for writer in (*self._data_writers, self._writer):
+        for writer in self._data_writers:
             writer.close()
             with suppress(ConnectionError):
                 await writer.wait_closed()
@@ -184,9 +184,9 @@ class _FtpSession:
         if self._listener is not None:
             self._listener.close()
 
-        async def take_connection(_: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        def take_connection(_: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
             self._data_writers.append(writer)
-            await self._data.put(writer)
+            self._data.put_nowait(writer)
 
         self._data = asyncio.Queue()
         self._listener = await asyncio.start_server(take_connection, HOST, 0)

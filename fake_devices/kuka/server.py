@@ -34,7 +34,7 @@ class ProxyPort(ListeningPort):
 
     def hang_up(self) -> None:
         """End every connection in good order, as KUKAVARPROXY does with clients that are silent for 30 s."""
-        for writer in tuple(self._writers):
+        for writer in tuple(self._connections.values()):
             writer.close()
 
     async def _serve_requests(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:

@@ -64,7 +64,7 @@ class FakeLaserTracker:
             "event": lambda parameters: self.server.broadcast(at.status_change(int(parameters.pop("code")))),
             "not_initialised": lambda _parameters: setattr(self.controller, "initialised", False),
             "power_cycle": self._power_cycle,
-            "reset": lambda _parameters: self.server.drop_connections(),
+            "reset": lambda _parameters: self.server.cut_connections(),
         }  # fmt: skip
 
     @property
@@ -90,7 +90,7 @@ class FakeLaserTracker:
         else:
             self._faults.switch_on(name, parameters)
             if name == "refuse":
-                self.server.drop_connections()
+                self.server.cut_connections()
         return {}
 
     def clear_faults(self) -> None:
@@ -138,7 +138,7 @@ class FakeLaserTracker:
 
     def _power_cycle(self, _parameters: Parameters) -> None:
         self.controller.restart_server()
-        self.server.drop_connections()
+        self.server.cut_connections()
 
     # truth
 

@@ -18,7 +18,7 @@ from typing import Any
 
 from cellcal.fake_devices.laser_tracker import layout as at
 from cellcal.fake_devices.link_faults import LinkFaults
-from cellcal.fake_devices.listening_port import AwaitedPort
+from cellcal.fake_devices.listening_port import ListeningPort
 
 KINDS: dict[str, dict[str, Any]] = {
     "silent": {},
@@ -40,33 +40,23 @@ _EVENTS = (at.SSC_ENVIRONMENT, at.SSC_SETTINGS, 853, 4)
 _LONGEST_BYTES = 65_536
 
 
-class TrackerServer(AwaitedPort):
+class TrackerServer(ListeningPort):
     """Frames bytes; knows no meaning but size, type and command."""
 
     def __init__(self, host: str, port: int, faults: LinkFaults) -> None:
-        super().__init__(host, port)
+        super().__init__(host, port, self._serve_client)
         self._faults = faults
         self.on_packet: Callable[[bytes, Callable[[bytes], None]], None] = lambda _data, _reply: None
-        self._writers: set[asyncio.StreamWriter] = set()
         self._sending: set[asyncio.Task[None]] = set()
         self._last_result = b""
 
-    @property
-    def client_count(self) -> int:
-        """The number of connected clients."""
-        return len(self._writers)
-
-    def drop_connections(self) -> None:
-        for writer in list(self._writers):
-            writer.transport.abort()
-
     async def wait_closed(self) -> None:
         """Close, and wait until every connection and every delayed answer has ended."""
-        self.close()
         for task in self._sending:
             task.cancel()
-        if waiting := self._serving | self._sending:
-            await asyncio.wait(waiting)
+        await super().wait_closed()
+        if self._sending:
+            await asyncio.wait(self._sending)
 
     def broadcast(self, data: bytes) -> None:
         """Send to all clients."""
@@ -75,21 +65,14 @@ class TrackerServer(AwaitedPort):
             if self._faults.use_once("lost_result") is not None:
                 return
             self._last_result = data
-        for writer in list(self._writers):
+        for writer in tuple(self._connections.values()):
             self._send_bytes(writer, data)
 
     async def _serve_client(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         if self._faults.active_parameters("refuse") is not None:
             writer.transport.abort()
             return
-        self._writers.add(writer)
-        try:
-            await self._read_packets(reader, writer)
-        except (asyncio.IncompleteReadError, ConnectionError):
-            return
-        finally:
-            self._writers.discard(writer)
-            writer.close()
+        await self._read_packets(reader, writer)
 
     async def _read_packets(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         while True:

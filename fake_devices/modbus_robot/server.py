@@ -18,12 +18,11 @@ import logging
 import socket
 import struct
 from collections.abc import Callable, Mapping
-from contextlib import suppress
 from functools import partial
 from typing import Any, Protocol
 
 from cellcal.fake_devices.link_faults import LinkFaults
-from cellcal.fake_devices.listening_port import AwaitedPort
+from cellcal.fake_devices.listening_port import ListeningPort
 
 log = logging.getLogger(__name__)
 
@@ -116,47 +115,31 @@ def _is_write(request: bytes) -> bool:
     return request[0] in (5, 6, 15, 16)
 
 
-class ModbusServer(AwaitedPort):
+class ModbusServer(ListeningPort):
     """Serves one register map on one address; closed while the controller has no power."""
 
     def __init__(
         self, host: str, port: int, reply: HoldingRegisters | Callable[[bytes], bytes], faults: LinkFaults
     ) -> None:
         """Serve registers, or whatever turns a request PDU into a response PDU or raises ModbusError."""
-        super().__init__(host, port)
+        super().__init__(host, port, self._serve_client)
         self.faults = faults
         self._reply = reply if callable(reply) else partial(answer_request, reply)
-        self._writers: list[asyncio.StreamWriter] = []
         self._late_response: bytes | None = None
-
-    @property
-    def client_count(self) -> int:
-        """The number of connected clients."""
-        return len(self._writers)
 
     def close(self) -> None:
         super().close()
         self._late_response = None
 
-    def drop_connections(self) -> None:
-        for writer in self._writers:
-            writer.transport.abort()
-
     async def _serve_client(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        self._writers.append(writer)
-        if len(self._writers) > MAX_CONNECTIONS:
-            self._writers[0].transport.abort()
+        if self.client_count > MAX_CONNECTIONS:
+            self.cut_oldest_connection()
         sock: socket.socket = writer.get_extra_info("socket")
         sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         try:
             await self._read_requests(reader, writer)
         except (ConnectionError, asyncio.IncompleteReadError) as error:
             log.debug("connection ended: %s", error)
-        finally:
-            self._writers.remove(writer)
-            writer.close()
-            with suppress(ConnectionError):
-                await writer.wait_closed()
 
     async def _read_requests(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         while True:

@@ -6,10 +6,11 @@ does that tried again and again.
 """
 
 import asyncio
-import contextlib
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from dataclasses import dataclass, field
+
+from cellcal.fake_devices.listening_port import ListeningPort
 
 
 @dataclass
@@ -21,7 +22,6 @@ class SilentLink:
     port: int = 0
     swallowed: int = 0  # bytes, towards the service
     _open: asyncio.Event = field(default_factory=asyncio.Event)
-    _tasks: set[asyncio.Task[None]] = field(default_factory=set)
 
     def __post_init__(self) -> None:
         self._open.set()
@@ -38,20 +38,12 @@ class SilentLink:
 
     async def serve_connection(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         """Carry one connection."""
-        task = asyncio.current_task()
-        assert task is not None
-        self._tasks.add(task)
-        task.add_done_callback(self._tasks.discard)
         lost = not self._open.is_set() and not self.late
-        with contextlib.suppress(
-            OSError, asyncio.CancelledError
-        ):  # `close` ends it; streams complain otherwise
-            await self._open.wait()
-            if lost:
-                await self._discard_input(reader)
-            else:
-                await self._carry_both_ways(reader, writer)
-        writer.close()
+        await self._open.wait()
+        if lost:
+            await self._discard_input(reader)
+        else:
+            await self._carry_both_ways(reader, writer)
 
     async def _discard_input(self, reader: asyncio.StreamReader) -> None:
         while data := await reader.read(65536):
@@ -81,21 +73,11 @@ class SilentLink:
         if not dead:
             sink.close()
 
-    async def close_connections(self) -> None:
-        """End every connection."""
-        for task in tuple(self._tasks):
-            task.cancel()
-        await asyncio.gather(*self._tasks, return_exceptions=True)
-
 
 @asynccontextmanager
 async def open_silent_link(target: int) -> AsyncIterator[SilentLink]:
     """Open a proxy to a port of this computer."""
     link = SilentLink(target)
-    server = await asyncio.start_server(link.serve_connection, "127.0.0.1", 0)
-    link.port = server.sockets[0].getsockname()[1]
-    try:
+    async with ListeningPort("127.0.0.1", 0, link.serve_connection) as port:
+        link.port = port.port
         yield link
-    finally:
-        server.close()
-        await link.close_connections()

@@ -5,6 +5,7 @@ from contextlib import AsyncExitStack
 from pathlib import Path
 from typing import Any
 
+from cellcal.fake_devices.listening_port import ListeningPort
 from cellcal.service.people.roles import Role
 from tests.service.browser_pages import PATIENCE_MS, open_chromium
 from tests.service.service_client import PINS, open_service_client
@@ -52,7 +53,6 @@ async def _a_page(_: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None
         b"HTTP/1.1 200 OK\r\nContent-Type: text/html\r\nContent-Length: 2\r\nConnection: close\r\n\r\nhi"
     )
     await writer.drain()
-    writer.close()
 
 
 async def test_a_browser_enrols_signs_in_and_keeps_its_cookie_from_scripts_and_other_pages(
@@ -71,10 +71,7 @@ async def test_a_browser_enrols_signs_in_and_keeps_its_cookie_from_scripts_and_o
         person, visible_cookies = await page.evaluate(SIGN_IN, [token, "Tom", PINS["Tom"]])
         assert (person["name"], person["role"]) == ("Tom", Role.TECHNICIAN)
         assert visible_cookies == ""
-        other = await asyncio.start_server(_a_page, "127.0.0.1", 0)
-        await page.goto(
-            f"http://127.0.0.1:{other.sockets[0].getsockname()[1]}/"
-        )  # same site: gets the cookie
+        other = await stack.enter_async_context(ListeningPort("127.0.0.1", 0, _a_page))
+        await page.goto(f"http://127.0.0.1:{other.port}/")  # same site: gets the cookie
         assert "Failed to fetch" in str(await page.evaluate(FORGE, f"http://{address}"))
         assert statuses[-1] == ("/api/commands", 403)
-        other.close()

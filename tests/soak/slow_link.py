@@ -11,6 +11,8 @@ from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from dataclasses import dataclass, field
 
+from cellcal.fake_devices.listening_port import ListeningPort
+
 _PACKET = 1460  # bytes
 
 
@@ -40,8 +42,6 @@ class SlowLink:
     target: int
     rate_bit_s: float
     delay_s: float
-    port: int = 0
-    _tasks: set[asyncio.Task[None]] = field(default_factory=set)
 
     def __post_init__(self) -> None:
         self._out, self._back = (_LinkDirection(self.rate_bit_s / 8.0) for _ in range(2))
@@ -53,21 +53,15 @@ class SlowLink:
 
     async def serve_connection(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         """Carry one connection."""
-        task = asyncio.current_task()
-        assert task is not None
-        self._tasks.add(task)
-        task.add_done_callback(self._tasks.discard)
-        with contextlib.suppress(OSError, asyncio.CancelledError):  # `let_go` ends it
-            await asyncio.sleep(2.0 * self.delay_s)
-            answers, upstream_writer = await asyncio.open_connection("127.0.0.1", self.target)
-            try:
-                await asyncio.gather(
-                    self._carry_bytes(reader, upstream_writer, self._out),
-                    self._carry_bytes(answers, writer, self._back),
-                )
-            finally:
-                upstream_writer.close()
-        writer.close()
+        await asyncio.sleep(2.0 * self.delay_s)
+        answers, upstream_writer = await asyncio.open_connection("127.0.0.1", self.target)
+        try:
+            await asyncio.gather(
+                self._carry_bytes(reader, upstream_writer, self._out),
+                self._carry_bytes(answers, writer, self._back),
+            )
+        finally:
+            upstream_writer.close()
 
     async def _carry_bytes(
         self, source: asyncio.StreamReader, sink: asyncio.StreamWriter, way: _LinkDirection
@@ -97,21 +91,11 @@ class SlowLink:
                 await sink.drain()
             sink.close()
 
-    async def let_go(self) -> None:
-        """End every connection."""
-        for task in tuple(self._tasks):
-            task.cancel()
-        await asyncio.gather(*self._tasks, return_exceptions=True)
-
 
 @asynccontextmanager
 async def slow_link_to(target: int, *, rate_bit_s: float, delay_s: float) -> AsyncIterator[SlowLink]:
     """Open such a link."""
     link = SlowLink(target, rate_bit_s, delay_s)
-    server = await asyncio.start_server(link.serve_connection, "127.0.0.1", 0)
-    link.port = server.sockets[0].getsockname()[1]
-    try:
+    async with ListeningPort("127.0.0.1", 0, link.serve_connection) as port:
+        link.port = port.port
         yield link
-    finally:
-        server.close()
-        await link.let_go()

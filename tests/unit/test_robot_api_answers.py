@@ -6,6 +6,7 @@ import pytest
 
 from cellcal.drivers.errors import RefusedError, WireProtocolError
 from cellcal.drivers.universal_robots.robot_api import RobotApiClient
+from cellcal.fake_devices.listening_port import ListeningPort
 from tests.machine_speed import stretched_s
 
 
@@ -45,12 +46,9 @@ async def test_a_stop_is_taken_where_the_controller_says_so_without_content(
         length = "" if status.startswith("204") else "Content-Length: 0\r\n"
         writer.write(f"HTTP/1.1 {status}\r\n{length}Connection: close\r\n\r\n".encode())
         await writer.drain()
-        writer.close()
-        await writer.wait_closed()
 
-    async with await asyncio.start_server(serve, "127.0.0.1", 0) as server:
-        port = server.sockets[0].getsockname()[1]
-        client = RobotApiClient("ur", "127.0.0.1", port, deadline_s=stretched_s(5.0))
+    async with ListeningPort("127.0.0.1", 0, serve) as port:
+        client = RobotApiClient("ur", "127.0.0.1", port.port, deadline_s=stretched_s(5.0))
         try:
             await client.stop_program()
             assert is_taken

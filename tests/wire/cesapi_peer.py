@@ -12,7 +12,7 @@ from copy import deepcopy
 from typing import Any
 from unittest import mock
 
-from tests.machine_speed import stretched_s
+from cellcal.fake_devices.listening_port import ListeningPort
 
 with mock.patch("logging.basicConfig"):  # cesapi calls it when it is imported: the log is not its business
     from CESAPI import packet as ces
@@ -128,10 +128,8 @@ def error_packet(command: int, status: int) -> Any:
 async def serve_peer(tracker: PeerTracker) -> AsyncIterator[int]:
     """Serve one driver; return the port. What went wrong inside is raised at the end."""
     failures: list[Exception] = []
-    serving: set[asyncio.Task[Any] | None] = set()
 
     async def serve_driver(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        serving.add(asyncio.current_task())
         try:
             while True:
                 head = await reader.readexactly(_HEADER_BYTES)
@@ -143,14 +141,9 @@ async def serve_peer(tracker: PeerTracker) -> AsyncIterator[int]:
             return
         except Exception as failure:
             failures.append(failure)
-        finally:
-            writer.close()
 
-    async with await asyncio.start_server(serve_driver, "127.0.0.1", 0) as server:
-        yield server.sockets[0].getsockname()[1]
-        server.close()
-        if serving:
-            await asyncio.wait({task for task in serving if task is not None}, timeout=stretched_s(5.0))
+    async with ListeningPort("127.0.0.1", 0, serve_driver) as port:
+        yield port.port
     if failures:
         raise failures[0]
 

@@ -3,37 +3,25 @@
 import asyncio
 from contextlib import suppress
 
+from cellcal.fake_devices.listening_port import ListeningPort
 
-class CuttingProxy:
+
+class CuttingProxy(ListeningPort):
     """An async context; ``port`` is where it listens."""
 
     def __init__(self, host: str, port: int, cut_after: int) -> None:
+        super().__init__("127.0.0.1", 0, self._relay)
         self._target, self._left = (host, port), cut_after
         self.was_cut = False
-        self.port = 0
-        self._writers: list[asyncio.StreamWriter] = []
-        self._tasks: set[asyncio.Task[None]] = set()
-
-    async def __aenter__(self) -> "CuttingProxy":
-        self._server = await asyncio.start_server(self._relay, "127.0.0.1", 0)
-        self.port = self._server.sockets[0].getsockname()[1]
-        return self
-
-    async def __aexit__(self, *_exc: object) -> None:
-        self._server.close()
-        self._abort()
-        await asyncio.gather(*self._tasks, return_exceptions=True)
 
     async def _relay(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        task = asyncio.current_task()
-        assert task is not None
-        self._tasks.add(task)
-        with suppress(OSError):
-            back, forth = await asyncio.open_connection(*self._target)
-            self._writers += [writer, forth]
+        back, forth = await asyncio.open_connection(*self._target)
+        try:
             await asyncio.gather(
                 self._pump(reader, forth, counted=True), self._pump(back, writer, counted=False)
             )
+        finally:
+            forth.transport.abort()
 
     async def _pump(self, source: asyncio.StreamReader, sink: asyncio.StreamWriter, *, counted: bool) -> None:
         with suppress(OSError):
@@ -43,14 +31,10 @@ class CuttingProxy:
                         self.was_cut = True
                         sink.write(octets[: self._left])
                         await sink.drain()
-                        self._abort()
+                        self.cut_connections()
+                        sink.transport.abort()
                         return
                     self._left -= len(octets)
                 sink.write(octets)
                 await sink.drain()
         sink.close()
-
-    def _abort(self) -> None:
-        for writer in self._writers:
-            writer.transport.abort()
-        self._writers.clear()

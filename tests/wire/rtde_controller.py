@@ -6,6 +6,8 @@ import struct
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager, suppress
 
+from cellcal.fake_devices.listening_port import ListeningPort
+
 PORT = 30004
 TYPES = "DOUBLE,VECTOR6D,VECTOR6D,VECTOR6D,VECTOR6D,DOUBLE,DOUBLE,INT32,UINT32,UINT32,UINT32,DOUBLE"
 NAMES = (
@@ -60,7 +62,6 @@ class RtdeController:
             while True:
                 size, kind = struct.unpack(">HB", await reader.readexactly(3))
                 self._answer_request(chr(kind), await reader.readexactly(size - 3), writer)
-        writer.close()
 
     def _answer_request(self, kind: str, payload: bytes, writer: asyncio.StreamWriter) -> None:
         self.requests.append((kind, payload))
@@ -79,8 +80,9 @@ async def running_controller() -> AsyncIterator[RtdeController]:
     controller, rng = RtdeController(), random.SystemRandom()
     for _ in range(20):
         address = f"127.{rng.randint(1, 250)}.{rng.randint(0, 250)}.{rng.randint(1, 250)}"
+        server = ListeningPort(address, PORT, controller.serve_connection)
         with suppress(OSError):
-            server = await asyncio.start_server(controller.serve_connection, address, PORT)
+            await server.open()
             break
     else:
         raise AssertionError("no free loopback address")
@@ -88,6 +90,4 @@ async def running_controller() -> AsyncIterator[RtdeController]:
     try:
         yield controller
     finally:
-        server.close()
-        controller.drop_connections()
         await server.wait_closed()

@@ -17,6 +17,7 @@ from cellcal.drivers.abb.robot_web_services.generation import ServiceAddress
 from cellcal.drivers.abb.robot_web_services.web_link import WebLink
 from cellcal.drivers.errors import DeviceError, RefusedError, UnreachableError
 from cellcal.drivers.interfaces import AlarmKind, Readiness
+from cellcal.fake_devices.listening_port import ListeningPort
 from cellcal.service.configuration.cell_file import CellConfig
 from cellcal.service.demo.fake_cell_client import FakeCellClient
 from tests.wire.driver_cases import ROBOTS, open_at_home, wait_until
@@ -64,12 +65,9 @@ async def test_a_basic_challenge_without_tls_gets_no_password(cell: CellConfig) 
     async def serve(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         seen.append(await reader.read(4096))
         writer.write(b'HTTP/1.1 401 No\r\nWWW-Authenticate: Basic realm="x"\r\nContent-Length: 0\r\n\r\n')
-        writer.close()
 
-    server = await asyncio.start_server(serve, "127.0.0.1", 0)
-    port = server.sockets[0].getsockname()[1]
-    config = cell.robot_named(CASE.name).model_copy(update={"address": "127.0.0.1", "port": port})
-    async with server:
+    async with ListeningPort("127.0.0.1", 0, serve) as port:
+        config = cell.robot_named(CASE.name).model_copy(update={"address": "127.0.0.1", "port": port.port})
         with pytest.raises(UnreachableError):
             async with config.open():
                 pytest.fail("a stranger was taken for a controller")
@@ -97,16 +95,13 @@ async def web_server(status: str, challenge: str) -> AsyncIterator[int]:
     """Answer every request alike; return the port."""
 
     async def serve(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        while await reader.readuntil(b"\r\n\r\n"):
-            head = f"HTTP/1.1 {status}\r\nContent-Length: 0\r\nConnection: close\r\n{challenge}\r\n"
-            writer.write(head.encode())
-            await writer.drain()
-            break
-        writer.close()
-        await writer.wait_closed()
+        await reader.readuntil(b"\r\n\r\n")
+        head = f"HTTP/1.1 {status}\r\nContent-Length: 0\r\nConnection: close\r\n{challenge}\r\n"
+        writer.write(head.encode())
+        await writer.drain()
 
-    async with await asyncio.start_server(serve, "127.0.0.1", 0) as server:
-        yield server.sockets[0].getsockname()[1]
+    async with ListeningPort("127.0.0.1", 0, serve) as port:
+        yield port.port
 
 
 async def test_a_controller_without_a_free_session_says_so() -> None:

@@ -7,6 +7,7 @@ from collections.abc import AsyncIterator
 import pytest
 
 from cellcal.drivers.universal_robots.robot_api import RobotApiClient
+from cellcal.fake_devices.listening_port import ListeningPort
 
 ANSWERS = {
     "openapi.json": {"info": {"version": "3.2.1"}},
@@ -18,20 +19,15 @@ ANSWERS = {
 @pytest.fixture
 async def doubling_port() -> AsyncIterator[int]:
     async def serve(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        try:
-            while head := await reader.readuntil(b"\r\n\r\n"):
-                path = head.split(b" ")[1].decode()
-                body = json.dumps(ANSWERS[path.rpartition("/")[2]]).encode()
-                head = b"HTTP/1.1 200 OK\r\nContent-Length: %d\r\n\r\n" % len(body)
-                writer.write(2 * (head + body))
-                await writer.drain()
-        except (asyncio.IncompleteReadError, ConnectionError):
-            pass
-        finally:
-            writer.close()
+        while head := await reader.readuntil(b"\r\n\r\n"):
+            path = head.split(b" ")[1].decode()
+            body = json.dumps(ANSWERS[path.rpartition("/")[2]]).encode()
+            head = b"HTTP/1.1 200 OK\r\nContent-Length: %d\r\n\r\n" % len(body)
+            writer.write(2 * (head + body))
+            await writer.drain()
 
-    async with await asyncio.start_server(serve, "127.0.0.1", 0) as server:
-        yield server.sockets[0].getsockname()[1]
+    async with ListeningPort("127.0.0.1", 0, serve) as port:
+        yield port.port
 
 
 async def test_the_robot_api_is_asked_on_a_connection_for_each_question(doubling_port: int) -> None:

@@ -11,6 +11,7 @@ import pytest
 from cellcal.drivers.errors import RefusedError, WireProtocolError
 from cellcal.drivers.fanuc.rmi.rmi_link import RmiLink
 from cellcal.drivers.fanuc.rmi.rmi_state import read_active_numbers, read_frame, read_joint_angles
+from cellcal.fake_devices.listening_port import ListeningPort
 from tests.machine_speed import stretched_s
 
 DEADLINE_S = stretched_s(4.0)
@@ -33,7 +34,6 @@ class SlowController:
     async def name_port(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         await reader.readline()
         self._send(writer, Communication="FRC_Connect", PortNumber=self.port, MajorVersion=4, MinorVersion=1)
-        writer.close()
 
     async def answer(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         self.clients.append(writer)
@@ -62,19 +62,17 @@ class SlowController:
 
     @asynccontextmanager
     async def running(self) -> AsyncIterator[RmiLink]:
-        second = await asyncio.start_server(self.answer, "127.0.0.1", 0)
-        first = await asyncio.start_server(self.name_port, "127.0.0.1", 0)
-        self.port = second.sockets[0].getsockname()[1]
-        async with first, second:
-            link = RmiLink("rmi", "127.0.0.1", first.sockets[0].getsockname()[1], deadline_s=DEADLINE_S)
+        async with (
+            ListeningPort("127.0.0.1", 0, self.answer) as second,
+            ListeningPort("127.0.0.1", 0, self.name_port) as first,
+        ):
+            self.port = second.port
+            link = RmiLink("rmi", "127.0.0.1", first.port, deadline_s=DEADLINE_S)
             try:
                 yield link
             finally:
                 self.may_answer.set()
                 await link.close()
-                for client in self.clients:
-                    client.close()
-                    await client.wait_closed()
 
     def _send(self, writer: asyncio.StreamWriter, **fields: object) -> None:
         writer.write(json.dumps({**fields, "ErrorID": 0}).encode() + b"\r\n")

@@ -11,6 +11,7 @@ from types import SimpleNamespace
 import pytest
 
 from cellcal.drivers.errors import DeviceError, RefusedError, UnreachableError, WireProtocolError
+from cellcal.fake_devices.listening_port import ListeningPort
 from cellcal.service.engineering.delivery.comparison import fetch_programs, folders_below
 from cellcal.service.engineering.delivery.deliveries import (
     Approval,
@@ -45,7 +46,6 @@ class Dashboard:
         writer.write(b"Connected: Universal Robots Dashboard Server\n")
         question = (await reader.readline()).strip()
         writer.write((self.state if question == b"programState" else "could not understand").encode() + b"\n")
-        writer.close()
 
 
 @pytest.fixture
@@ -63,19 +63,22 @@ def root(tmp_path: Path) -> Path:
 @pytest.fixture
 async def controller(root: Path) -> AsyncIterator[SimpleNamespace]:
     dashboard = Dashboard()
-    host, server = await start_on_free_loopback(dashboard)
+    server = await start_on_free_loopback(dashboard)
+    host = server.host
     async with server, writable_sftp(root, host) as sftp:
         yield SimpleNamespace(
             host=host, dashboard=dashboard, server=server, sftp=sftp, folder=root / "programs"
         )
 
 
-async def start_on_free_loopback(dashboard: Dashboard) -> tuple[str, asyncio.Server]:
+async def start_on_free_loopback(dashboard: Dashboard) -> ListeningPort:
     rng = random.SystemRandom()
     for _ in range(20):
         host = f"127.{rng.randint(1, 250)}.{rng.randint(0, 250)}.{rng.randint(1, 250)}"
+        port = ListeningPort(host, 29999, dashboard.serve)
         with suppress(OSError):
-            return host, await asyncio.start_server(dashboard.serve, host, 29999)
+            await port.open()
+            return port
     raise AssertionError("no free loopback address")
 
 
@@ -124,7 +127,6 @@ async def test_nothing_is_written_while_a_program_is_active(
 async def test_without_a_dashboard_a_person_says_that_the_robot_stands(
     controller: SimpleNamespace, tmp_path: Path
 ) -> None:
-    controller.server.close()
     await controller.server.wait_closed()
     open_store = store_at(address_of(controller), login_for(controller.sftp))
     with pytest.raises(DeliveryRefusedError, match="nothing here tells whether a program runs"):

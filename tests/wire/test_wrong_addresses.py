@@ -11,6 +11,7 @@ from cellcal.drivers.abb.robot_web_services.generation import ServiceAddress, fi
 from cellcal.drivers.errors import UnreachableError
 from cellcal.drivers.opc_ua.config import OpcUaConfig
 from cellcal.drivers.wire.link_errors import find_reason
+from cellcal.fake_devices.listening_port import ListeningPort
 
 LIMIT_S = 10.0
 
@@ -26,11 +27,9 @@ async def serving(answer: bytes) -> AsyncIterator[int]:
     async def reply(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         await reader.read(100)
         writer.write(answer)
-        writer.close()
 
-    server = await asyncio.start_server(reply, "127.0.0.1", 0)
-    async with server:
-        yield int(server.sockets[0].getsockname()[1])
+    async with ListeningPort("127.0.0.1", 0, reply) as port:
+        yield port.port
 
 
 @pytest.mark.parametrize("host", ["127.0.0.1", "::1"])
