@@ -25,6 +25,7 @@ from cellcal.service.configuration.cell_file import CellConfig, read_cell_file
 from cellcal.service.demo.fake_cell_client import FakeCellClient
 from cellcal.service.runs.open_cell import open_cell
 from cellcal.service.runs.settings import build_spec
+from tests.cell_tables import cell_head, draw_wire_table, fake_table, robot_table
 from tests.procedures.memory_ledgers import MemoryLedger
 from tests.wire.fake_devices_process import run_fakes
 
@@ -33,11 +34,27 @@ _JOINT = re.compile(r"J\d (-?[\d.]+)")
 _TURN = re.compile(r"turn J(\d) alone by ([+-][\d.]+) deg")
 _BACK = re.compile(r"turn it back by ([+-][\d.]+) deg")
 LOOK_S = 0.02  # between the looks of the guidance
-_FORMS = {
-    "abb": 'driver = "abb_web_services"\nport = 8080\nmodel = "abb_irb1600_6_12"\nserial = "1600-500123"',
-    "kuka": 'driver = "kuka_variables"\nmodel = "kuka_kr10r1420"\nserial = "864231"\nfastest_axis_deg_s = 410.0',
-    "yaskawa": 'driver = "yaskawa"\nmodel = "yaskawa_gp25"\nserial = "Y-230815"\ncontroller_type = "1-06VX25-A0*"\n'
-    "pulses_per_degree = [1341.4, 1341.4, -1341.4, 1000.0, 1000.0, -622.2]\nfastest_axis_deg_s = 885.0",
+_FORMS: dict[str, dict[str, Any]] = {
+    "abb": {
+        "driver": "abb_web_services",
+        "port": 8080,
+        "model": "abb_irb1600_6_12",
+        "serial": "1600-500123",
+    },
+    "kuka": {
+        "driver": "kuka_variables",
+        "model": "kuka_kr10r1420",
+        "serial": "864231",
+        "fastest_axis_deg_s": 410.0,
+    },
+    "yaskawa": {
+        "driver": "yaskawa",
+        "model": "yaskawa_gp25",
+        "serial": "Y-230815",
+        "controller_type": "1-06VX25-A0*",
+        "pulses_per_degree": [1341.4, 1341.4, -1341.4, 1000.0, 1000.0, -622.2],
+        "fastest_axis_deg_s": 885.0,
+    },
 }
 BRANDS = tuple(_FORMS)
 AXES = {
@@ -47,50 +64,6 @@ AXES = {
 }
 MOTION = {"abb": "commanded", "yaskawa": "commanded", "kuka": "observe"}  # KUKA moves no slower than 1 %
 LOSS = {"abb": "counters_lost", "yaskawa": "battery_loss", "kuka": "mastering_lost"}
-_CELL = """
-[cell]
-name = "guided"
-data_dir = "{{folder}}"
-
-[[robot]]
-name = "robot"
-{form}
-address = "{{address}}"
-motion = "{motion}"
-motor_turns_per_joint_turn = [120.0, -100.0, 105.0, 80.0, -81.0, 50.0]
-deadline_s = 6.0
-speed_limit_rad_s = 0.5
-step_s = 5.0
-settle_s = 0.01
-
-[[robot.space.plane]]
-name = "floor"
-point_in_base_mm = [0, 0, -900]
-normal_in_base = [0, 0, 1]
-
-[[gauge]]
-name = "wire"
-driver = "draw_wire"
-interface = "socketcand"
-host = "{{address}}"
-port = 29536
-channel = "can0"
-node_id = 7
-serial = 4711
-range_m = 3.0
-sigma_m = 0.0002
-deadline_s = 3.0
-heartbeat_s = 2.0
-robot = "robot"
-anchor_in_base_mm = [900.0, -700.0, -450.0]
-hook_in_flange_mm = [60.0, 50.0, 120.0]
-
-[fake]
-watchdog_factor = 10.0
-seed = {seed}
-time_factor = 600.0
-control_port = 0
-"""
 
 
 @dataclass
@@ -222,7 +195,18 @@ class GuidedBench:
 @asynccontextmanager
 async def guided_bench(folder: Path, brand: str, seed: int = 1) -> AsyncIterator[GuidedBench]:
     """Play a robot with its wire in another process and open its cell."""
-    text = _CELL.format(form=_FORMS[brand], seed=seed, motion=MOTION[brand])
+    robot = robot_table(
+        name="robot",
+        motion=MOTION[brand],
+        motor_turns_per_joint_turn=[120.0, -100.0, 105.0, 80.0, -81.0, 50.0],
+        deadline_s=6.0,
+        step_s=5.0,
+        settle_s=0.01,
+        **_FORMS[brand],
+    )
+    wire = draw_wire_table(deadline_s=3.0, heartbeat_s=2.0, robot="robot")
+    world = fake_table(watchdog_factor=10.0, seed=seed, time_factor=600.0)
+    text = cell_head("guided") + robot + wire + world
     with run_fakes(folder, text) as (path, fake_client):
         hands = PendantWorker(brand, fake_client)
         config = read_cell_file(path)

@@ -26,6 +26,14 @@ from cellcal.service.runs.run_preview import dry_run, list_procedures
 from cellcal.service.runs.run_procedure import resume_procedure, run_procedure
 from cellcal.service.runs.settings import build_spec
 from cellcal.service.watching.mastering_comparison import MasteringComparison, journalled_mastering
+from tests.cell_tables import (
+    cell_head,
+    fake_table,
+    fanuc_table,
+    fill_in,
+    touch_probe_table,
+    tracker_table,
+)
 from tests.machine_speed import stretched_s
 from tests.procedures.certified_runs import HOW
 from tests.procedures.fake_technician import FakeTechnician
@@ -33,76 +41,34 @@ from tests.procedures.memory_ledgers import MemoryLedger
 from tests.wire.fake_devices_process import run_fakes
 
 TIP_MM = [45.0, 20.0, 150.0]
-_ROBOT = """
-[cell]
-name = "no wire"
-data_dir = "{{folder}}"
+PROBE = touch_probe_table(
+    tip_in_flange_mm=TIP_MM,
+    tip_sigma_mm=0.5,
+    pretravel_mm=0.02,
+    overtravel_mm=6.0,
+    silence_ms=500.0,
+    poll_ms=6.0,
+)
+TRACKER = tracker_table(
+    name="at",
+    port=1700,
+    station=1,
+    deadline_s=5.0,
+    measure_deadline_s=20.0,
+    target_in_flange_mm=TIP_MM,
+    target_sigma_mm=0.5,
+)
 
-[[robot]]
-name = "fanuc"
-driver = "modbus_robot"
-profile = "fanuc_hmi"
-address = "{{address}}"
-port = 1502
-model = "fanuc_m6ib"
-motion = "commanded"
-serial = "F-104711"
-deadline_s = 6.0
-speed_limit_rad_s = 0.5
-settle_s = 0.01
 
-[[robot.space.plane]]
-name = "floor"
-point_in_base_mm = [0, 0, -900]
-normal_in_base = [0, 0, 1]
-{instrument}
-[fake]
-watchdog_factor = 10.0
-seed = {seed}
-time_factor = 600.0
-control_port = 0
-"""
-PROBE = f"""
-[[probe]]
-name = "probe"
-driver = "touch_probe"
-address = "{{{{address}}}}"
-port = 1503
-serial = "00:30:DE:0A:0B:0C"
-robot = "fanuc"
-contact_input = 1
-tip_in_flange_mm = {TIP_MM}
-tip_sigma_mm = 0.5
-tip_radius_mm = 1.5
-pretravel_mm = 0.02
-sigma_mm = 0.003
-overtravel_mm = 6.0
-delay_ms = 6.0
-delay_tolerance_ms = 3.0
-deadline_s = 5.0
-silence_ms = 500.0
-poll_ms = 6.0
-"""
-TRACKER = f"""
-[[tracker]]
-name = "at"
-driver = "laser_tracker"
-address = "{{{{address}}}}"
-port = 1700
-serial = 390793
-station = 1
-robot = "fanuc"
-deadline_s = 5.0
-measure_deadline_s = 20.0
-target_in_flange_mm = {TIP_MM}
-target_sigma_mm = 0.5
-"""
+def cell_without_wire(instrument: str, *, seed: int = 1) -> str:
+    """Return the cell file of a robot with one instrument."""
+    world = fake_table(watchdog_factor=10.0, seed=seed, time_factor=600.0)
+    return cell_head("no wire") + fanuc_table() + instrument + world
 
 
 @asynccontextmanager
 async def cell_with(folder: Path, instrument: str, kit: str, seed: int = 1) -> AsyncIterator[tuple[Any, ...]]:
-    text = _ROBOT.format(instrument=instrument.format(), seed=seed)
-    with run_fakes(folder, text) as (path, fake_client):
+    with run_fakes(folder, cell_without_wire(instrument, seed=seed)) as (path, fake_client):
         config, hands = read_cell_file(path), FakeTechnician(fake_client, kit)
         async with open_cell(config, hands) as cell:
             yield config, cell, fake_client, hands
@@ -226,7 +192,7 @@ async def _answers_again(cell: Any) -> None:
 
 
 def test_the_list_and_the_dry_run_say_that_it_is_possible(tmp_path: Path) -> None:
-    text = _ROBOT.format(instrument=PROBE.format(), seed=1).format(folder=tmp_path, address="127.0.0.9")
+    text = fill_in(cell_without_wire(PROBE), folder=str(tmp_path), address="127.0.0.9")
     path = tmp_path / "cell.toml"
     path.write_text(text, encoding="utf-8")
     config = read_cell_file(path)

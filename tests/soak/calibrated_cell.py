@@ -23,6 +23,15 @@ from cellcal.procedures.cell import Cell
 from cellcal.service.configuration.cell_file import CellConfig, read_cell_file
 from cellcal.service.runs.open_cell import open_cell
 from cellcal.service.runs.settings import build_spec
+from tests.cell_tables import (
+    cell_head,
+    draw_wire_table,
+    fake_table,
+    fanuc_table,
+    fill_in,
+    tracker_table,
+    write_table,
+)
 from tests.procedures.ideal_devices import ScriptedTechnician
 
 ANCHOR, HOOK = (0.9, -0.7, -0.45), (0.06, 0.05, 0.12)
@@ -33,66 +42,6 @@ _TARGETS = {
     "tracker": ("flange_probe", "base_tracker"),
 }
 _numbers = count()
-
-CELL = """\
-[cell]
-name = "calibrations"
-data_dir = "{folder}"
-
-[[robot]]
-name = "fanuc"
-driver = "modbus_robot"
-profile = "fanuc_hmi"
-address = "{address}"
-port = 1502
-model = "fanuc_m6ib"
-serial = "F-104711"
-deadline_s = 10.0
-speed_limit_rad_s = 0.5
-settle_s = 0.01
-motion = "commanded"
-
-[[robot.space.plane]]
-name = "floor"
-point_in_base_mm = [0, 0, -900]
-normal_in_base = [0, 0, 1]
-
-[[gauge]]
-name = "wire"
-driver = "draw_wire"
-interface = "socketcand"
-host = "{address}"
-port = 29536
-channel = "can0"
-node_id = 7
-serial = 4711
-range_m = 3.0
-sigma_m = 0.0001
-deadline_s = 10.0
-robot = "fanuc"
-anchor_in_base_mm = [900.0, -700.0, -450.0]
-hook_in_flange_mm = [60.0, 50.0, 120.0]
-
-[[tracker]]
-name = "at"
-driver = "laser_tracker"
-address = "{address}"
-port = 7700
-serial = 390793
-station = 2
-deadline_s = 10.0
-robot = "fanuc"
-target_in_flange_mm = [80.0, 40.0, 100.0]
-
-[fake.end_effector]
-targets_mm = [[0.0, 0.0, 0.0], [160.0, 0.0, -50.0], [0.0, 160.0, -50.0]]
-flange_tool = [0.0, 0.0, 200.0, 0.0, 0.0, 0.0]
-
-[fake]
-seed = {seed}
-time_factor = {time_factor}
-control_port = 0
-"""
 
 
 @dataclass(frozen=True)
@@ -189,12 +138,29 @@ async def cell_behind_sockets(
     """Play the devices in this process, connect to them over loopback, and yield the cell."""
     path, pid = folder / f"cell_{seed}.toml", os.getpid()
     address = f"127.{60 + next(_numbers) % 60}.{pid >> 8 & 0xFF}.{pid & 0xFF}"
-    text = CELL.format(folder=folder, address=address, seed=seed, time_factor=time_factor)
+    text = fill_in(_write_cell(seed, time_factor), folder=str(folder), address=address)
     path.write_text(text, encoding="utf-8")
     config = read_cell_file(path)
     technician = ScriptedTechnician()
     async with FakeCell.from_file(path) as fake, open_cell(config, technician) as cell:
         yield CalibrationBench(cell, fake, config, technician)
+
+
+def _write_cell(seed: int, time_factor: float) -> str:
+    return "".join(
+        (
+            cell_head("calibrations"),
+            fanuc_table(deadline_s=10.0),
+            draw_wire_table(sigma_m=0.0001, deadline_s=10.0),
+            tracker_table(name="at"),
+            write_table(
+                "fake.end_effector",
+                targets_mm=[[0.0, 0.0, 0.0], [160.0, 0.0, -50.0], [0.0, 160.0, -50.0]],
+                flange_tool=[0.0, 0.0, 200.0, 0.0, 0.0, 0.0],
+            ),
+            fake_table(seed=seed, time_factor=time_factor),
+        )
+    )
 
 
 WORK, FRAME = 977, 4242  # draws of postures: those that are judged, and those that a user frame is set by

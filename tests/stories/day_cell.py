@@ -3,7 +3,6 @@
 The second robot carries a touch probe, and a nest stands before it: a corner of three planes.
 """
 
-import json
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from pathlib import Path
@@ -11,6 +10,15 @@ from pathlib import Path
 from cellcal.calibration.arm.kinematics import load_model
 from cellcal.service.demo.fake_cell import free_address, running_fakes
 from cellcal.service.demo.fake_cell_client import FakeCellClient
+from tests.cell_tables import (
+    cell_head,
+    draw_wire_table,
+    fake_table,
+    fanuc_table,
+    touch_probe_table,
+    tracker_table,
+    write_table,
+)
 from tests.machine_speed import stretched_s
 from tests.procedures.probed_corner import corner_below
 from tests.wire.probe_cell import corner_tables
@@ -26,96 +34,6 @@ PACE = 1500.0  # so many times as fast as real time
 ROBOTS = {"fanuc": "F-104711", "second": "F-104712"}
 WIRES = {"fanuc": 4711, "second": 4712}  # two instruments: nothing that one has wrong is wrong with the other
 
-_ROBOT = """
-[[robot]]
-name = "{name}"
-driver = "modbus_robot"
-profile = "fanuc_hmi"
-address = "{address}"
-port = 1502
-model = "fanuc_m6ib"
-motion = "commanded"
-serial = "{serial}"
-deadline_s = 10.0
-speed_limit_rad_s = 0.5
-settle_s = 0.01
-
-[[robot.space.plane]]
-name = "floor"
-point_in_base_mm = [0, 0, -900]
-normal_in_base = [0, 0, 1]
-
-[[gauge]]
-name = "wire of {name}"
-driver = "draw_wire"
-interface = "socketcand"
-host = "{address}"
-port = 29536
-channel = "can0"
-node_id = 7
-serial = {wire}
-range_m = 3.0
-sigma_m = 0.0001
-deadline_s = 10.0
-heartbeat_s = 1.0
-robot = "{name}"
-anchor_in_base_mm = [900.0, -700.0, -450.0]
-hook_in_flange_mm = [60.0, 50.0, 120.0]
-"""
-_REST = """
-[[tracker]]
-name = "tracker"
-driver = "laser_tracker"
-address = "{address}"
-port = 7700
-serial = 390793
-station = 2
-deadline_s = 10.0
-robot = "fanuc"
-target_in_flange_mm = [80.0, 40.0, 100.0]
-
-[[probe]]
-name = "probe"
-driver = "touch_probe"
-address = "{other}"
-port = 1503
-serial = "00:30:DE:0A:0B:0C"
-robot = "second"
-contact_input = 1
-echo_output = 1
-echo_input = 2
-tip_in_flange_mm = {tip}
-tip_sigma_mm = 0.1
-tip_radius_mm = 1.5
-pretravel_mm = 0.02
-sigma_mm = 0.003
-overtravel_mm = 6.0
-delay_ms = 6.0
-delay_tolerance_ms = 3.0
-deadline_s = 5.0
-silence_ms = {silence}
-debounce_ms = 40.0
-bounce_ms = 40.0  # of real time, while the world runs faster: an arm that comes to rest at the surface swings
-poll_ms = 6.0
-
-[watch]
-period_s = 0.5
-
-[fake]
-seed = {seed}
-time_factor = {pace}
-control_port = 0
-watchdog_factor = 10.0
-
-[fake.fixture]
-points_mm = {points}
-seen_from = {{ fanuc = [850.0, 0.0, -200.0, 0.0, 0.0, 0.0], second = [850.0, 0.0, -200.0, 0.0, 0.0, 0.0] }}
-
-[fake.end_effector]
-targets_mm = {targets}
-flange_tool = [0.0, 0.0, 200.0, 0.0, 0.0, 0.0]
-"""
-
 
 @asynccontextmanager
 async def day_cell(
@@ -124,26 +42,56 @@ async def day_cell(
     """Run the cell's fakes; its file is in ``folder``."""
     with free_address() as one, free_address() as other:
         robots = [
-            _ROBOT.format(name=name, serial=serial, wire=WIRES[name], address=address)
+            fanuc_table(name=name, serial=serial, address=address, deadline_s=10.0)
+            + draw_wire_table(
+                name=f"wire of {name}",
+                serial=WIRES[name],
+                host=address,
+                robot=name,
+                sigma_m=0.0001,
+                deadline_s=10.0,
+                heartbeat_s=1.0,
+            )
             for (name, serial), address in zip(ROBOTS.items(), (one, other), strict=True)
         ]
-        rest = _REST.format(
-            address=one,
-            other=other,
-            seed=seed,
-            pace=PACE,
-            tip=list(TIP_MM),
-            silence=min(stretched_s(500.0), 2000.0),
-            points=_in_mm(points_m),
-            targets=_in_mm(TARGETS_M),
-        )
-        rest += corner_tables("second", CORNER)
+        head = cell_head("working day", str(folder / "data"))
+        rest = _instrument_tables(one, other) + _world_tables(seed, points_m)
         path = folder / "cell.toml"
-        head = f'[cell]\nname = "working day"\ndata_dir = {json.dumps(str(folder / "data"))}\n'
         path.write_text(head + "".join(robots) + rest, encoding="utf-8")
     async with running_fakes(path) as fake_client:
         yield path, fake_client
 
 
-def _in_mm(points_m: tuple[tuple[float, ...], ...]) -> str:
-    return json.dumps([[1e3 * value for value in point] for point in points_m])
+def _instrument_tables(one: str, other: str) -> str:
+    probe = touch_probe_table(
+        address=other,
+        robot="second",
+        echo_output=1,
+        echo_input=2,
+        tip_in_flange_mm=list(TIP_MM),
+        tip_sigma_mm=0.1,
+        pretravel_mm=0.02,
+        overtravel_mm=6.0,
+        silence_ms=min(stretched_s(500.0), 2000.0),
+        debounce_ms=40.0,
+        bounce_ms=40.0,  # of real time, while the world runs faster: an arm that comes to rest at the surface swings
+        poll_ms=6.0,
+    )
+    return tracker_table(address=one) + probe + write_table("watch", period_s=0.5)
+
+
+def _world_tables(seed: int, points_m: tuple[tuple[float, ...], ...]) -> str:
+    fixture = write_table(
+        "fake.fixture",
+        points_mm=_in_mm(points_m),
+        seen_from={name: [850.0, 0.0, -200.0, 0.0, 0.0, 0.0] for name in ROBOTS},
+    )
+    end_effector = write_table(
+        "fake.end_effector", targets_mm=_in_mm(TARGETS_M), flange_tool=[0.0, 0.0, 200.0, 0.0, 0.0, 0.0]
+    )
+    world = fake_table(seed=seed, time_factor=PACE, watchdog_factor=10.0)
+    return world + fixture + end_effector + corner_tables("second", CORNER)
+
+
+def _in_mm(points_m: tuple[tuple[float, ...], ...]) -> list[list[float]]:
+    return [[1e3 * value for value in point] for point in points_m]

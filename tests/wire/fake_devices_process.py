@@ -15,256 +15,108 @@ from pathlib import Path
 
 from cellcal.service.demo.demo_arm import describe_arms, write_described
 from cellcal.service.demo.fake_cell_client import FakeCellClient
+from tests.cell_tables import (
+    cell_head,
+    dial_gauge_table,
+    draw_wire_table,
+    fake_table,
+    fanuc_table,
+    fill_in,
+    robot_table,
+    touch_probe_table,
+    universal_robots_table,
+    write_table,
+)
 from tests.machine_speed import stretched_s
 
 TIME_FACTOR = 30.0
 _START_S = stretched_s(30.0)
 _numbers = itertools.count()
 
-FLOOR = """\
-[[robot.space.plane]]                    # what stands in the cell: without any, speeds halve
-name = "floor"
-point_in_base_mm = [0, 0, -900]
-normal_in_base = [0, 0, 1]
-"""
+_SOON = {"deadline_s": 2.0, "step_s": 0.5, "settle_s": 0.02}
+_ABB = {"driver": "abb_web_services", "model": "abb_irb1600_6_12", **_SOON, "deadline_s": 3.0}
+_STREAM = {
+    "window_s": 0.4,
+    "silent_s": 1.5,
+    "late_s": 0.5,
+}  # a test machine may be too busy for a window of 0.2
 
-KUKA_ROBOT = """\
-[[robot]]
-name = "kuka"
-driver = "kuka_variables"
-address = "{address}"
-model = "kuka_kr10r1420"
-motion = "commanded"
-serial = "864231"
-fastest_axis_deg_s = 410.0
-deadline_s = 2.0
-speed_limit_rad_s = 0.5
-step_s = 0.5
-settle_s = 0.02
+KUKA_ROBOT = robot_table(
+    name="kuka",
+    driver="kuka_variables",
+    model="kuka_kr10r1420",
+    serial="864231",
+    fastest_axis_deg_s=410.0,
+    **_SOON,
+) + write_table("robot.rsi", listen="{second_address}", port=49152, **_STREAM)
+ABB_ROBOT = robot_table(name="abb", port=8080, serial="1600-500123", **_ABB)
+EGM_STREAM = write_table("robot.egm", listen="{second_address}", **_STREAM)
+FAKE_TABLE = fake_table(time_factor=TIME_FACTOR)
 
-[robot.rsi]
-listen = "{second_address}"
-port = 49152
-window_s = 0.4  # a test machine may be too busy for 0.2
-silent_s = 1.5
-late_s = 0.5
-
-{floor}
-"""
-ABB_ROBOT = """\
-[[robot]]
-name = "abb"
-driver = "abb_web_services"
-address = "{address}"
-port = 8080
-model = "abb_irb1600_6_12"
-motion = "commanded"
-serial = "1600-500123"
-deadline_s = 3.0
-speed_limit_rad_s = 0.5
-step_s = 0.5
-settle_s = 0.02
-
-{floor}
-"""
-EGM_STREAM = """\
-[robot.egm]
-listen = "{second_address}"
-window_s = 0.4  # a test machine may be too busy for 0.2
-silent_s = 1.5
-late_s = 0.5
-"""
-FAKE_TABLE = """\
-[fake]
-seed = 1
-time_factor = {time_factor}
-control_port = 0
-"""
-
-CELL = (
-    """\
-[cell]
-name = "wire tests"
-data_dir = "{folder}"
-
-[[robot]]
-name = "fanuc"
-driver = "modbus_robot"
-profile = "fanuc_hmi"
-address = "{address}"
-port = 1502
-model = "fanuc_m6ib"
-motion = "commanded"
-serial = "F-104711"
-deadline_s = 2.0
-speed_limit_rad_s = 0.5
-settle_s = 0.04
-
-{floor}
-[[robot]]
-name = "ur"
-driver = "universal_robots"
-address = "{address}"
-model = "ur10e"
-motion = "commanded"
-serial = "20225500042"
-deadline_s = 2.0
-speed_limit_rad_s = 0.5
-watchdog_hz = 1.0  # a test machine may be too busy for 5
-
-{floor}
-[[robot]]
-name = "ur_x"
-driver = "universal_robots"
-address = "{second_address}"              # the maker's ports are fixed
-robot_api_port = 8089
-model = "ur10e"
-motion = "commanded"
-serial = "20235500043"
-deadline_s = 2.0
-speed_limit_rad_s = 0.5
-watchdog_hz = 1.0  # as above
-
-{floor}
-[[robot]]
-name = "rmi"
-driver = "fanuc_rmi"
-address = "{address}"
-model = "fanuc_m6ib"
-motion = "commanded"
-serial = "F-230816"
-deadline_s = 2.0
-speed_limit_rad_s = 0.5
-step_s = 0.5
-settle_s = 0.02
-
-{floor}
-"""
-    + KUKA_ROBOT
-    + ABB_ROBOT
-    + """\
-[[robot]]
-name = "abb_7"
-driver = "abb_web_services"
-address = "{address}"
-port = 8443
-model = "abb_irb1600_6_12"
-motion = "commanded"
-serial = "460-300278"
-deadline_s = 3.0
-speed_limit_rad_s = 0.5
-step_s = 0.5
-settle_s = 0.02
-
-"""
-    + EGM_STREAM
-    + """
-{floor}
-[[robot]]
-name = "motoman"
-driver = "yaskawa"
-address = "{address}"
-model = "yaskawa_gp25"
-controller_type = "1-06VX25-A0*"
-motion = "commanded"
-serial = "Y-230815"
-pulses_per_degree = [1341.4, 1341.4, -1341.4, 1000.0, 1000.0, -622.2]
-fastest_axis_deg_s = 885.0
-deadline_s = 2.0
-speed_limit_rad_s = 0.5
-step_s = 0.5
-settle_s = 0.02
-
-{floor}
-[[robot]]
-name = "any_maker"
-driver = "opc_ua"
-address = "{address}"
-port = 4840
-model = "fanuc_m6ib"
-motion = "observe"
-serial = "ER-230817"
-deadline_s = 2.0
-still_s = 0.1
-
-{floor}
-[[gauge]]
-name = "wire"
-driver = "draw_wire"
-interface = "socketcand"
-host = "{address}"
-port = 29536
-channel = "can0"
-node_id = 7
-serial = 4711
-range_m = 3.0
-sigma_m = 0.0002
-deadline_s = 1.0
-heartbeat_s = 0.4  # as above
-robot = "fanuc"
-anchor_in_base_mm = [900.0, -700.0, -450.0]
-hook_in_flange_mm = [60.0, 50.0, 120.0]
-
-[[gauge]]
-name = "wire_tcp"
-driver = "draw_wire"
-interface = "modbus"
-host = "{address}"
-port = 1504
-serial = 815
-range_m = 3.0
-sigma_m = 0.0002
-step_um = 38.452
-deadline_s = 1.0
-robot = "ur"
-anchor_in_base_mm = [900.0, -700.0, -450.0]
-hook_in_flange_mm = [60.0, 50.0, 120.0]
-
-[[probe]]
-name = "probe"
-driver = "touch_probe"
-address = "{address}"
-port = 1503
-serial = "00:30:DE:0A:0B:0C"
-robot = "fanuc"
-contact_input = 1
-echo_output = 1
-echo_input = 2
-tip_in_flange_mm = [0.0, 0.0, 160.0]
-tip_radius_mm = 1.5
-sigma_mm = 0.003
-overtravel_mm = 3.0
-delay_ms = 6.0
-delay_tolerance_ms = 3.0
-deadline_s = 2.0
-silence_ms = 500.0
-
-[[probe]]
-name = "dial"
-driver = "dial_gauge"
-address = "{address}"
-port = 1503
-serial = "00:30:DE:0A:0B:0C"
-robot = "fanuc"
-dial_input = 2
-echo_output = 2
-echo_input = 3
-tip_in_flange_mm = [0.0, 0.0, 160.0]
-range_mm = 12.5
-sigma_mm = 0.01
-deadline_s = 2.0
-
-"""
-    + FAKE_TABLE
-    + """
-[fake.robots.abb_7]
-generation = 2
-
-[fake.robots.ur_x]
-software = "10.12.1.0"
-"""
+CELL = "".join(
+    (
+        cell_head("wire tests"),
+        fanuc_table(deadline_s=2.0, settle_s=0.04),
+        universal_robots_table(deadline_s=2.0),
+        universal_robots_table(
+            name="ur_x",
+            address="{second_address}",  # the maker's ports are fixed
+            robot_api_port=8089,
+            serial="20235500043",
+            deadline_s=2.0,
+        ),
+        robot_table(name="rmi", driver="fanuc_rmi", model="fanuc_m6ib", serial="F-230816", **_SOON),
+        KUKA_ROBOT,
+        ABB_ROBOT,
+        robot_table(name="abb_7", port=8443, serial="460-300278", **_ABB),
+        EGM_STREAM,
+        robot_table(
+            name="motoman",
+            driver="yaskawa",
+            model="yaskawa_gp25",
+            controller_type="1-06VX25-A0*",
+            serial="Y-230815",
+            pulses_per_degree=[1341.4, 1341.4, -1341.4, 1000.0, 1000.0, -622.2],
+            fastest_axis_deg_s=885.0,
+            **_SOON,
+        ),
+        robot_table(
+            name="any_maker",
+            driver="opc_ua",
+            port=4840,
+            model="fanuc_m6ib",
+            motion="observe",
+            serial="ER-230817",
+            deadline_s=2.0,
+            still_s=0.1,
+            speed_limit_rad_s=None,
+        ),
+        draw_wire_table(deadline_s=1.0, heartbeat_s=0.4),  # a test machine may be too busy for 0.2
+        draw_wire_table(
+            name="wire_tcp",
+            interface="modbus",
+            port=1504,
+            serial=815,
+            channel=None,
+            node_id=None,
+            step_um=38.452,
+            deadline_s=1.0,
+            robot="ur",
+        ),
+        touch_probe_table(
+            echo_output=1,
+            echo_input=2,
+            tip_in_flange_mm=[0.0, 0.0, 160.0],
+            overtravel_mm=3.0,
+            deadline_s=2.0,
+            silence_ms=500.0,
+        ),
+        dial_gauge_table(echo_output=2, echo_input=3, deadline_s=2.0),
+        FAKE_TABLE,
+        write_table("fake.robots.abb_7", generation=2),
+        write_table("fake.robots.ur_x", software="10.12.1.0"),
+    )
 )
-
 
 _LIMIT = re.compile(r"^(deadline_s|measure_deadline_s|silence_ms) = ([0-9.]+)", re.MULTILINE)
 _MOST = {"silence_ms": 2000.0}  # what the drivers take
@@ -278,16 +130,6 @@ def own_address() -> str:
     """Return a loopback address that no other test process uses, so that fixed ports do not meet."""
     pid = os.getpid()
     return f"127.{100 + next(_numbers) % 100}.{pid >> 8 & 0xFF}.{pid & 0xFF}"
-
-
-def _fill_in(text: str, folder: Path) -> str:
-    return text.format(
-        address=own_address(),
-        second_address=own_address(),
-        folder=folder,
-        time_factor=TIME_FACTOR,
-        floor=FLOOR,
-    )
 
 
 @dataclass(frozen=True)
@@ -319,7 +161,7 @@ def run_fakes(folder: Path, text: str = CELL) -> Iterator[tuple[Path, FakeCellCl
 def start_fakes(folder: Path, text: str = CELL) -> Iterator[FakesProcess]:
     """Start the process that plays the devices of a cell file; it ends with the block."""
     path = folder / "cell.toml"
-    text = _fill_in(text, folder)
+    text = fill_in(text, address=own_address(), second_address=own_address(), folder=str(folder))
     if "watchdog_factor" not in text:
         text = text.replace("[fake]\n", "[fake]\nwatchdog_factor = 3.0\n")
     path.write_text(_LIMIT.sub(_stretch_limit, text), encoding="utf-8")

@@ -13,6 +13,15 @@ from cellcal.procedures.cell import Cell
 from cellcal.procedures.motion.probe_line import joints_for_tip
 from cellcal.procedures.steps.touch import ProbeApproach, probe_of
 from cellcal.service.demo.fake_cell_client import FakeCellClient
+from tests.cell_tables import (
+    cell_head,
+    dial_gauge_table,
+    fake_table,
+    fanuc_table,
+    touch_probe_table,
+    universal_robots_table,
+    write_table,
+)
 from tests.wire.fake_devices_process import run_fakes
 
 BALL_MM = 12.7
@@ -27,102 +36,9 @@ HOME_RAD = {
 SIDES = ((0.0, 0.0, 1.0), (0.866, 0.0, 0.5), (-0.433, 0.75, 0.5), (-0.433, -0.75, 0.5))
 
 _ROBOTS = {
-    "fanuc": """
-[[robot]]
-name = "fanuc"
-driver = "modbus_robot"
-profile = "fanuc_hmi"
-address = "{{address}}"
-port = 1502
-model = "fanuc_m6ib"
-motion = "commanded"
-serial = "F-104711"
-deadline_s = 6.0
-speed_limit_rad_s = 0.5
-settle_s = 0.2
-
-{{floor}}""",
-    "ur": """
-[[robot]]
-name = "ur"
-driver = "universal_robots"
-address = "{{address}}"
-model = "ur10e"
-motion = "commanded"
-serial = "20225500042"
-deadline_s = 8.0
-speed_limit_rad_s = 0.5
-watchdog_hz = 1.0  # a test machine may be too busy for 5
-state_rate_hz = 60.0
-
-{{floor}}""",
+    "fanuc": fanuc_table(settle_s=0.2),
+    "ur": universal_robots_table(deadline_s=8.0, state_rate_hz=60.0),
 }
-_REST = """
-[cell]
-name = "probe tests"
-data_dir = "{{folder}}"
-
-[[probe]]
-name = "probe"
-driver = "touch_probe"
-address = "{{address}}"
-port = 1503
-serial = "00:30:DE:0A:0B:0C"
-robot = "{robot}"
-contact_input = 1
-echo_output = 1
-echo_input = 2
-tip_in_flange_mm = {tip}
-tip_sigma_mm = {tip_sigma}
-tip_radius_mm = {tip_radius}
-pretravel_mm = {pretravel}
-sigma_mm = 0.003
-overtravel_mm = 6.0
-delay_ms = 6.0
-delay_tolerance_ms = 3.0
-deadline_s = 5.0
-silence_ms = 600.0  # on a quiet machine; every way without a touch waits for so long at its end
-debounce_ms = 40.0
-poll_ms = 6.0
-
-[[probe]]
-name = "dial"
-driver = "dial_gauge"
-address = "{{address}}"
-port = 1503
-serial = "00:30:DE:0A:0B:0C"
-robot = "{robot}"
-dial_input = 2
-tip_in_flange_mm = {tip}
-range_mm = 12.5
-sigma_mm = 0.01
-deadline_s = 5.0
-
-[fake]
-watchdog_factor = 10.0
-seed = 1
-time_factor = {pace}
-hidden = {hidden}
-control_port = 0
-"""
-_BALL = """
-[[fake.artefact]]
-name = "ball"
-kind = "sphere"
-robot = "{robot}"
-radius_mm = {ball}
-place_in_base_mm = {place}
-sigma_mm = 0.3
-"""
-_PLANE = """
-[[fake.artefact]]
-name = "{name} face"
-kind = "plane"
-robot = "{robot}"
-place_in_base_mm = {place}
-axis_in_base = {axis}
-sigma_mm = 0.4
-"""
 
 
 def drawn_ball_m(robot: str, model: RobotModel) -> np.ndarray:
@@ -136,7 +52,15 @@ def play_probe_cell(
     folder: Path, robot: str, place_m: Sequence[float], *, hidden: bool = True, tip_sigma_mm: float = 1.0
 ) -> Iterator[tuple[Path, FakeCellClient]]:
     """Play a robot with a probe and a ball near ``place_m``."""
-    ball = _BALL.format(robot=robot, ball=BALL_MM, place=[float(1e3 * value) for value in place_m])
+    ball = write_table(
+        "fake.artefact",
+        name="ball",
+        kind="sphere",
+        robot=robot,
+        radius_mm=BALL_MM,
+        place_in_base_mm=[float(1e3 * value) for value in place_m],
+        sigma_mm=0.3,
+    )
     with _play_cell(folder, robot, ball, hidden=hidden, tip_sigma_mm=tip_sigma_mm) as cell:
         yield cell
 
@@ -165,15 +89,21 @@ def _play_cell(
     hidden: bool = True,
     pace: float = 3.0,
 ) -> Iterator[tuple[Path, FakeCellClient]]:
-    text = (_ROBOTS[robot] + _REST).format(
+    instruments = touch_probe_table(
         robot=robot,
-        tip=list(TIP_MM),
-        tip_radius=TIP_RADIUS_MM,
-        pretravel=PRETRAVEL_MM,
-        hidden=str(hidden).lower(),
-        tip_sigma=tip_sigma_mm,
-        pace=pace,
-    )
+        echo_output=1,
+        echo_input=2,
+        tip_in_flange_mm=list(TIP_MM),
+        tip_sigma_mm=tip_sigma_mm,
+        tip_radius_mm=TIP_RADIUS_MM,
+        pretravel_mm=PRETRAVEL_MM,
+        overtravel_mm=6.0,
+        silence_ms=600.0,  # on a quiet machine; every way without a touch waits for so long at its end
+        debounce_ms=40.0,
+        poll_ms=6.0,
+    ) + dial_gauge_table(robot=robot, tip_in_flange_mm=list(TIP_MM))
+    world = fake_table(watchdog_factor=10.0, time_factor=pace, hidden=hidden)
+    text = cell_head("probe tests") + _ROBOTS[robot] + instruments + world
     with run_fakes(folder, text + artefacts) as cell:
         yield cell
 
@@ -182,7 +112,15 @@ def corner_tables(robot: str, base_frame: np.ndarray) -> str:
     """Return the artefacts of a corner for a cell file."""
     place = [float(1e3 * value) for value in base_frame[:3, 3]]
     return "".join(
-        _PLANE.format(name=name, robot=robot, place=place, axis=[float(v) for v in base_frame[:3, k]])
+        write_table(
+            "fake.artefact",
+            name=f"{name} face",
+            kind="plane",
+            robot=robot,
+            place_in_base_mm=place,
+            axis_in_base=[float(value) for value in base_frame[:3, k]],
+            sigma_mm=0.4,
+        )
         for k, name in enumerate("xyz")
     )
 

@@ -3,31 +3,15 @@
 from typing import Any
 
 from cellcal.service.demo.fake_cell_client import FakeCellClient
+from tests.cell_tables import cell_head, fake_table, fanuc_table
 from tests.wire.driver_cases import RobotCase
+from tests.wire.fake_devices_process import TIME_FACTOR
 
-TP_CELL = """\
-[cell]
-name = "listings"
-data_dir = "{folder}"
-
-[[robot]]
-name = "fanuc"
-driver = "modbus_robot"
-profile = "fanuc_tp"
-address = "{address}"
-port = 1502
-model = "fanuc_m6ib"
-motion = "commanded"
-serial = "F-104711"
-deadline_s = 2.0
-speed_limit_rad_s = 0.5
-settle_s = 0.04
-
-[fake]
-seed = 1
-time_factor = {time_factor}
-control_port = 0
-"""
+TP_CELL = (
+    cell_head("listings")
+    + fanuc_table(profile="fanuc_tp", deadline_s=2.0, settle_s=0.04)
+    + fake_table(time_factor=TIME_FACTOR)
+)
 
 
 async def heal_tp_robot(fake_client: FakeCellClient, robot: Any) -> None:
