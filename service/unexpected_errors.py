@@ -19,11 +19,15 @@ from cellcal.service.exit_codes import ExitCode
 
 _OURS = ("cellcal", "__main__")
 _LONGEST = 200  # characters of an unexpected error in a sentence
-_FULL = (errno.ENOSPC, errno.EDQUOT)
+_OF_A_DISK = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EIO)
 _CURES = {
     errno.EROFS: (
         "its disk is read-only",
         "Name a place on a disk that may be written, or mount this one so.",
+    ),
+    errno.EIO: (
+        "the disk fails to read or write it (an input or output error)",
+        "Copy the file to another disk and try again; have this one checked.",
     ),
     errno.ENOSPC: ("the disk is full", "Make room on the disk and try again."),
     errno.EDQUOT: ("the quota of disk space is used up", "Make room and try again."),
@@ -51,9 +55,7 @@ def explain_os_error(error: OSError) -> tuple[str, str]:
 
 def is_about_the_system(error: BaseException) -> bool:
     """Tell whether an error is of a file or disk, and no fault of the program."""
-    return isinstance(error, OSError) and (
-        error.filename is not None or error.errno in _FULL or error.errno == errno.EROFS
-    )
+    return isinstance(error, OSError) and (error.filename is not None or error.errno in _OF_A_DISK)
 
 
 def describe_unexpected(error: BaseException) -> tuple[str, str]:

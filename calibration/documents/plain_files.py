@@ -1,8 +1,10 @@
 """Bytes and text of plain files within a limit; devices, pipes and folders are refused and never waited for."""
 
+import errno
 import os
 import stat
 from pathlib import Path
+from typing import BinaryIO
 
 from cellcal.calibration.documents.errors import DocumentError
 
@@ -27,21 +29,35 @@ def read_plain_bytes(path: Path, most_bytes: int = MOST_BYTES) -> bytes:
     DocumentError
         It is no plain file, or larger than ``most_bytes``.
     """
-    refuse_unusual_path(path)
-    descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC | os.O_NONBLOCK)  # opening a pipe must not wait
-    with os.fdopen(descriptor, "rb") as file:
-        status = os.fstat(descriptor)
-        if not stat.S_ISREG(status.st_mode):
-            raise DocumentError("it is not a plain file.", remedy="Name a file.", path=path)
-        parts, size = [], 0
-        while status.st_size <= most_bytes >= size and (part := file.read(_PART)):
-            parts.append(part)
-            size += len(part)
-    if max(status.st_size, size) > most_bytes:
+    try:
+        with open_plain_file(path) as file:
+            size, parts, count = os.fstat(file.fileno()).st_size, list[bytes](), 0
+            while size <= most_bytes >= count and (part := file.read(_PART)):
+                parts.append(part)
+                count += len(part)
+    except OSError as error:  # of the file that is open already: a disk that fails does not name it
+        raise OSError(error.errno, error.strerror, os.fspath(path)) from error
+    if max(size, count) > most_bytes:
         raise DocumentError(
             f"it is larger than {_size_text(most_bytes)}.", remedy="Name the right file.", path=path
         )
     return b"".join(parts)
+
+
+def open_plain_file(path: Path) -> BinaryIO:
+    """Open a plain file to read bytes; raises as `read_plain_bytes`."""
+    refuse_unusual_path(path)
+    descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC | os.O_NONBLOCK)  # opening a pipe must not wait
+    try:
+        mode = os.fstat(descriptor).st_mode
+        if stat.S_ISDIR(mode):
+            raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), os.fspath(path))
+        if not stat.S_ISREG(mode):
+            raise DocumentError("it is not a plain file.", remedy="Name a file.", path=path)
+    except BaseException:
+        os.close(descriptor)
+        raise
+    return os.fdopen(descriptor, "rb")
 
 
 def refuse_unusual_path(path: Path) -> None:

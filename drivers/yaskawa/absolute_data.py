@@ -15,8 +15,8 @@ them has the CRC. What the flag means beyond "there" is in no document that was 
 
 import re
 
-_GROUPS = re.compile(r"///RBPRM\s+(\d+)\s*,\s*(\d+)\s*(?:,|\Z)")
-_ROW = re.compile(r"(?:\d+,-?\d+)(?:,\d+,-?\d+)*\Z")
+_GROUPS = re.compile(r"///RBPRM\s+(\d{1,9})\s*,\s*(\d{1,9})\s*(?:,|\Z)")
+_ROW = re.compile(r"(?:\d,-?\d{1,10})(?:,\d,-?\d{1,10})*\Z")  # flag and count of an axis
 _ROBOT_1 = 1
 
 
@@ -28,7 +28,9 @@ def read_absolute_data(text: str) -> tuple[int | None, ...]:
         found = _GROUPS.match(line)
         if found is not None:
             axes = int(found[2]).bit_count() if int(found[1]) & _ROBOT_1 else 0
-        elif axes and _ROW.match(line):
+        elif axes and line and not line.startswith("/"):
+            if not _ROW.match(line):
+                return ()  # what follows would be taken for other axes
             numbers = [int(number) for number in line.split(",")]
             values += [
                 number if flag else None for flag, number in zip(numbers[::2], numbers[1::2], strict=True)

@@ -79,7 +79,9 @@ class CellController:
         )
         self._watch = LossWatch(config, self._show_loss, self._describe_obstacle)
         self._others = UnselectedRobots(config, self._watch, clock=clock)
-        self._robot = config.robots[0].name
+        names = [robot.name for robot in config.robots]
+        left = self._runs.unfinished_robot
+        self._robot = left if left in names else names[0]
         self._cell: Cell | None = None
         self._trouble = "connecting"
         self._remedy = ""
@@ -170,7 +172,9 @@ class CellController:
                 )
                 self._cell, self._trouble, self._remedy = poller.cell, "", ""
                 self._advance_revision()
-                self._runs.resume_unfinished(poller.cell, self._robot)
+                if self._runs.unfinished_robot == self._robot:
+                    await self._watch.look_before_resuming(poller.cell, now_s=self._clock())
+                    self._runs.resume_unfinished(poller.cell)
                 try:
                     await self._poll_devices(poller)
                 finally:

@@ -50,6 +50,12 @@ class LossWatch:
             return None
         return self._allowed
 
+    async def look_before_resuming(self, cell: Cell, *, now_s: float) -> None:
+        """Look once before a run goes on that a killed process has left: it had the robot, and no look follows."""
+        if sees_losses(cell.robot.capabilities):
+            self.watches.watch_of(cell.robot.name, cell.robot).forget_motion()
+            await self.check_robot(cell, now_s=now_s, busy=False)
+
     async def clear_mended_loss(self, robot: str) -> None:
         """Take a loss off the screens where a robot that was just looked at has none any more."""
         if robot not in self._losses:

@@ -118,10 +118,16 @@ class RunControl:
         self.refuse_while_busy()
         self._launch_run(cell, order, who)
 
-    def resume_unfinished(self, cell: Cell, robot: str) -> None:
+    @property
+    def unfinished_robot(self) -> str:
+        """The robot of the run that was in progress when the service ended; "" where none was, or one goes on."""
+        unfinished = None if self.is_busy else self._run_in_progress.read_unfinished()
+        return "" if unfinished is None else unfinished.robot
+
+    def resume_unfinished(self, cell: Cell) -> None:
         """Resume the run that was in progress on this robot when the service ended."""
         unfinished = self._run_in_progress.read_unfinished()
-        if unfinished is not None and unfinished.robot == robot and not self.is_busy:
+        if unfinished is not None:
             order = ResumeRun(op="resume", run_id=unfinished.run_id, hold_to_move=unfinished.hold_to_move)
             with log_failures("going on with the run that was under way"):  # a person decides instead
                 self.begin_run(cell, order, "service")

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 from cyclopts import Parameter
 from cyclopts.validators import Number
 
+from cellcal.calibration.errors import CellError
 from cellcal.service.cli.model_argument import ModelArgument
 
 if TYPE_CHECKING:
@@ -144,7 +145,6 @@ def identify(  # noqa: PLR0913  # a command's options are its arguments
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     from cellcal.calibration.cells.levels import CellOptions
     from cellcal.service.cli.identify_cell import CellCommand, identify_cell, refuse_for_a_cell
-    from cellcal.service.engineering.identification.at_points import AtOptions
     from cellcal.service.engineering.identification.identify_start import StartOptions
     from cellcal.service.engineering.identification.identify_verdicts import IdentificationLimits
     from cellcal.service.engineering.identification.row_fit import IdentifyOptions
@@ -160,7 +160,7 @@ def identify(  # noqa: PLR0913  # a command's options are its arguments
     )
     outputs = _IdentifyOutputs(save, serial, by, urdf, geometric_joints)
     outputs.refuse_unwritable(residual_model=residual_model)
-    at_options = None if at is None else AtOptions(at, at_convention, at_identified)
+    at_options = _at_options(at, at_csv, at_convention, identified=at_identified)
     if layout is not None and describes_a_cell(layout):
         refuse_for_a_cell({
             "check": check, "train_rows": train_rows, "start": start != "nominal", "columns": columns,
@@ -181,19 +181,42 @@ def identify(  # noqa: PLR0913  # a command's options are its arguments
         return _show_layout(measurements, robot, read, as_json=as_json)
     begin = StartOptions(start, save, serial, free)
     options = IdentifyOptions(level, check, train_rows, seed, read, begin, residual_model, limits)
-    report = _identify_on_all_processors(measurements, robot, options)
+    report = _identify_on_all_processors(measurements, robot, options, at_options)
     _print_identification(report, _ReportViews(plot, at_options, at_csv, dh=dh), as_json=as_json)
     outputs.write_files(report, measurements)  # at last: what cannot be written loses no result
     return _exit_code(report)
 
 
+def _at_options(
+    at: Path | None, at_csv: Path | None, convention: str, *, identified: bool
+) -> "AtOptions | None":
+    """Return the points to predict; what is said of them is refused where there are none."""
+    from cellcal.service.engineering.identification.at_points import AtOptions
+
+    if at is not None:
+        return AtOptions(at, convention, identified)
+    given = {"--at-csv": at_csv is not None, "--at-convention": convention, "--at-identified": identified}
+    names = [name for name, value in given.items() if value]
+    if names:
+        raise CellError(
+            f"{' and '.join(names)} without --at: there are no points.",
+            remedy="Name the file of points with --at.",
+            code="usage",
+        )
+    return None
+
+
 def _identify_on_all_processors(
-    measurements: Path, robot: str, options: "IdentifyOptions"
+    measurements: Path, robot: str, options: "IdentifyOptions", at: "AtOptions | None"
 ) -> "IdentifyReport":
+    from cellcal.calibration.arm.kinematics import load_model
     from cellcal.service.cli.identify_display import work_display
+    from cellcal.service.engineering.identification.at_points import read_points
     from cellcal.service.engineering.identification.forked_parts import share_parts
     from cellcal.service.engineering.identification.identify import identify_file
 
+    if at is not None:
+        read_points(at, load_model(robot))  # a file that cannot be used is refused before the work
     with work_display() as display, share_parts(display) as runner:
         return identify_file(measurements, robot, options, runner)
 

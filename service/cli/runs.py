@@ -184,7 +184,7 @@ def show(run_id: str, /, *, cell: Path, as_json: Json = False) -> int:
                 "run_id": view.run_id, "procedure": view.procedure, "begun_by": view.begun_by,
                 "begun_as": view.begun_as, "state": view.state, "reason": view.reason, "spec": view.spec,
                 "findings": findings, "result": view.result,
-                "judgement": view.judgement, "unconfirmed": bool(pending),
+                "judgement": view.judgement, "unconfirmed": bool(pending), "in_doubt": view.past.in_doubt or "",
                 "journal": damage or "unchanged",
             }
         )  # fmt: skip
@@ -203,7 +203,7 @@ def show(run_id: str, /, *, cell: Path, as_json: Json = False) -> int:
         console.print(
             f"verdict: {escape(view.judgement['word'].upper())}; `cellcal certificate` tells it whole"
         )
-    _print_unconfirmed(console, pending)
+    _print_doubt(console, view, pending)
     if not damage:
         console.print("journal: unchanged")
     return _print_damage(damage)
@@ -231,6 +231,18 @@ def _list_unconfirmed(store: Any, config: "CellConfig") -> tuple[tuple[str, str]
     return tuple(
         (robot.name, one.of_run) for robot in config.robots for one in store.list_unconfirmed(robot.serial)
     )
+
+
+def _print_doubt(console: Any, view: Any, pending: tuple[tuple[str, str], ...]) -> None:
+    """Say what a run may have done without an outcome, and what it wrote without a confirmation."""
+    from rich.markup import escape
+
+    if view.past.in_doubt and view.state != "passed":
+        console.print(
+            f"[bold red]Step '{escape(view.past.in_doubt)}' was broken off and may have acted since.[/] "
+            "Look at the robot before anything is started."
+        )
+    _print_unconfirmed(console, pending)
 
 
 def _print_unconfirmed(console: Any, pending: tuple[tuple[str, str], ...]) -> None:

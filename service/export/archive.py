@@ -16,6 +16,7 @@ from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import IO, Any
 
+from cellcal.calibration.documents.plain_files import open_plain_file
 from cellcal.calibration.errors import CellError
 from cellcal.calibration.message import make_message
 from cellcal.service.export.backup_names import is_backup_name
@@ -107,7 +108,7 @@ def unpack_archive(path: Path, folder: Path) -> BackupManifest:
         It is damaged, or no backup of ours. The folder then holds nothing that may be used.
     """
     try:
-        with path.open("rb") as file:
+        with open_plain_file(path) as file:
             length = _verified_length(path, file)
             with _open_tar(path, file, length) as tar:
                 manifest = _read_manifest(path, tar)
@@ -122,7 +123,7 @@ def unpack_archive(path: Path, folder: Path) -> BackupManifest:
 
 
 def _make_entry(name: str, source: Path) -> ArchiveEntry:
-    with source.open("rb") as file:
+    with open_plain_file(source) as file:
         size = os.fstat(file.fileno()).st_size
         return ArchiveEntry(name, size, _hash_content(file, size))
 
@@ -133,7 +134,7 @@ def _write_tar(
     with tarfile.open(fileobj=file, mode="w", format=tarfile.PAX_FORMAT) as tar:
         tar.addfile(_tar_header(MANIFEST, len(manifest)), io.BytesIO(manifest))
         for entry in entries:
-            with files[entry.path].open("rb") as source:
+            with open_plain_file(files[entry.path]) as source:
                 tar.addfile(_tar_header(entry.path, entry.size), source)
 
 
@@ -148,6 +149,8 @@ def _verified_length(path: Path, file: IO[bytes]) -> int:
     length = os.fstat(file.fileno()).st_size - _TRAILER_BYTES
     if length <= 0:
         raise damaged_error(path, "it is too short")
+    if file.read(len(MANIFEST)) != MANIFEST.encode():  # before hours go by over a file of another kind
+        raise damaged_error(path, f"it does not begin with {MANIFEST}")
     found = f"{_hash_content(file, length)}\n".encode()
     if file.read(_TRAILER_BYTES) != found:
         raise damaged_error(path, "a byte was changed, or its end is missing")

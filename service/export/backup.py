@@ -17,7 +17,7 @@ from datetime import UTC, datetime
 from importlib.metadata import version as installed_version
 from pathlib import Path
 
-from cellcal.calibration.documents.plain_files import read_plain_bytes
+from cellcal.calibration.documents.plain_files import open_plain_file, read_plain_bytes
 from cellcal.calibration.message import make_message
 from cellcal.service.configuration.cell_file import CellConfig
 from cellcal.service.export.archive import BackupError, write_archive
@@ -215,7 +215,7 @@ def _is_passing(path: Path, *, top: bool) -> bool:
 def _is_database(path: Path) -> bool:
     if path.suffix not in _SQLITE_NAMES:
         return False
-    with path.open("rb") as file:
+    with open_plain_file(path) as file:
         return file.read(len(_MAGIC)) == _MAGIC
 
 

@@ -5,13 +5,13 @@ measured, also what was not used). Times are those of the journal: this computer
 """
 
 import importlib
+import io
 import json
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 from cellcal.calibration.documents.json_text import parse_json
-from cellcal.calibration.documents.plain_files import read_plain_bytes
 from cellcal.calibration.errors import CellError
 from cellcal.service.certificates.points import list_readings
 from cellcal.service.configuration.cell_file import CellConfig
@@ -29,9 +29,6 @@ _SCHEMAS: Mapping[str, Mapping[str, Any]] = {
 }
 
 
-_MOST_BYTES = 1 << 31
-
-
 def write_mcap(config: CellConfig, run_id: str, out: Path) -> int:
     """Write a run (``last`` is the newest) and return how many messages it gave.
 
@@ -43,29 +40,23 @@ def write_mcap(config: CellConfig, run_id: str, out: Path) -> int:
     writer_module = _import_mcap()
     with open_journal(config) as journal:
         view, events = RunStore(journal).with_events(run_id)
-    draft = out.with_name(f".{out.name}.draft")
-    try:
-        count = _write_run(writer_module, draft, view, events)
-        replace_file(out, read_plain_bytes(draft, _MOST_BYTES), mode=SHARED_FILE)
-    finally:
-        draft.unlink(missing_ok=True)
+    content = io.BytesIO()
+    count = _write_run(writer_module, content, view, events)
+    replace_file(out, content.getvalue(), mode=SHARED_FILE)
     return count
 
 
-def _write_run(module: Any, path: Path, view: RunView, events: list[JournalEvent]) -> int:
+def _write_run(module: Any, out: io.BytesIO, view: RunView, events: list[JournalEvent]) -> int:
     count = 0
-    with path.open("wb") as file:
-        writer = module.Writer(file)
-        writer.start(profile="", library="cellcal")
-        channels = {name: _add_channel(writer, name) for name in _SCHEMAS}
-        for name, time_ns, message in sorted(_run_messages(view, events), key=lambda entry: entry[1]):
-            data = json.dumps(message, allow_nan=False, ensure_ascii=False).encode()
-            writer.add_message(
-                channels[name], log_time=time_ns, publish_time=time_ns, data=data, sequence=count
-            )
-            count += 1
-        writer.add_metadata("cellcal", {"run_id": view.run_id, "journal_head": events[-1].hash.hex()})
-        writer.finish()
+    writer = module.Writer(out)
+    writer.start(profile="", library="cellcal")
+    channels = {name: _add_channel(writer, name) for name in _SCHEMAS}
+    for name, time_ns, message in sorted(_run_messages(view, events), key=lambda entry: entry[1]):
+        data = json.dumps(message, allow_nan=False, ensure_ascii=False).encode()
+        writer.add_message(channels[name], log_time=time_ns, publish_time=time_ns, data=data, sequence=count)
+        count += 1
+    writer.add_metadata("cellcal", {"run_id": view.run_id, "journal_head": events[-1].hash.hex()})
+    writer.finish()
     return count
 
 

@@ -10,14 +10,12 @@ from cellcal.calibration.documents.json_text import parse_json
 from cellcal.calibration.message import make_message
 from cellcal.procedures.run_history import EventKind
 from cellcal.service.configuration.cell_file import CellConfig
+from cellcal.service.record.journal import EVENT_COLUMNS, JournalEvent
 from cellcal.service.record.journal_files import journal_path
 from cellcal.service.record.journal_reading import journal_to_read
 
 PROCEDURE = "drift_check"
-_RUNS = (
-    f"SELECT run_id, kind, body, wall_utc FROM event WHERE run_id GLOB '{PROCEDURE}-*' "
-    "AND kind IN (?, ?) ORDER BY seq"
-)
+_RUNS = f"SELECT {EVENT_COLUMNS} FROM event WHERE run_id GLOB '{PROCEDURE}-*' AND kind IN (?, ?) ORDER BY seq"
 
 
 def next_drift_checks(config: CellConfig, today: date | None = None) -> dict[str, date]:
@@ -52,12 +50,14 @@ def _last_checks(journal: Path) -> Mapping[str, date]:
         database.close()
     serials: dict[str, str] = {}
     checked: dict[str, date] = {}
-    for run_id, kind, text, wall_utc in rows:
-        body: dict[str, Any] = parse_json(text)
-        if kind == EventKind.STARTED:
-            serials[run_id] = body["cell"]["devices"][0]["identity"]["serial"]
-        elif body["verdict"] == "passed":
-            checked[serials[run_id]] = date.fromisoformat(wall_utc[:10])
+    for event in (JournalEvent(*row) for row in rows):
+        if event.hash != event.expected_hash():
+            break  # what stands behind damage is not trusted anywhere; others tell it
+        body: dict[str, Any] = parse_json(event.body)
+        if event.kind == EventKind.STARTED:
+            serials[event.run_id] = body["cell"]["devices"][0]["identity"]["serial"]
+        elif body["verdict"] == "passed" and event.run_id in serials:
+            checked[serials[event.run_id]] = date.fromisoformat(event.wall_utc[:10])
     return checked
 
 

@@ -45,7 +45,7 @@ _PRAGMAS = (
     "PRAGMA foreign_keys=ON",
     "PRAGMA trusted_schema=OFF",
 )
-_COLUMNS = "seq, run_id, idx, kind, idem, body, wall_utc, mono_ns, boot_id, actor, prev, hash"
+EVENT_COLUMNS = "seq, run_id, idx, kind, idem, body, wall_utc, mono_ns, boot_id, actor, prev, hash"
 
 
 class StoreError(CellError):
@@ -185,7 +185,7 @@ class Journal:
         limit = self.damage.after_seq if self.damage is not None else None
         where = ["1"] + ["run_id = ?"] * (run_id is not None) + ["seq <= ?"] * (limit is not None)
         values = [value for value in (run_id, limit) if value is not None]
-        sql = f"SELECT {_COLUMNS} FROM event WHERE {' AND '.join(where)} ORDER BY seq"
+        sql = f"SELECT {EVENT_COLUMNS} FROM event WHERE {' AND '.join(where)} ORDER BY seq"
         if limit == 0:
             return []
         return [JournalEvent(*row) for row in self._database.execute(sql, values).fetchall()]
@@ -198,7 +198,7 @@ class Journal:
         """Check the whole chain; None when every event is as it was written."""
         last, prev = 0, _GENESIS
         try:
-            for row in self._database.execute(f"SELECT {_COLUMNS} FROM event ORDER BY seq").fetchall():
+            for row in self._database.execute(f"SELECT {EVENT_COLUMNS} FROM event ORDER BY seq").fetchall():
                 event = JournalEvent(*row)
                 if event.seq != last + 1:
                     return JournalDamage(last, f"event {last + 1} is missing")
@@ -236,11 +236,13 @@ class Journal:
         draft = JournalEvent(seq + 1, run_id, idx, event.kind, idem, body, *clocks, actor, prev, b"")
         row = replace(draft, hash=draft.expected_hash())
         marks = ", ".join("?" * 12)
-        self._database.execute(f"INSERT INTO event({_COLUMNS}) VALUES({marks})", _row_values(row)).fetchall()
+        self._database.execute(
+            f"INSERT INTO event({EVENT_COLUMNS}) VALUES({marks})", _row_values(row)
+        ).fetchall()
         return row
 
     def _find_stored(self, idem: str) -> JournalEvent | None:
-        rows = self._database.execute(f"SELECT {_COLUMNS} FROM event WHERE idem = ?", (idem,)).fetchall()
+        rows = self._database.execute(f"SELECT {EVENT_COLUMNS} FROM event WHERE idem = ?", (idem,)).fetchall()
         return JournalEvent(*rows[0]) if rows else None
 
     def _chain_tail(self) -> tuple[int, bytes]:

@@ -6,10 +6,9 @@ from pathlib import Path
 from typing import Any, TypedDict
 
 from cellcal.calibration.message import make_message
-from cellcal.service.record.journal import JournalEvent
+from cellcal.service.record.journal import EVENT_COLUMNS, JournalEvent
 from cellcal.service.record.journal_reading import journal_to_read
 
-_COLUMNS = "seq, run_id, idx, kind, idem, body, wall_utc, mono_ns, boot_id, actor, prev, hash"
 LONGEST_BODY = 1_000_000
 
 
@@ -22,19 +21,21 @@ class JournalTail:
         self.trouble = ""
 
     def events_after(self, seq: int, most: int = 500) -> list[JournalEvent]:
-        """Return the next events behind one; none while the journal cannot be read, and ``trouble`` says why."""
+        """Return the next events behind one that are as they were written; ``trouble`` says why others are not."""
         try:
             database = self._open_database()
             if database is None:
                 return []
-            sql = f"SELECT {_COLUMNS} FROM event WHERE seq > ? ORDER BY seq LIMIT ?"
+            sql = f"SELECT {EVENT_COLUMNS} FROM event WHERE seq > ? ORDER BY seq LIMIT ?"
             rows = database.execute(sql, (seq, most)).fetchall()
         except sqlite3.Error as error:
             self.trouble = make_message("the journal cannot be read: {error}", error=error)
             self.close()
             return []
-        self.trouble = ""
-        return [JournalEvent(*row) for row in rows]
+        events = [JournalEvent(*row) for row in rows]
+        damage = next((event.seq for event in events if event.hash != event.expected_hash()), None)
+        self.trouble = "" if damage is None else _damage_text(damage)
+        return [event for event in events if damage is None or event.seq < damage]
 
     def close(self) -> None:
         """Let go of the file; the next look opens it again."""
@@ -46,6 +47,14 @@ class JournalTail:
         if self._database is None:
             self._database = journal_to_read(self._path)
         return self._database
+
+
+def _damage_text(seq: int) -> str:
+    return make_message(
+        "the journal is damaged after event {after_seq}: {damage_reason}",
+        after_seq=seq - 1,
+        damage_reason=f"event {seq} is not what was written",
+    )
 
 
 class EventBody(TypedDict):

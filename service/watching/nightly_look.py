@@ -14,6 +14,7 @@ from cellcal.service.configuration.cell_file import CellConfig
 from cellcal.service.exit_codes import ExitCode, gravest_exit_code
 from cellcal.service.record.journal_files import lease_folder
 from cellcal.service.record.robot_lock import DEVICES, is_held
+from cellcal.service.unexpected_errors import describe_unexpected
 from cellcal.service.watching.follow import RobotWatches
 from cellcal.service.watching.loss_response import answer_to
 from cellcal.service.watching.mastering_comparison import journalled_mastering
@@ -68,15 +69,17 @@ async def look_at_cell(
 
 
 async def _look_at(config: CellConfig, entry: RobotConfig, *, accept: bool) -> LookedAtRobot:
-    if is_held(lease_folder(config), entry.serial, DEVICES):
-        return LookedAtRobot(entry.name, NightState.FAILED, "another cellcal works with it now.")
     try:
+        if is_held(lease_folder(config), entry.serial, DEVICES):
+            return LookedAtRobot(entry.name, NightState.FAILED, "another cellcal works with it now.")
         async with entry.open() as robot:
             return await _look_over(config, entry, robot, accept=accept)
     except WrongDeviceError as error:
         return LookedAtRobot(entry.name, NightState.CHANGED, str(error))
     except CellError as error:
         return LookedAtRobot(entry.name, NightState.FAILED, str(error))
+    except Exception as error:  # noqa: BLE001  a fault of ours with one robot must not hide the others
+        return LookedAtRobot(entry.name, NightState.FAILED, join_messages(" ", describe_unexpected(error)))
 
 
 async def _look_over(config: CellConfig, entry: RobotConfig, robot: Robot, *, accept: bool) -> LookedAtRobot:

@@ -74,4 +74,5 @@ def _run_line(view: "RunView") -> dict[str, object]:
     if not view.has_templates:
         remember_recorded_texts(view.reason)
     devices, word = view.cell["devices"], (view.judgement or {}).get("word", "")
-    return {**fields, "word": word, "robot_serial": devices[0]["identity"]["serial"] if devices else ""}
+    serial = devices[0]["identity"]["serial"] if devices else ""
+    return {**fields, "word": word, "robot_serial": serial, "in_doubt": view.past.in_doubt or ""}

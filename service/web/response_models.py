@@ -357,6 +357,9 @@ class RunLine(ResponseShape):
     robot_serial: str
     begun_by: str
     begun_as: list[str]
+    in_doubt: Annotated[
+        str, Field(description="the step that may have moved the robot, or written to it, without an outcome")
+    ]
 
 
 class FindingSeen(ResponseShape):

@@ -15,6 +15,7 @@ from cellcal.drivers.supervision import SUPERVISOR, start_task
 from cellcal.service.web.connections import ServerConnection, ServerConnections, most_connections
 
 _BACKLOG = 2048
+_LONGEST_WORD = 4096  # bytes of what a screen may say, which is only whether its button is held
 _LOOK_S = 1.0
 _PAUSE_S = 0.05  # after an accept that failed where nothing could be given up
 _HANDSHAKE_S = 5.0
@@ -73,6 +74,7 @@ class WebServer(uvicorn.Server):
     """A server that a flood of connections, or a lack of descriptors, does not keep from hearing a stop."""
 
     def __init__(self, config: uvicorn.Config, most: int | None = None) -> None:
+        config.ws_max_size = _LONGEST_WORD
         super().__init__(config)
         self.connections = ServerConnections(most_connections() if most is None else most)
         self._arriving: dict[asyncio.Task[None], None] = {}  # the oldest first

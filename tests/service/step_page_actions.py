@@ -14,6 +14,7 @@ from scipy.optimize import least_squares
 
 from cellcal.calibration.arm.kinematics import load_model
 from cellcal.calibration.geometry import Array, exp_rotation, log_rotation
+from cellcal.service.configuration.cell_file import CellConfig
 from cellcal.service.demo.fake_cell_client import FakeCellClient
 from cellcal.service.web.app import create_app
 from cellcal.service.web.context import ServiceSettings
@@ -33,6 +34,12 @@ class FakePendant:
     def __init__(self, fake_client: FakeCellClient, viewer: PageViewer, app: FastAPI) -> None:
         self.fake_client, self.viewer, self._app = fake_client, viewer, app
         self.start_rad: list[float] = []
+
+    @property
+    def config(self) -> CellConfig:
+        """The cell that is served."""
+        config: CellConfig = self._app.state.context.config
+        return config
 
     def release_control(self) -> None:
         """Let the browser that pressed last leave: a browser that is closed keeps the session in hand."""

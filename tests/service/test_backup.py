@@ -4,6 +4,7 @@ import asyncio
 import hashlib
 import io
 import json
+import os
 import random
 import shutil
 import sqlite3
@@ -151,6 +152,16 @@ def test_any_damage_is_refused_whole(tmp_path: Path) -> None:
     assert prove_backup(archive).certificates == 2
     shown = subprocess.run(["tar", "-tf", archive], capture_output=True, text=True, check=True)
     assert shown.stdout.splitlines()[0] == MANIFEST
+
+
+def test_a_pipe_or_a_huge_file_of_another_kind_is_refused_at_once(tmp_path: Path) -> None:
+    pipe, huge = tmp_path / "a.cellcal-backup", tmp_path / "b.cellcal-backup"
+    os.mkfifo(pipe)
+    with huge.open("wb") as file:
+        file.truncate(1 << 42)  # it takes no room; to read it would take hours
+    for path, why in ((pipe, "not a plain file"), (huge, "does not begin with manifest.json")):
+        with pytest.raises(CellError, match=why):
+            prove_backup(path)
 
 
 Forge = Callable[[dict[str, bytes]], None]

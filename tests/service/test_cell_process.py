@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 from pydantic import ValidationError
 
+from cellcal.service.cell_process.run_in_progress import RunInProgress
 from cellcal.service.configuration.cell_file import read_cell_file
 from cellcal.service.record.healthy_counts import LastHealthyCounts
 from cellcal.service.record.journal_files import open_journal
@@ -18,6 +19,7 @@ from tests.service.cell_process_session import (
     a_cell,
     open_session,
     open_session_of,
+    take_the_record,
     without_a_wire_to_the_gauge,
 )
 
@@ -186,6 +188,36 @@ async def test_a_loss_is_seen_on_the_screen_with_its_answer(tmp_path: Path) -> N
         losses = await person.wait_until(lambda session: session["losses"])
         assert (losses[0]["robot"], losses[0]["procedure"]) == ("fanuc", "mastering_recovery")
         assert losses[0]["mode"] == "M1"
+
+
+async def test_after_a_restart_in_mid_run_the_loss_is_on_the_screen_and_the_run_goes_on(
+    tmp_path: Path,
+) -> None:
+    async with a_cell(tmp_path) as (path, fake_client):
+        async with open_session_of(path, fake_client) as person:
+            await take_the_record(person)
+            await person.fake_client.inject_fault("battery_loss", axes="all")
+            (loss,) = await person.wait_until(lambda session: session["losses"])
+            await person.send_order(
+                {"op": "start", "procedure": loss["procedure"], "settings": loss["settings"]}
+            )
+            question = await person.wait_until(lambda session: session["prompt"])
+        async with open_session_of(path, fake_client) as person:
+            again = await person.wait_until(lambda session: session["prompt"])
+            assert (again["key"], person.session["run"]["who"]) == (question["key"], "service")
+            (shown,) = person.session["losses"]
+            assert (shown["words"], shown["procedure"]) == (loss["words"], loss["procedure"])
+            assert "a run had the robot when it was lost: who works there has to judge" in shown["reasons"]
+
+
+async def test_after_a_restart_the_robot_of_the_run_under_way_is_selected(tmp_path: Path) -> None:
+    async with a_cell(tmp_path) as (path, fake_client):
+        data_dir = read_cell_file(path).cell.data_dir
+        data_dir.mkdir()
+        RunInProgress(data_dir).save_run("drift_check-1", "ur", hold_to_move=True)
+        assert ScreenSession(path, fake_client).session["robot"] == "ur"
+        RunInProgress(data_dir).save_run("drift_check-1", "sold", hold_to_move=True)
+        assert ScreenSession(path, fake_client).session["robot"] == "fanuc"
 
 
 @pytest.mark.parametrize(

@@ -13,7 +13,9 @@ from pathlib import Path
 
 import httpx
 import pytest
-from fastapi import FastAPI
+from fastapi import FastAPI, WebSocket
+from websockets.asyncio.client import connect
+from websockets.exceptions import ConnectionClosedError
 
 from cellcal.service.cli.app import run_command_line
 from cellcal.service.exit_codes import ExitCode
@@ -179,6 +181,26 @@ async def test_a_stop_is_served_beside_more_idle_connections_than_allowed() -> N
             async with httpx.AsyncClient() as client:
                 answer = await client.post(f"{address}/stop")
         assert answer.json() == "stopped"
+
+
+async def test_a_screen_that_says_more_than_it_may_is_let_go() -> None:
+    app = FastAPI()
+
+    @app.websocket("/screen")
+    async def hear(socket: WebSocket) -> None:
+        await socket.accept()
+        while True:
+            await socket.send_text(str(len(await socket.receive_text())))
+
+    async with (
+        serve_app(app) as address,
+        connect(f"ws{address.removeprefix('http')}/screen", proxy=None) as screen,
+    ):
+        await screen.send("x" * 4000)
+        assert await screen.recv() == "4000"
+        await screen.send("x" * 5000)  # as memory that hundreds of screens could take
+        with pytest.raises(ConnectionClosedError, match="1009"):
+            await screen.recv()
 
 
 @pytest.mark.parametrize("command", ["serve", "demo"])

@@ -1,5 +1,7 @@
 """A drift check becomes due so many days after the last one that ended well; it is reported, nothing moves."""
 
+import sqlite3
+from contextlib import closing
 from datetime import UTC, date, datetime, timedelta
 from pathlib import Path
 
@@ -43,6 +45,20 @@ def add_ended_run(
 
 def today_date() -> date:
     return datetime.now(UTC).date()
+
+
+def test_a_damaged_journal_tells_of_the_checks_before_the_damage(tmp_path: Path) -> None:
+    config = weekly_check_config(tmp_path)
+    robot = config.robots[0]
+    for number in range(2):
+        add_ended_run(config, number, "passed", serial=robot.serial)
+    with closing(sqlite3.connect(journal_path(config))) as database, database:
+        database.execute("UPDATE event SET body = '{' WHERE seq = 3")
+    assert next_drift_checks(config, TODAY)[robot.name] == today_date() + timedelta(7)
+    with closing(sqlite3.connect(journal_path(config))) as database, database:
+        database.execute("DELETE FROM event WHERE seq = 1")
+        database.execute("UPDATE event SET body = '{' WHERE seq = 3")
+    assert next_drift_checks(config, TODAY)[robot.name] == TODAY
 
 
 async def test_a_week_after_the_last_check_the_next_is_reported_as_due(tmp_path: Path) -> None:

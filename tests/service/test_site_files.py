@@ -3,6 +3,7 @@
 import json
 import sqlite3
 import stat
+from contextlib import closing
 from pathlib import Path
 
 import pytest
@@ -304,6 +305,22 @@ def test_the_tail_follows_while_the_journal_is_written_and_cannot_write_it(tmp_p
         assert tail._database is not None
         with pytest.raises(sqlite3.OperationalError, match="readonly"):
             tail._database.execute("DELETE FROM event")
+    tail.close()
+
+
+@pytest.mark.parametrize("damage", ["body = '{'", "body = '{}'", "kind = 'other'", "wall_utc = ''"])
+def test_the_tail_tells_of_a_damaged_event_and_stops_before_it(tmp_path: Path, damage: str) -> None:
+    tail = JournalTail(tmp_path / "journal.db")
+    with Journal.open_file(tmp_path / "journal.db") as journal:
+        for number in range(3):
+            journal.append(f"r-{number}", "run_started", {"procedure": "p", "cell": {"devices": []}})
+    with closing(sqlite3.connect(tmp_path / "journal.db")) as database, database:
+        database.execute(f"UPDATE event SET {damage} WHERE seq = 2")
+    ledger = SiteLedger()
+    for event in tail.events_after(0):
+        ledger.take_event(event)
+    assert (ledger.head, tail.events_after(1)) == (1, [])
+    assert tail.trouble == "the journal is damaged after event 1: event 2 is not what was written"
     tail.close()
 
 

@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import AsyncIterator, Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import pytest
@@ -10,6 +11,8 @@ from playwright.async_api import Page, expect
 
 from cellcal.procedures.catalogue import DEFINITIONS
 from cellcal.procedures.procedure_guide import INTENTIONS
+from cellcal.procedures.run_history import EventKind
+from cellcal.service.record.journal_files import open_journal
 from cellcal.service.runs.settings_description import schema_of
 from tests.service.browser_pages import (
     go_to_page,
@@ -158,6 +161,48 @@ async def test_a_person_who_left_half_way_finds_where_the_robot_stands_on_every_
         await page.get_by_test_id("dismiss").click()
         await page.get_by_test_id("leave-half-way").click()
         await expect(stands).to_have_count(0)
+    pendant.release_control()
+
+
+@contextmanager
+def a_run_broken_off_in_a_move(pendant: FakePendant, serial: str) -> Iterator[None]:
+    """Let the journal hold a run whose process was killed in mid-move; afterwards it has ended."""
+    identity = {"identity": {"serial": serial}}
+    header = {"procedure": "drift_check", "version": 1, "spec": {}, "cell": {"devices": [identity]}}
+    intent = {"step": "capture 2", "attempt": 1, "effect": "move", "inputs": []}
+    run_id = f"drift_check-{serial}"
+    with open_journal(pendant.config) as journal:
+        journal.append(run_id, EventKind.STARTED, header)
+        journal.append(run_id, EventKind.INTENT, intent)
+    try:
+        yield
+    finally:
+        with open_journal(pendant.config) as journal:
+            journal.append(run_id, EventKind.ENDED, {"verdict": "passed"})
+
+
+async def test_after_a_killed_process_every_page_says_what_a_move_may_have_done(pendant: FakePendant) -> None:
+    fanuc, ur = (robot.serial for robot in pendant.config.robots)
+    with a_run_broken_off_in_a_move(pendant, fanuc), a_run_broken_off_in_a_move(pendant, ur):
+        async with pendant.viewer.open_page("#/devices") as page:
+            own, other = (page.get_by_test_id("where-stands").nth(place) for place in (0, 1))
+            for at in ("#/devices", "#/history", "#/programs"):
+                await go_to_page(page, at)
+                await expect(own).to_contain_text("the robot may have moved")
+                await expect(own).not_to_contain_text("The robot stands")
+                await expect(other).to_contain_text("ur: Stopped half-way")
+                await expect(other.get_by_test_id("in-doubt")).to_be_visible()
+            await expect(own.get_by_test_id("resume-half-way")).to_be_visible()
+            await expect(other.get_by_test_id("resume-half-way")).to_have_count(0)
+            await hold_to_rules(page, "in-doubt")
+            await other.get_by_role("button", name="Select ur").click()
+            await expect(page.get_by_test_id("robot")).to_have_value("ur")
+            await expect(own).to_contain_text("fanuc: Stopped half-way")
+            await own.get_by_role("button", name="Select fanuc").click()
+            await expect(page.get_by_test_id("robot")).to_have_value("fanuc")
+            for _ in range(2):
+                await own.get_by_test_id("leave-half-way").click()
+            await expect(own).to_have_count(0)
     pendant.release_control()
 
 

@@ -16,6 +16,8 @@ from cellcal.calibration.arm.kinematics import load_model
 from cellcal.calibration.arm.urdf import bare_urdf, read_urdf
 from cellcal.calibration.points.alignment import read_alignments
 from cellcal.drivers.program_registry import read_program
+from cellcal.drivers.yaskawa.absolute_data import read_absolute_data
+from cellcal.drivers.yaskawa.tool_file import read_tools
 from cellcal.service.configuration.cell_file import read_cell_file
 from cellcal.service.configuration.cell_shapes import read_cell_shape
 from cellcal.service.demo.fake_cell import write_cell_file
@@ -64,6 +66,7 @@ def file_readers(scratch: Path) -> Iterator[InputReader]:
     yield from _measurement_readers()
     yield from _parameter_readers(scratch)
     yield from _program_readers()
+    yield from _controller_readers()
     yield from _signed_readers(scratch)
 
 
@@ -182,6 +185,15 @@ def _program_readers() -> Iterator[InputReader]:
         yield InputReader(
             f"program {source.name}", name, examples, lambda p: read_program(p.name, p.read_bytes())
         )
+
+
+def _controller_readers() -> Iterator[InputReader]:
+    home = b"//ABSO\r\n///RBPRM 1,63,0\r\n1,-52,1,-81234,1,70125,1,4903\r\n1,-11020,1,-79008,0,0,0,0\r\n"
+    tool = b"//TOOL 0\r\n///NAME\r\n0.0,0.0,100.0,0.0,0.0,0.0\r\n0.0,0.0,0.0\r\n1.5\r\n0.0,0.0,0.0\r\n0,0\r\n"
+    yield InputReader(
+        "home positions of Yaskawa", "ABSO.DAT", (home,), lambda p: read_absolute_data(p.read_text("latin-1"))
+    )
+    yield InputReader("tools of Yaskawa", "TOOL.CND", (tool,), lambda p: read_tools(p.read_text("latin-1")))
 
 
 def _signed_readers(scratch: Path) -> Iterator[InputReader]:

@@ -15,6 +15,7 @@ from cellcal.calibration.documents.plain_files import read_plain_bytes, read_pla
 from cellcal.calibration.documents.toml_text import parse_toml
 from cellcal.calibration.documents.xml_text import parse_xml
 from cellcal.calibration.documents.zip_archives import open_zip
+from cellcal.service.unexpected_errors import explain_os_error
 
 ROOT = Path(__file__).parents[2]
 READERS = {
@@ -98,8 +99,6 @@ OPENED = {
     "drivers/file_import/rows.py": {"open"},  # looks at the kind of file and its size itself
     "drivers/wire/sftp_link.py": {"open"},  # a file of a controller, within a limit
     "service/demo/built_pages.py": {"open"},
-    "service/export/archive.py": {"open"},
-    "service/export/backup.py": {"open"},
 }
 
 
@@ -189,6 +188,22 @@ def test_cells_and_packed_data_have_limits() -> None:
             unpack_gzip(damaged, 30_000_000)
     with pytest.raises(DocumentError):
         open_zip(b"PK\x03\x04")
+
+
+def _open_descriptors() -> int:
+    return len(list(Path("/proc/self/fd").iterdir()))
+
+
+def test_a_file_that_cannot_be_read_is_named_and_no_descriptor_is_lost(tmp_path: Path) -> None:
+    unreadable = Path("/proc/self/mem")  # a plain file whose first byte gives an input or output error
+    taken = _open_descriptors()
+    for path, kind in ((tmp_path, IsADirectoryError), (unreadable, OSError)):
+        for _ in range(3):
+            with pytest.raises(kind) as refused:
+                read_plain_bytes(path)
+            assert refused.value.filename == os.fspath(path)
+            assert explain_os_error(refused.value)[0].startswith(f"{path}: ")
+    assert _open_descriptors() == taken
 
 
 def test_only_plain_files_of_a_size_are_read(tmp_path: Path) -> None:

@@ -15,8 +15,11 @@ from cellcal.drivers.interfaces import (
     Readiness,
     RobotCapabilities,
 )
+from cellcal.service.configuration.cell_file import read_cell_file
+from cellcal.service.demo.fake_cell import write_cell_file
 from cellcal.service.record.healthy_counts import HealthyCounts, LastHealthyCounts, remember_healthy
 from cellcal.service.record.unconfirmed_mastering import UnconfirmedMastering
+from cellcal.service.watching import nightly_look
 from cellcal.service.watching.loss_modes import LossKind, LossMode
 from cellcal.service.watching.mastering_comparison import JournalledMastering, MasteringComparison
 from cellcal.service.watching.watch import PositionLoss, RobotWatch
@@ -331,3 +334,20 @@ def test_the_memory_survives_a_restart_and_damage(tmp_path: Path) -> None:
     assert LastHealthyCounts(tmp_path).load_counts("arm") == healthy_counts
     (tmp_path / "last_healthy_arm.json").write_text('{"counts": [1')
     assert memory.load_counts("arm") is None
+
+
+async def test_a_fault_of_ours_with_one_robot_does_not_hide_the_look_at_the_others(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    config = read_cell_file(write_cell_file(tmp_path, "127.0.0.1", seed=1, time_factor=1.0))
+
+    def is_held(_folder: Path, serial: str, _right: str) -> bool:
+        if serial == config.robots[0].serial:
+            raise ZeroDivisionError("injected")
+        return True
+
+    monkeypatch.setattr(nightly_look, "is_held", is_held)
+    broken, other = await nightly_look.look_at_cell(config, report=lambda _: None)
+    assert (broken.state, other.state) == ("not read", "not read")
+    assert "ZeroDivisionError: injected. The report is in " in broken.sentence
+    assert other.sentence == "another cellcal works with it now."

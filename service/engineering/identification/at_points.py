@@ -20,6 +20,7 @@ from cellcal.service.engineering.measured.cell_numbers import number_in
 from cellcal.service.engineering.measured.headings import unit_of
 from cellcal.service.engineering.measured.table import MeasurementError
 from cellcal.service.engineering.measured.units import ANGLE_UNITS, LENGTH_UNITS
+from cellcal.service.unexpected_errors import explain_os_error
 
 _PLACE = ("x_mm", "y_mm", "z_mm")
 _QUATERNION = ("qw", "qx", "qy", "qz")
@@ -61,7 +62,10 @@ def read_points(options: AtOptions, arm: RobotModel | int) -> AtPoints:
     try:
         text = read_plain_text(options.path)
         rows = parse_rows(text, _separator_of(text))
-    except (OSError, DocumentError) as broken:
+    except OSError as broken:
+        why, cure = explain_os_error(broken)
+        raise MeasurementError(why, remedy=cure) from broken
+    except DocumentError as broken:
         raise MeasurementError(f"{options.path} cannot be read: {broken}") from broken
     if not rows:
         raise MeasurementError(

@@ -761,6 +761,7 @@ export interface RunDetail {
   robot_serial: string;
   begun_by: string;
   begun_as: string[];
+  in_doubt: string;
   spec: Record<string, unknown>;
   findings: FindingSeen[];
   result: unknown;
@@ -794,6 +795,7 @@ export interface RunLine {
   robot_serial: string;
   begun_by: string;
   begun_as: string[];
+  in_doubt: string;
   messages?: TextMessages;
 }
 

@@ -6,7 +6,7 @@ import { language } from "./i18n.svelte";
 import { learn } from "./messages";
 
 export type {
-  CertificateCheck as Verified, Displacement, FigureTrend as TrendSeen, ReviewPoint, RunHead, RunsCompared,
+  CertificateCheck as Verified, Displacement, FigureTrend as TrendSeen, ReviewPoint, RunHead, RunLine, RunsCompared,
   SetDifference as SetsCompared, SetHead, Validation, WorkPlace as Place,
 } from "./api_types";
 

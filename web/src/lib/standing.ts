@@ -1,7 +1,7 @@
 // Where the robot stands, what is safe to do and how to go on: for a person who comes back to a run half-way.
 
 import type { Key } from "./i18n.svelte";
-import type { RunHead } from "./review";
+import type { RunLine } from "./review";
 import type { Session } from "./types";
 
 export interface Standing {
@@ -23,8 +23,17 @@ export function standingOf(session: Session, moving: boolean, stopped: boolean):
   return { colour: "warn", title: "stand_works", safe: "stand_works_safe" };
 }
 
-/** The newest run of a robot, where it ended half-way and nothing was done since. */
-export function halfWay(runs: RunHead[], serial: string): RunHead | null {
-  const newest = runs.find((each) => each.robot_serial === serial);
-  return newest && HALF_WAY.includes(newest.state) ? newest : null;
+/** A robot of the cell, and its newest run that ended half-way with nothing done since. */
+export interface LeftRun {
+  robot: string;
+  run: RunLine;
+}
+
+/** The run that the selected robot was left in, and those in which another robot may have moved since. */
+export function leftRuns(runs: RunLine[], session: Session): LeftRun[] {
+  return session.robots.flatMap(({ name, serial }) => {
+    const run = runs.find((each) => each.robot_serial === serial);
+    if (!run || !HALF_WAY.includes(run.state)) return [];
+    return name === session.robot || run.in_doubt !== "" ? [{ robot: name, run }] : [];
+  });
 }
