@@ -1,7 +1,7 @@
 """What a change costs where a motion takes a point's numbers in another frame or with another tool than its own.
 
 The work asks for E2 u2 p, with p the point, u2 the frame that the motion takes it in and E2 the change of the work
-there. The changed program goes to u2' u1'^-1 E1 u1 p, because the numbers are changed as the point's own frame u1 asks.
+there. The changed program goes to u2' u1'^-1 E1 u1 p: the numbers are changed as the point's own frame u1 asks.
 """
 
 import math
