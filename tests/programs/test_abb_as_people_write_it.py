@@ -103,7 +103,7 @@ def test_elements_that_are_names_or_sums_are_remarked_and_the_numbers_beside_the
         "MoveL pts{2},v100,fine,tGrip\\WObj:=wTable;",
         "ENDPROC",
     )
-    assert file.positions.names == ("p1", "pts{2}", "line 3")
+    assert file.positions.names == ("p1", "pts{2}", "pts{3}")
     assert file.positions.kinds == (CARTESIAN, CARTESIAN, UNREAD)
     assert file.positions.user_frames == (None, "wTable", None)
     assert [remark.code for remark in file.remarks] == ["computed"] * 3

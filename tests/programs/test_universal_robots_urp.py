@@ -355,6 +355,35 @@ def test_a_node_that_is_not_known_is_a_finding(node, turns):
     assert (shift.quaternion is None) == turns  # a shift of the work leaves a direction as it is
 
 
+def _expression_xml(text: str) -> str:
+    return f"<expression>{''.join(f'<ExpressionChar character={c!r}/>' for c in text)}</expression>"
+
+
+@pytest.mark.parametrize(
+    ("node", "feature", "left"),
+    [
+        ("<Assignment><variable name='Plane_1_var'/></Assignment>", "Plane_1", True),
+        ("<Script><cachedContents>Plane_1_var = seen</cachedContents></Script>", "Plane_1", True),
+        (
+            f"<Assignment><variable name='a'/>{_expression_xml('swap(Plane_1_var)')}</Assignment>",
+            "Plane_1",
+            True,
+        ),
+        ("<Comment/>", "Plane_1_var", True),
+        ("<Assignment><variable name='Plane_1_var'/></Assignment>", "Plane_12", False),
+        ("<Assignment><variable name='Plane_1'/></Assignment>", "Plane_1", False),
+    ],
+)
+def test_waypoints_in_a_feature_that_the_program_may_set_are_left(node, feature, left):
+    """PolyScope's variable features: what a program assigns to Plane_1_var moves the waypoints in Plane_1."""
+    move = f"<Move><feature class='GeomFeatureReference' referencedName='{feature}'/><children>"
+    program = read_urp(
+        "a.urp", _urp_bytes(f"{_waypoint_xml()}</children></Move>{node}{move}{_waypoint_xml('W2')}")
+    )
+    assert program.positions.user_frames == ("base", feature)
+    assert sorted(program.positions.barred) == [1] * left
+
+
 def test_nodes_that_move_nothing_are_no_findings():
     nodes = "<Wait type='Sleep'/><Popup/><Set/><SubProgram reference='../a'/><SafeHome/><Comment/><If><children/></If>"
     program = read_urp("a.urp", _urp_bytes(f"{_waypoint_xml()}</children></Move>{nodes}<Move><children>"))

@@ -190,3 +190,24 @@ def test_numbers_of_the_controllers_own_functions_are_no_joints(tmp_path: Path) 
         "textmsg([0.2, -1.5, 1.8, -1.9, -1.5, 0.2])",
     )
     assert set(statuses_of(move_script(tmp_path, TOOL, HOME, *lines))) == {"line 3"}
+
+
+@pytest.mark.parametrize("offset", [SHIFTED, TURNED])
+@pytest.mark.parametrize(
+    ("lines", "told"),
+    [
+        (("movel(pose_trans(seen, p[0,0,-0.1,0,0,0]))",), True),
+        (("over = pose_trans(seen, p[0,0,-0.1,0,0,0])", "movel(over)"), True),
+        (("step = p[0,0,height,0,0,0]", "over = pose_trans(pick, step)", "movel(over)"), False),
+        (("here = get_actual_tcp_pose()", "movel(pose_trans(here, p[0,0,-0.1,0,0,0]))"), False),
+    ],
+)
+def test_a_place_seen_from_a_computed_one_is_told(
+    tmp_path: Path, lines: tuple[str, ...], told: bool, offset: str
+) -> None:
+    seen = "seen = p[read_input_float_register(0),-0.2,0.25,0,3.1415,0]"
+    moved = move_script(
+        tmp_path, f"pick = {PICK}", "height = -0.1", seen, TOOL, HOME, "movel(pick)", *lines, offset=offset
+    )
+    assert moved.code == (ExitCode.REFUSED if told else ExitCode.PASS)
+    assert {one["point"] for one in moved.report["findings"]} == ({"seen"} if told else set())

@@ -67,7 +67,7 @@ def test_abb(named: str, place: str, robots: tuple[str, ...], stands: Array, tmp
     [
         ("T_ROB_L", (f'ROB_R" {TURNED}', f'ROB_L" {HANGING}'), HANGS),
         ("T_ROB2", (f'ROB_1" {TURNED}', f'ROB_2" {HANGING}'), HANGS),
-        ("TASK2", (f'ROB_L" {TURNED}', f'ROB_R" {HANGING}'), None),  # no backup's MOC.cfg tells of its tasks
+        ("TASK2", (f'ROB_L" {TURNED}', f'ROB_R" {HANGING}'), None),  # without the backup's list of its tasks
         ("copied", (f'ROB_1" {TURNED}', f'ROB_2" {HANGING}'), None),
         ("TASK2", ('ROB_L"', 'ROB_R"'), np.eye(4)),
     ],
@@ -82,6 +82,43 @@ def test_abb_with_two_robots(
     else:
         assert np.allclose(found.frames.base_frame["wobj0"].to_matrix(), np.linalg.inv(stands))
         assert not found.positions.barred
+
+
+@pytest.mark.parametrize(
+    ("tasks", "stands"),
+    [
+        (("TASK1: (T_ROB_L,,)", "TASK2: (T_ROB_R,name,)"), HANGS),
+        (("TASK1: (T_COMM,,)", "TASK2: (T_ROB_L,,)", "TASK3: (T_ROB_R,,)"), TURNS),
+        (("TASK1: (T_ROB_L,,)", "TASK2: (T_COMM,,)"), None),
+        ((), None),
+    ],
+)
+def test_abb_tasks_by_the_list_of_the_backup(
+    tasks: tuple[str, ...], stands: Array | None, tmp_path: Path
+) -> None:
+    """The folders of a backup count all tasks, those that move nothing, too."""
+    files = {
+        "SYSPAR/MOC.cfg": configuration(f'ROB_L" {TURNED}', f'ROB_R" {HANGING}'),
+        "BackInfo/backinfo.txt": ">>SYSTEM_ID:\nA\n\n"
+        + "".join(f">>{one}\nPROGMOD/m.mod @ \n\n" for one in tasks),
+        "RAPID/TASK2/m.mod": MOVES,
+    }
+    (found,) = read_below(tmp_path, "RAPID/TASK2", files).values()
+    if stands is None:
+        assert "several robots" in found.positions.barred[0]
+    else:
+        assert np.allclose(found.frames.base_frame["wobj0"].to_matrix(), np.linalg.inv(stands))
+        assert not found.positions.barred
+
+
+def test_abb_a_task_before_the_first_robot_moves_no_folder_to_the_next_robot(tmp_path: Path) -> None:
+    files = {
+        "SYSPAR/MOC.cfg": configuration(f'ROB_1" {TURNED}', f'ROB_2" {HANGING}'),
+        "BACKINFO/backinfo.txt": ">>SYSTEM_ID:\nA\n>>TASK1: (T_COMM,,)\n>>TASK2: (T_ROB1,,)\n>>TASK3: (T_ROB2,,)\n",
+        "RAPID/TASK2/m.mod": MOVES,
+    }
+    (found,) = read_below(tmp_path, "RAPID", files).values()
+    assert np.allclose(found.frames.base_frame["wobj0"].to_matrix(), np.linalg.inv(TURNS))
 
 
 def test_a_list_that_is_named_with_programs_counts_and_is_no_program(tmp_path: Path) -> None:

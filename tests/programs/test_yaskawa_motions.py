@@ -213,6 +213,25 @@ def test_a_job_that_leaves_its_shift_on_shifts_its_caller() -> None:
 
 
 @pytest.mark.parametrize(
+    ("line", "left"),
+    [
+        ("CALL JOB:PICK", False),
+        ("CALL JOB:PICK UF#(2)", False),
+        ("CALL JOB:PICK UF#(3) IF IN#(1)=ON", True),
+        ("JUMP JOB:pick UF#(B003)", True),
+        ("CALL JOB:OTHER UF#(3)", False),
+    ],
+)
+def test_a_relative_job_that_is_called_in_another_user_frame_is_left(line: str, left: bool) -> None:
+    files = {"MAIN.JBI": named_job("MAIN", line), "PICK.JBI": named_job("PICK", "MOVL C00000 V=1.0")}
+    across = BatchDeclarations({name: declarations_of(name, data) for name, data in files.items()})
+    pick = read("PICK.JBI", files["PICK.JBI"]).with_external_uses(across.uses_of_file("PICK.JBI"))
+
+    stated = {pick.positions.names[row]: why for row, why in pick.positions.barred.items()}
+    assert ("MAIN calls its job in another" in stated.get("C00000", "")) is left
+
+
+@pytest.mark.parametrize(
     ("lines", "names"),
     [
         (("MFRAME UF#(2) PX050 PX051 PX052", "CALL JOB:PICK"), {"C00000", "C00001", "P00000", "P00001"}),

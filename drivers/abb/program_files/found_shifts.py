@@ -20,6 +20,9 @@ REFERENCE = "a displacement is taken from it (PDispOn), and no move of this file
 _OTHERS = "what other routines go to while it holds"
 _COMPUTED = "a computed place"
 _NAME = re.compile(rf"{W}({NAME})", re.ASCII)
+_MEASURED = re.compile(  # where the robot is, or the joints of a target: they go along
+    rf"{W}(?:CRobT|CJointT|CalcJointT)\b", re.ASCII | re.IGNORECASE
+)
 _SUM = re.compile(r"([^;+\-]*+)([+-])([^;]*+);", re.ASCII)
 _TERM = re.compile(rf"{W}({NUMBER}){W}", re.ASCII)
 _AXIS = re.compile(r"\.trans\.([xyz])$", re.IGNORECASE)
@@ -52,6 +55,9 @@ class FoundShifts:
     found: list[FoundShift] = field(default_factory=list)
     set_components: list[tuple[str, str]] = field(default_factory=list)  # name, scope: not by adding to it
     overwritten: list[tuple[str, str]] = field(default_factory=list)  # by what is neither read nor a copy
+    computed_values: list[tuple[int, str, str]] = field(
+        default_factory=list
+    )  # where that stands, name, scope
 
     def take_word(self, word: str, span: tuple[int, int], scope: str) -> None:
         """Note a displacement, or a target that a function shifts."""
@@ -95,26 +101,37 @@ class FoundShifts:
             return
         self.set_component(place, name, scope)
 
+    def overwrite(self, place: int, target: tuple[str, str], value_place: int) -> None:
+        """Note that data, a name in a scope, get a value as a whole that is neither read nor a copy."""
+        self.overwritten.append(target)
+        if _MEASURED.match(self.displacements.text, value_place) is None:
+            self.computed_values.append((place, *target))
+
     def set_component(self, place: int, name: str, scope: str, path: str = "") -> None:
         """Note that a component of a target, a name in a scope, gets a value."""
         self.set_components.append((name, scope))
-        if _AXES.search(path) is not None:
-            return
+        if _AXES.search(path) is None:
+            self.found.append(self._set_value(place, name, scope, None))
+
+    def _set_value(self, place: int, name: str, scope: str, frame: str | None) -> FoundShift:
+        what = self._statement_at(place)
+        return FoundShift(place, what, scope, name, frame, UNREADABLE, None, sets=True)
+
+    def _statement_at(self, place: int) -> str:
         text = self.displacements.text
         end = text.find(";", place)
-        what = " ".join(text[place : end if end >= 0 else place].split())[:80]
-        self.found.append(FoundShift(place, what, scope, name, None, UNREADABLE, None, sets=True))
+        return " ".join(text[place : end if end >= 0 else place].split())[:80]
 
     def _add_shift(
         self, place: int, name: str, scope: str, translation: Triple, quaternion: Quaternion | None
     ) -> None:
-        end = self.displacements.text.find(";", place)
-        what = " ".join(self.displacements.text[place : end if end >= 0 else place].split())[:80]
+        what = self._statement_at(place)
         self.found.append(FoundShift(place, what, scope, name, None, translation, quaternion, each_time=True))
 
     def to_shifts(self, collected: RapidPositions, uses: TargetUses) -> tuple[ProgramShift, ...]:
         """Return the shifts with the rows of their targets, counted as they were read."""
-        named = [self._make_shift(one, collected, uses) for one in self.found]
+        found = [*self.found, *self._values_of_places(uses)]
+        named = [self._make_shift(one, collected, uses) for one in found]
         return (
             *named,
             *(
@@ -124,6 +141,13 @@ class FoundShifts:
                 for shift in _shifts_of_displacement(displacement, collected, uses)
             ),
         )
+
+    def _values_of_places(self, uses: TargetUses) -> Iterator[FoundShift]:
+        """Yield the values that places without numbers in the file get: elements and parameters that moves go to."""
+        for place, name, scope in self.computed_values:
+            frames = {frame for _, frame in uses.uses_of_open_place(name, scope)}
+            if frames:
+                yield self._set_value(place, name, scope, frames.pop() if len(frames) == 1 else None)
 
     def bar_targets(self, collected: RapidPositions, uses: TargetUses) -> None:
         """Leave targets whose place is no longer what stands in the file when they are moved to."""

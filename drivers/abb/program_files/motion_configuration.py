@@ -1,4 +1,4 @@
-"""Where the robots of an ABB controller stand in its world, by the MOC.cfg of its backup.
+"""Where the robots of an ABB controller stand in its world, by the lists of its backup.
 
 RAPID's work objects, ``wobj0`` too, stand in the world; the arm begins at its base frame, which is the world's only
 where nothing else is configured: a robot that hangs or stands on a pedestal has another one.
@@ -13,14 +13,19 @@ from cellcal.calibration.geometry import Pose
 from cellcal.drivers.programs.controller_tasks import find_task
 from cellcal.drivers.programs.declared_poses import Poses
 from cellcal.drivers.programs.errors import ProgramFileError
-from cellcal.drivers.programs.file_declarations import FileDeclarations
+from cellcal.drivers.programs.file_declarations import ExternalUses, FileDeclarations
 from cellcal.drivers.programs.spans import ProgramText
 
-PLACE = PurePath("SYSPAR") / "MOC.cfg"  # in a backup, beside its RAPID folder
+LISTS = (
+    PurePath("SYSPAR") / "MOC.cfg",  # in a backup, beside its RAPID folder: the robots
+    PurePath("BACKINFO") / "backinfo.txt",  # the tasks in the folders TASK1, TASK2 …
+)
 _BASE_FRAME = (
     "$base frame"  # among the bases that it declares; with the robot's number where there are several
 )
 _ROBOTS = re.compile(r"^ROBOT:[ \t\r]*\n(.*?)(?=^#|\Z)", re.MULTILINE | re.DOTALL)
+_TASKS = re.compile(r"^>>(TASK\d+): ?\(([^,()\s]+),", re.MULTILINE | re.IGNORECASE)
+_BACKED_UP = ">>SYSTEM_ID:"
 _NAME = re.compile(r'-name\s+"([^"]*)"')
 _ENTRY = re.compile(r'-name\s+"[^"]*"(?:(?!-name\s)[^"]|"[^"]*")*')
 _PART = re.compile(
@@ -36,34 +41,49 @@ _UNIT = 1e-3
 
 
 def declarations_of(name: str, data: bytes) -> FileDeclarations | None:
-    """Return the base frames of the robots, m; None for another file. A robot that a track carries has none."""
-    if PurePath(name).suffix.lower() != ".cfg" or not data.startswith(b"MOC:"):
+    """Return the base frames of the robots, m, or the tasks of a backup; None for another file.
+
+    A robot that a track carries has no base frame.
+    """
+    suffix = PurePath(name).suffix.lower()
+    if (suffix != ".cfg" or not data.startswith(b"MOC:")) and suffix != ".txt":
         return None
     try:
         text = ProgramText(name, data).text
     except ProgramFileError:
         return None
+    if suffix == ".txt":
+        folder = PurePath(name).parent.parent
+        tasks = _TASKS.findall(text) if _BACKED_UP in text else ()
+        return FileDeclarations("", doubtful={_task_key(folder, number): task for number, task in tasks})
     entries = [entry for section in _ROBOTS.findall(text) for entry in _ENTRY.findall(section)]
     poses: Poses = {_key(entry if len(entries) > 1 else ""): _base_frame(entry) for entry in entries}
     return FileDeclarations("", bases=poses)
 
 
-def base_frame_of(file: str, bases: Poses) -> Pose | None:
+def base_frame_of(module: ExternalUses) -> Pose | None:
     """Return where the robot of a module stands in the world; None where that is its origin, or not known."""
-    found = bases.get(_BASE_FRAME) or bases.get(_key_of_task(file))
+    found = module.bases.get(_BASE_FRAME) or module.bases.get(_key_of_task(module))
     return None if found == _ORIGIN else found
 
 
-def is_of_unknown_robot(file: str, bases: Poses) -> bool:
+def is_of_unknown_robot(module: ExternalUses) -> bool:
     """Tell whether a controller has robots that stand elsewhere, and no folder tells which of them a module moves."""
-    poses = {key: pose for key, pose in bases.items() if key.startswith(f"{_BASE_FRAME} ")}
+    poses = {key: pose for key, pose in module.bases.items() if key.startswith(f"{_BASE_FRAME} ")}
     elsewhere = any(pose is not None and pose != _ORIGIN for pose in poses.values())
-    return elsewhere and _key_of_task(file) not in poses
+    return elsewhere and _key_of_task(module) not in poses
 
 
-def _key_of_task(file: str) -> str:
-    task = find_task(file)
-    return _numbered(task.name) if task is not None else ""
+def _key_of_task(module: ExternalUses) -> str:
+    """Return the key of the robot that a module moves by the task in whose folder it is; "" where none tells."""
+    task = find_task(module.file)
+    if task is None:
+        return ""
+    return _numbered(module.doubtful.get(_task_key(PurePath(task.folder).parent, task.name), task.name))
+
+
+def _task_key(backup: PurePath, folder: str) -> str:
+    return f"{backup} task {folder.upper()}"
 
 
 def _key(entry: str) -> str:

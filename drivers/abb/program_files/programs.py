@@ -17,7 +17,7 @@ from cellcal.drivers.abb.program_files.configuration import AbbConfigurations, n
 from cellcal.drivers.abb.program_files.instructions import MOVES
 from cellcal.drivers.abb.program_files.literals import AGGREGATES
 from cellcal.drivers.abb.program_files.motion_configuration import (
-    PLACE,
+    LISTS,
     UNKNOWN_ROBOT,
     base_frame_of,
     declarations_of,
@@ -198,14 +198,14 @@ class AbbFile:
         frames = with_declared(
             self.frames, positions, external_uses.tools, external_uses.bases, own=self.declared
         )
-        base = base_frame_of(external_uses.file, external_uses.bases)
+        base = base_frame_of(external_uses)
         frames = seen_from_base(frames, base)
         standing = (standing_remark(base),) if base is not None and len(positions) else ()
         places = absent_places(self.source, external_uses.absent, MOVES, comment="!", statement_end=";")
         positions = replace(positions, shifts=(*positions.shifts, *places))
         positions = _with_agreed_tools(positions, external_uses, self.keys)
         positions = _without_other_robots(positions, external_uses.other_task)
-        if is_of_unknown_robot(external_uses.file, external_uses.bases):
+        if is_of_unknown_robot(external_uses):
             positions = _without_all(positions, UNKNOWN_ROBOT)
         return replace(self, positions=positions, frames=frames, remarks=(*standing, *self.remarks, *remarks))
 
@@ -340,5 +340,5 @@ BRAND = ProgramBrand(
     writes_program=writes_program,
     tells=True,
     says=declarations_of,
-    beside=(PLACE,),
+    beside=LISTS,
 )

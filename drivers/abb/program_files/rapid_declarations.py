@@ -18,6 +18,7 @@ from cellcal.drivers.abb.program_files.literals import (
     end_of_element,
 )
 from cellcal.drivers.abb.program_files.target_uses import TargetUses
+from cellcal.drivers.abb.program_files.unread import INSIDE
 
 _DECLARED = re.compile(rf"{W}([A-Za-z]\w*+){W}({NAME}){W}(?:\{{([^{{}};]*+)\}})?+{W}(:=)?+{W}", re.ASCII)
 _COPIED = re.compile(
@@ -139,6 +140,8 @@ class RapidDeclarations:
             raise self.found.source.error_at(
                 error.place, str(error), remedy="Correct it on the controller, or leave this program out."
             ) from None
+        if self.found.source.text.startswith("[", place):  # what other data hold does not move with the work
+            self._declare_target(name, lambda: self.found.add_unread(name, place, INSIDE))
         return max(self._take_computed(name, place), error.place)
 
     def _take_computed(self, name: str, place: int) -> int:

@@ -32,7 +32,7 @@ from cellcal.drivers.abb.program_files.passed_targets import (
 )
 from cellcal.drivers.abb.program_files.rapid_declarations import RapidDeclarations
 from cellcal.drivers.abb.program_files.target_uses import TargetUses
-from cellcal.drivers.abb.program_files.unread import LIKE_A_POSITION, unread_positions
+from cellcal.drivers.abb.program_files.unread import INSIDE, LIKE_A_POSITION, unread_positions
 from cellcal.drivers.abb.program_files.usual import USUAL
 from cellcal.drivers.abb.program_files.written_arguments import find_written
 from cellcal.drivers.abb.program_files.written_numbers import WrittenTargets
@@ -63,7 +63,6 @@ _REMARKED = {
 _COPY_TEXT = "{} is set to another target while the program runs."
 _ASSIGNED_TEXT = "{} is set while the program runs; that value is not read."
 _INSIDE_TEXT = "A position stands inside this statement; it is not read, and stays as it is."
-_INSIDE = "it stands inside other data, or is computed in part, and is not read"
 _SET_LATER = "it gets its coordinates while the program runs"
 _ASSIGNED_ABROAD = "it is given to a name that this file does not declare: what goes to it is not known"
 _STAR_UNKNOWN = "its coordinates are not in the file"
@@ -80,9 +79,6 @@ class RapidModule(RapidDeclarations):
         default_factory=list
     )  # name, scope: the value is written here
     copies: set[int] = field(default_factory=set)  # places of assignments from another target
-    overwritten: list[tuple[int, str, str]] = field(
-        default_factory=list
-    )  # by what is neither read nor a copy
     looked_at: int = 0  # up to where the text was searched for positions inside other data
     set_whole: list[tuple[str, str]] = field(default_factory=list)  # name, scope
     moves: bool = False  # an instruction of the file moves a robot
@@ -154,7 +150,7 @@ class RapidModule(RapidDeclarations):
     def finish_reading(self) -> None:
         """Remark targets that the program sets, and take away those that are seen from the flange."""
         for place in unread_positions(self.found.source.text, set(self.found.starts)):
-            self.found.add_unread(f"line {self.found.source.line_of(place)}", place, _INSIDE)
+            self.found.add_unread(f"line {self.found.source.line_of(place)}", place, INSIDE)
         self.written = self.found.compute_usual()
         self.uses.facts.set_while_running |= {
             name for name in self.set_names if name in self.frames.declared or name not in self.uses.shown
@@ -230,7 +226,7 @@ class RapidModule(RapidDeclarations):
         elif self.note_copy(text, assigned.end(), bare):
             self.copies.add(start)
         else:
-            self.shifts.overwritten.append((name, self.uses.scope))
+            self.shifts.overwrite(start, (name, self.uses.scope), assigned.end())
         part = assigned[2].partition(".")[2].strip().lower()
         if not part or part.startswith(("uframe", "oframe", "tframe")):
             self.set_names.add(bare.lower())

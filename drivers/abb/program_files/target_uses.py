@@ -58,6 +58,9 @@ class TargetUses:
     of_copied_parameters: dict[tuple[str, str], set[ToolAndFrame]] = field(
         default_factory=dict
     )  # how moves go to copies of them; nothing where none does
+    of_open_places: dict[tuple[str, str], set[ToolAndFrame]] = field(
+        default_factory=lambda: defaultdict(set)
+    )  # by where a place is declared, and its name
     sources: dict[tuple[str, str], set[tuple[str, str]]] = field(
         default_factory=lambda: defaultdict(set)
     )  # by what they are copied to
@@ -315,6 +318,16 @@ class TargetUses:
             if where == scope and target.partition("{")[0].lower() == name
             for use in some
         }
+
+    def uses_of_open_place(self, name: str, scope: str) -> set[ToolAndFrame]:
+        """Return how the moves of a file go to a place that it declares without numbers; nothing for any other."""
+        place = self._declared_at(name, scope)
+        if place[0] in ("", "?") or self.rows_of(name, scope):
+            return set()
+        if not self.of_open_places:
+            for (where, target), some in self.used.items():
+                self.of_open_places[self._declared_at(target, where)] |= some
+        return self.of_open_places.get(place, set()) | self.of_parameters.get(place, set())
 
     def add_uses(self, scope: str, name: str, uses: set[ToolAndFrame]) -> bool:
         """Note more uses of a name; tell whether there are new ones."""

@@ -5,6 +5,7 @@ from collections.abc import Iterator, Set
 
 from cellcal.drivers.abb.program_files.literals import W
 
+INSIDE = "it stands inside other data, or is computed in part, and is not read"
 _VALUE = r'[^\[\],;!"]++'
 _LIST3, _LIST4, _LIST6 = (
     rf"\[{W}{_VALUE}" + rf",{W}{_VALUE}" * (count - 1) + rf"\]{W}" for count in (3, 4, 6)

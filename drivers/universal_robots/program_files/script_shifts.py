@@ -34,6 +34,8 @@ _FOLLOWS = re.compile(  # but for a pose of which a number is computed
     re.ASCII,
 )
 _OF_TIP = re.compile(rf"{_B}(?:pose_\w++|interpolate_pose|get_(?:actual|target)_tcp_pose|p\[)", re.ASCII)
+_FRAME_BEFORE = re.compile(r"\bpose_trans[ \t]*+\([ \t]*+\Z", re.ASCII)
+_LONGEST_GAP = 80
 _VALUE = r"^[ \t]*+(?:(?:global|local)[ \t]++)?{}[ \t]*+=(?!=)[ \t]*+(?P<value>[^\r\n#]*+)"
 _PLAIN = re.compile(rf"(?:[A-Za-z_]\w*+|p?\[{SIX}\]){_B}", re.ASCII)
 _NO_NUMBER = re.compile(r"\][ \t]*+=(?!=)[ \t]*+(?:True|False|\"[^\"\n]*+\")[ \t\r]*+(?:#[^\n]*+)?$")
@@ -194,11 +196,21 @@ class ScriptShifts:
     def _unknown_variables(self) -> Iterator[ProgramShift]:
         """Yield moves to variables that may or may not move with the work."""
         for name, uses in self.finder.found.uses.items():
-            offsets = [offset for offset, role, _ in uses if role in ("target", "in_frame", "near")]
+            values = self._assigned_values(name)
+            roles = ("target", "in_frame", "near", *(("frame",) if values else ()))
+            offsets = [offset for offset, role, _ in uses if role in roles]
+            if any(
+                value.startswith("p[") for value in values
+            ):  # numbers that are computed, and a place from them
+                offsets += [offset for offset, role, _ in uses if role == "other" and self._is_frame(offset)]
             if not offsets or self.finder.is_known(name) or name in self.parameters:
                 continue
             if not self._follows_the_work(name):
                 yield self._make_shift(offsets[0], "the program", name, UNREADABLE, None)
+
+    def _is_frame(self, offset: int) -> bool:
+        """Tell whether a name is the first argument of pose_trans."""
+        return _FRAME_BEFORE.search(self.text, max(offset - _LONGEST_GAP, 0), offset) is not None
 
     def _follows_the_work(self, name: str) -> bool:
         """Tell whether all that a variable gets goes along with the poses of the program, or is noted as a shift."""

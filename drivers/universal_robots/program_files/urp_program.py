@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from cellcal.calibration.arm.kinematics import DhTable
 from cellcal.calibration.geometry import Array, Pose, inverse_transform, is_rigid
 from cellcal.calibration.message import make_message
+from cellcal.drivers.programs.barred import COMPUTED
 from cellcal.drivers.programs.errors import ProgramFileError
 from cellcal.drivers.programs.positions import PositionChange, Positions, ProgramFrames, Remark, with_unread
 from cellcal.drivers.universal_robots.program_files.script_numbers import (
@@ -22,7 +23,11 @@ from cellcal.drivers.universal_robots.program_files.script_numbers import (
 from cellcal.drivers.universal_robots.program_files.urp_archive import pack_file, unpack_file
 from cellcal.drivers.universal_robots.program_files.urp_columns import WaypointColumns, columns_of
 from cellcal.drivers.universal_robots.program_files.urp_kinematics import DhChain, joints_for, pose_distances
-from cellcal.drivers.universal_robots.program_files.urp_shifts import shifts_of, unread_positions_of
+from cellcal.drivers.universal_robots.program_files.urp_shifts import (
+    features_set_by,
+    shifts_of,
+    unread_positions_of,
+)
 from cellcal.drivers.universal_robots.program_files.urp_waypoints import (
     BASE,
     SixNumbers,
@@ -33,6 +38,7 @@ from cellcal.drivers.universal_robots.program_files.urp_xml import XmlText
 
 AGREES_M, AGREES_RAD = 1e-6, 1e-6
 _SAME = 1e-12
+_VARIABLE = "_var"  # behind the name of a feature: what programs set of it
 _UNTOUCHED = "Nothing was changed; check what computed it."
 
 
@@ -83,7 +89,13 @@ class UrpProgram:
     @cached_property
     def _all_positions(self) -> Positions:
         found = with_unread(self.columns.positions, unread_positions_of(self.xml, self.reader))
-        return replace(found, shifts=shifts_of(self.xml, self.reader))
+        in_variables = features_set_by(self.xml, self.reader)
+        turned = {
+            row: COMPUTED
+            for row, waypoint in enumerate(self.waypoints)
+            if waypoint.feature_name.removesuffix(_VARIABLE) in in_variables
+        }
+        return replace(found, shifts=shifts_of(self.xml, self.reader), barred={**turned, **found.barred})
 
     @cached_property
     def frames(self) -> ProgramFrames:

@@ -15,6 +15,7 @@ _LITERAL = re.compile(rf"p?\[{SIX}\]", re.ASCII)
 _COMPUTES = re.compile(r"pose_\w+|interpolate_pose|\w+_kin\(|p\[|\bspeedl\b|\bforce_mode\b", re.ASCII)
 # A move of a script: where to is a variable or a call; what is written out is a position that is not read.
 _MOVES = re.compile(r"\b(?:(?:opti)?move[jl]|move[cp]|servo[jlc])\s*\(\s*(?P<target>\w*)", re.ASCII)
+_FEATURE_VARIABLE = re.compile(r"\b(\w+)_var\b", re.ASCII)
 _COMPUTED_PLACE = "a computed place"
 _KNOWN_NODES = frozenset(  # those of public programs: read here, or they move nothing, or what is inside is read
     (
@@ -75,6 +76,12 @@ def _unread_nodes(xml: XmlText, reader: WaypointReader) -> Iterator[ProgramShift
                 yield ProgramShift(
                     line, f"the node {tag}", ShiftAxes.BASE, (), _COMPUTED_PLACE, BASE, UNREADABLE, turn
                 )
+
+
+def features_set_by(xml: XmlText, reader: WaypointReader) -> frozenset[str]:
+    """Return the features whose variable, which PolyScope calls NAME_var, the program names: it may set them."""
+    texts = [xml.text, *(text for _, text in _script_texts(xml, reader))]
+    return frozenset(name for text in texts for name in _FEATURE_VARIABLE.findall(text))
 
 
 def unread_positions_of(xml: XmlText, reader: WaypointReader) -> list[tuple[str, int, str]]:

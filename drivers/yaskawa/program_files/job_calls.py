@@ -21,6 +21,7 @@ _CALLED = re.compile(r"\bJOB:[ \t]*(\S+)")
 _LINES = re.compile(
     rf"^[ \t]*(SFTON|SFTOF|CALL|PSTART|JUMP|\*|(?:{BLOCK_BEGINS}|{BLOCK_ENDS})\b)([^\n]*)", re.MULTILINE
 )
+_IN_FRAME = re.compile(r"\bUF#\((\d{1,3}|[A-Z])")  # in which user frame a relative job is to run
 _MADE = re.compile(r"^[ \t]*(?:MFRAME|SETTOOL|SETUF\w*)\b[^\n]*?\b(UF|TL)#\((\d{1,3}|[A-Z])", re.MULTILINE)
 _SAYS = re.compile(rb"JOB:|\b(?:SFTON|MFRAME|SETTOOL|SETUF)|\b[Pp][Xx]?(?:\d{3,5}\b|\[)")
 _SHIFTED = "SFTON of {}"
@@ -45,7 +46,10 @@ def declarations_of(file: str, data: bytes) -> FileDeclarations:
             on = word == "SFTON" or (on and (jumps or word != "SFTOF"))
             called = _CALLED.search(rest) if word in ("CALL", "PSTART", "JUMP") else None
             if called is not None:
+                in_frame = _IN_FRAME.search(rest)
                 for called_name in (called[1], called[1].upper()):  # small letters may be an editor's
+                    if in_frame is not None:
+                        marks[f"{folder} frame {called_name} {in_frame[1]}"] = name
                     marks[f"{folder} call {name} {called_name}"] = name
                     marks |= {f"{folder} shifted {called_name}": name} if on else {}
         for what, number in _MADE.findall(instructions):
@@ -92,6 +96,15 @@ def frames_from_others(file: str, job: str, marks: BatchReasons) -> dict[tuple[s
     folder = f"{PurePath(file).parent}"
     made = marks.derive_once(f"{folder} makes", lambda: _made_by_working_jobs(folder, marks))
     return {(what, number): name for name, what, number in made if name != job}
+
+
+def frames_of_calls(file: str, job: str, marks: BatchReasons) -> dict[str, str]:
+    """Return the callers of a relative job by the user frame, its number or a variable's letter, that they name."""
+    folder = f"{PurePath(file).parent}"
+    return {
+        number: marks[f"{folder} frame {job} {number}"]
+        for number in marks.rests_behind(f"{folder} frame {job}")
+    }
 
 
 def _made_by_working_jobs(folder: str, marks: BatchReasons) -> list[tuple[str, str, str]]:

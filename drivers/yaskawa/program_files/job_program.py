@@ -23,6 +23,7 @@ from cellcal.drivers.yaskawa.program_files.job_axis_rows import rows_alone
 from cellcal.drivers.yaskawa.program_files.job_calls import (
     declarations_of,
     frames_from_others,
+    frames_of_calls,
     shift_from_others,
 )
 from cellcal.drivers.yaskawa.program_files.job_columns import PULSES, SHIFT, kind_of, positions_of
@@ -39,6 +40,7 @@ _OTHER_ROBOT = (
     "under [robot]"
 )
 _MADE_BY = "{} makes its user frame or tool while it runs"
+_CALLED_IN = "{} calls its job in another user frame than the one that it stands in"
 
 
 @dataclass(frozen=True)
@@ -76,6 +78,7 @@ class JobProgram:
         names = set(self.jobs)
         shifting = {name: shift_from_others(self.file, name, external_uses.doubtful) for name in names}
         making = {name: frames_from_others(self.file, name, external_uses.doubtful) for name in names}
+        in_frames = {name: frames_of_calls(self.file, name, external_uses.doubtful) for name in names}
         shifts = [
             ProgramShift(int(self.positions.lines[row]), shifting[self.jobs[row]], ShiftAxes.BASE, (row,))
             for row, kind in enumerate(self.positions.kinds)
@@ -85,6 +88,11 @@ class JobProgram:
             row: make_message(_MADE_BY, maker)
             for row, job_row in enumerate(self.rows)
             if (maker := _maker_of(job_row, making[self.jobs[row]]))
+        }
+        elsewhere = {
+            row: make_message(_CALLED_IN, caller)
+            for row, job_row in enumerate(self.rows)
+            if (caller := _caller_elsewhere(job_row, in_frames[self.jobs[row]]))
         }
         marks = external_uses.doubtful
         computed = {
@@ -98,12 +106,12 @@ class JobProgram:
             for one in self.positions.shifts
             if not (one.absent and _is_stated_elsewhere(self.file, one.point, marks))
         ]
-        if not (shifts or made or computed) and len(own) == len(self.positions.shifts):
+        if not (shifts or made or elsewhere or computed) and len(own) == len(self.positions.shifts):
             return self
         positions = replace(
             self.positions,
             shifts=(*own, *shifts),
-            barred={**computed, **made, **self.positions.barred},
+            barred={**computed, **elsewhere, **made, **self.positions.barred},
         )
         return replace(self, positions=positions, external_uses=external_uses)
 
@@ -148,6 +156,16 @@ def _maker_of(row: JobRow, made: Mapping[tuple[str, str], str]) -> str:
         if active_number is not None and (not number.isdigit() or int(number) == int(active_number)):
             return maker
     return ""
+
+
+def _caller_elsewhere(row: JobRow, in_frames: Mapping[str, str]) -> str:
+    """Return a job that calls a row's relative job in another user frame than the row's, "" where none does."""
+    if row.state.mode != "RECTAN" or row.state.postype != "USER":
+        return ""
+    user = int(row.state.user or 0)
+    return next(
+        (name for number, name in in_frames.items() if not number.isdigit() or int(number) != user), ""
+    )
 
 
 def read_job(

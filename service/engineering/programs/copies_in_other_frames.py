@@ -1,7 +1,7 @@
 """What a change costs where a motion takes a point's numbers in another frame or with another tool than its own.
 
-The work asks for E u2 p, with p the point and u2 the frame that the motion takes it in. The changed program goes to
-u2' u1'^-1 E u1 p, because the numbers are changed as the point's own frame u1 asks.
+The work asks for E2 u2 p, with p the point, u2 the frame that the motion takes it in and E2 the change of the work
+there. The changed program goes to u2' u1'^-1 E1 u1 p: the numbers are changed as the point's own frame u1 asks.
 """
 
 import math
@@ -60,8 +60,9 @@ def find_copy(
             return None
         poses += [before, after]
     own, own_after, other, other_after = poses
-    expected = route.change @ other @ points.frame_tip[at]
-    reached = other_after @ inverse_transform(own_after) @ route.change @ own @ points.frame_tip[at]
+    expected = _change_of(shift.other_frame, route) @ other @ points.frame_tip[at]
+    own_change = np.eye(4) if points.stays[at] else route.change
+    reached = other_after @ inverse_transform(own_after) @ own_change @ own @ points.frame_tip[at]
     distance = float(np.linalg.norm(expected[:3, 3] - reached[:3, 3]))
     turn = float(np.linalg.norm(log_rotation(expected[:3, :3].T @ reached[:3, :3])))
     name = program.positions.names[row]
@@ -76,6 +77,11 @@ def find_copy(
     if not (distance > _LEAST_M or turn > _LEAST_RAD):
         text = _uncorrected_text(_OF_ANOTHER_PLACE, shift, name, route)
     return PointFinding(shift.line, name, shift.what, turn, distance, turn, text, row)
+
+
+def _change_of(frame: str, route: TransferRoute) -> Array:
+    """Return the change of the work in a user frame, (4, 4) in the robot's base."""
+    return route.change if route.covers_frame(frame, bare_joints=False) is True else np.eye(4)
 
 
 def _unknown_finding(

@@ -115,14 +115,23 @@ def _findings_of(
             pose = points.frame_tip[at] if points.cartesian[at] else None
             apart = carried is not None and not shift.other_tool
             taken = None if apart else find_copy(points, (at, row), shift, route)
+            if taken is None and points.stays[at]:
+                continue
             one = taken or _shift_finding(shift, program.positions.names[row], row, pose, turned)
             found.append(_computed_finding(one, shift, route))
     return [one for one in found if one.text]
 
 
 def _rows_that_go_along(points: ProgramPoints, shift: ProgramShift, start: int) -> list[int]:
-    """Return the rows of a shift whose points are not named already and go along."""
-    return [row for row in shift.rows if not (points.reasons[start + row] or points.stays[start + row])]
+    """Return the rows of a shift whose points are not named already and go along.
+
+    The numbers of a point that stays may be taken in a frame that does not.
+    """
+    return [
+        row
+        for row in shift.rows
+        if not points.reasons[start + row] and (shift.other_frame or not points.stays[start + row])
+    ]
 
 
 def _turned_change(
