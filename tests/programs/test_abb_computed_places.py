@@ -41,7 +41,7 @@ def test_an_element_of_constants_is_left_and_the_next_one_is_read() -> None:
 
 
 @pytest.mark.parametrize(
-    ("value", "told"),
+    ("value", "is_finding"),
     [
         (f"[t0,o0,{CONF}]", True),
         ("[t0,{}.rot,{}.robconf,{}.extax]", True),
@@ -52,14 +52,16 @@ def test_an_element_of_constants_is_left_and_the_next_one_is_read() -> None:
     ],
 )
 @pytest.mark.parametrize("name", ["p", "pAll{1}"])
-def test_a_value_that_a_parameter_or_an_element_gets_is_a_finding(name: str, value: str, told: bool) -> None:
+def test_a_value_that_a_parameter_or_an_element_gets_is_a_finding(
+    name: str, value: str, is_finding: bool
+) -> None:
     body = (f"{name}:={value.replace('{}', name)};", move(name))
     file = read_module(
         *PARTS, *declaration_lines("p1", "p2"), "VAR robtarget pAll{2};",
         "PROC main()", "pick p1;", move("p1"), move("p2"), "ENDPROC", "PROC pick(robtarget p)", *body, "ENDPROC",
     )  # fmt: skip
     sets = [one for one in file.positions.shifts if one.sets]
-    assert [(one.point, one.rows, one.user_frame) for one in sets] == [(name, (), "wTable")] * told
+    assert [(one.point, one.rows, one.user_frame) for one in sets] == [(name, (), "wTable")] * is_finding
 
 
 def test_values_that_no_move_goes_to_are_no_findings() -> None:

@@ -110,21 +110,21 @@ def test_a_copy_in_a_parallel_frame_costs_nothing_where_the_work_does_not_turn(t
     assert move(tmp_path, listing(*lines), ALONG)["code"] == ExitCode.PASS
 
 
-@pytest.mark.parametrize(("named", "misses"), [("1", True), ("2", True), ("3", False)])
+@pytest.mark.parametrize(("number", "is_finding"), [("1", True), ("2", True), ("3", False)])
 def test_a_copy_across_the_frame_that_alone_moves_is_named_with_what_it_costs(
-    tmp_path: Path, named: str, misses: bool
+    tmp_path: Path, number: str, is_finding: bool
 ) -> None:
     lines = (*START, "PR[10]=P[1]", "UFRAME_NUM=2", "L PR[10] 100mm/sec FINE")
-    report = move(tmp_path, listing(*lines), "3,-2,5,0,0,5", "--frame", named)
+    report = move(tmp_path, listing(*lines), "3,-2,5,0,0,5", "--frame", number)
     findings = [(one["point"], one["distance_mm"]) for one in report["findings"]]
-    own, other, named_frame = (matrix_of(FRAMES[number]) for number in (1, 2, int(named)))
-    change = named_frame @ matrix_of((3, -2, 5, 0, 0, 5)) @ np.linalg.inv(named_frame)
+    own, other, work_frame = (matrix_of(FRAMES[each]) for each in (1, 2, int(number)))
+    change = work_frame @ matrix_of((3, -2, 5, 0, 0, 5)) @ np.linalg.inv(work_frame)
     place = matrix_of(PLACES[1])
-    written = np.linalg.inv(own) @ change @ own @ place if named == "1" else place
-    asked = change @ other @ place if named == "2" else other @ place
-    miss = float(np.linalg.norm((other @ written - asked)[:3, 3]))
-    assert findings == ([("P[1]", pytest.approx(miss, abs=1e-3))] if misses else [])
-    assert report["code"] == (ExitCode.REFUSED if misses else ExitCode.PASS)
+    new_place = np.linalg.inv(own) @ change @ own @ place if number == "1" else place
+    goal = change @ other @ place if number == "2" else other @ place
+    miss = float(np.linalg.norm((other @ new_place - goal)[:3, 3]))
+    assert findings == ([("P[1]", pytest.approx(miss, abs=1e-3))] if is_finding else [])
+    assert report["code"] == (ExitCode.REFUSED if is_finding else ExitCode.PASS)
 
 
 def test_each_copy_counts_in_the_frame_that_holds_there(tmp_path: Path) -> None:

@@ -360,7 +360,7 @@ def _expression_xml(text: str) -> str:
 
 
 @pytest.mark.parametrize(
-    ("node", "feature", "left"),
+    ("node", "feature", "is_left"),
     [
         ("<Assignment><variable name='Plane_1_var'/></Assignment>", "Plane_1", True),
         ("<Script><cachedContents>Plane_1_var = seen</cachedContents></Script>", "Plane_1", True),
@@ -374,14 +374,14 @@ def _expression_xml(text: str) -> str:
         ("<Assignment><variable name='Plane_1'/></Assignment>", "Plane_1", False),
     ],
 )
-def test_waypoints_in_a_feature_that_the_program_may_set_are_left(node, feature, left):
+def test_waypoints_in_a_feature_that_the_program_may_set_are_left(node, feature, is_left):
     """PolyScope's variable features: what a program assigns to Plane_1_var moves the waypoints in Plane_1."""
     move = f"<Move><feature class='GeomFeatureReference' referencedName='{feature}'/><children>"
     program = read_urp(
         "a.urp", _urp_bytes(f"{_waypoint_xml()}</children></Move>{node}{move}{_waypoint_xml('W2')}")
     )
     assert program.positions.user_frames == ("base", feature)
-    assert sorted(program.positions.barred) == [1] * left
+    assert sorted(program.positions.barred) == [1] * is_left
 
 
 def test_nodes_that_move_nothing_are_no_findings():

@@ -194,7 +194,7 @@ def test_numbers_of_the_controllers_own_functions_are_no_joints(tmp_path: Path) 
 
 @pytest.mark.parametrize("offset", [SHIFTED, TURNED])
 @pytest.mark.parametrize(
-    ("lines", "told"),
+    ("lines", "is_finding"),
     [
         (("movel(pose_trans(seen, p[0,0,-0.1,0,0,0]))",), True),
         (("over = pose_trans(seen, p[0,0,-0.1,0,0,0])", "movel(over)"), True),
@@ -203,11 +203,11 @@ def test_numbers_of_the_controllers_own_functions_are_no_joints(tmp_path: Path) 
     ],
 )
 def test_a_place_seen_from_a_computed_one_is_told(
-    tmp_path: Path, lines: tuple[str, ...], told: bool, offset: str
+    tmp_path: Path, lines: tuple[str, ...], is_finding: bool, offset: str
 ) -> None:
-    seen = "seen = p[read_input_float_register(0),-0.2,0.25,0,3.1415,0]"
+    reading = "seen = p[read_input_float_register(0),-0.2,0.25,0,3.1415,0]"
     moved = move_script(
-        tmp_path, f"pick = {PICK}", "height = -0.1", seen, TOOL, HOME, "movel(pick)", *lines, offset=offset
+        tmp_path, f"pick = {PICK}", "height = -0.1", reading, TOOL, HOME, "movel(pick)", *lines, offset=offset
     )
-    assert moved.code == (ExitCode.REFUSED if told else ExitCode.PASS)
-    assert {one["point"] for one in moved.report["findings"]} == ({"seen"} if told else set())
+    assert moved.code == (ExitCode.REFUSED if is_finding else ExitCode.PASS)
+    assert {one["point"] for one in moved.report["findings"]} == ({"seen"} if is_finding else set())

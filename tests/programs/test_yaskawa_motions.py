@@ -213,7 +213,7 @@ def test_a_job_that_leaves_its_shift_on_shifts_its_caller() -> None:
 
 
 @pytest.mark.parametrize(
-    ("line", "left"),
+    ("line", "is_left"),
     [
         ("CALL JOB:PICK", False),
         ("CALL JOB:PICK UF#(2)", False),
@@ -222,13 +222,13 @@ def test_a_job_that_leaves_its_shift_on_shifts_its_caller() -> None:
         ("CALL JOB:OTHER UF#(3)", False),
     ],
 )
-def test_a_relative_job_that_is_called_in_another_user_frame_is_left(line: str, left: bool) -> None:
+def test_a_relative_job_that_is_called_in_another_user_frame_is_left(line: str, is_left: bool) -> None:
     files = {"MAIN.JBI": named_job("MAIN", line), "PICK.JBI": named_job("PICK", "MOVL C00000 V=1.0")}
     across = BatchDeclarations({name: declarations_of(name, data) for name, data in files.items()})
     pick = read("PICK.JBI", files["PICK.JBI"]).with_external_uses(across.uses_of_file("PICK.JBI"))
 
-    stated = {pick.positions.names[row]: why for row, why in pick.positions.barred.items()}
-    assert ("MAIN calls its job in another" in stated.get("C00000", "")) is left
+    reasons = {pick.positions.names[row]: why for row, why in pick.positions.barred.items()}
+    assert ("MAIN calls its job in another" in reasons.get("C00000", "")) is is_left
 
 
 @pytest.mark.parametrize(
