@@ -28,6 +28,7 @@ from cellcal.calibration.identification.misfit_hypotheses import (
 )
 from cellcal.calibration.identification.misfit_lag import lag_readings
 from cellcal.calibration.identification.misfit_lengths import length_readings
+from cellcal.calibration.identification.misfit_pairing import pairing_causes, sorted_column
 from cellcal.calibration.identification.misfit_ranking import MisfitCandidate, coarse_candidates
 from cellcal.calibration.identification.misfit_slides import (
     moved_slide_readings,
@@ -65,6 +66,10 @@ _STANDS_STILL_M = 1e-3
 _NO_CAUSE = (
     "See that joints and measured values of a row belong together, which robot was measured, and what the columns "
     "are (`--show-layout`)."
+)
+_SORTED = (
+    "The measured {axis} only rises or falls from row to row: see whether the measured values were sorted apart from "
+    "the joints, and put them back in the order in which they were measured."
 )
 _SEVERAL_TARGETS = (
     "Rows with the same joints hold different places: several targets or devices were measured in turn. Keep the "
@@ -134,6 +139,7 @@ def refuse_misfit(
         refuse_far_zero(model, some, stands, names)
         return
     _refuse_outer_cause(model, some, (stands.score_m, motion_m), names, rows)
+    _refuse_other_order(model, observations, (stands.score_m, motion_m))
     if _misfits_throughout(model, observations, max(_GROSS * motion_m, _GROSS_M)):
         if search_models:
             _refuse_other_robot(model, observations, (stands.score_m, motion_m), names)
@@ -183,6 +189,8 @@ def _unknown_cause_error(
 ) -> MisfitError:
     several = _differ_at_same_joints(observations, max(_GROSS * motion_m, _GROSS_M))
     remedy = _SEVERAL_TARGETS if several else _NO_CAUSE
+    if axis := sorted_column(observations):
+        remedy = make_message(_SORTED, axis=axis)
     if targets:
         remedy = make_message(_COLUMN_OF_TARGETS, column=targets)
     if not np.isfinite(left_m):
@@ -236,6 +244,14 @@ def _refuse_outer_cause(
     columns = {name: values[rows] for name, values in names.columns.items()}
     limit_m = min(left_m / _DECISIVE, max(_GROSS * motion_m, _GROSS_M))
     if causes := outer_causes(model, places_only(some), columns, fit_quickly, limit_m):
+        raise misfit_error(model, left_m, motion_m, causes)
+
+
+def _refuse_other_order(model: RobotModel, observations: Observations, sizes_m: tuple[float, float]) -> None:
+    """Refuse rows that fit in another order; sizes are what is left and the motion."""
+    left_m, motion_m = sizes_m
+    limit_m = min(left_m / _DECISIVE, max(_GROSS * motion_m, _GROSS_M))
+    if causes := pairing_causes(model, places_only(observations), fit_quickly, limit_m):
         raise misfit_error(model, left_m, motion_m, causes)
 
 
