@@ -14,6 +14,7 @@ from cellcal.calibration.arm.robot_models.catalogue_index import catalogue_entri
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.identification.distinct_postures import count_postures
 from cellcal.calibration.identification.misfit_couplings import screw_readings
+from cellcal.calibration.identification.misfit_doubts import column_doubts
 from cellcal.calibration.identification.misfit_elsewhere import outer_causes
 from cellcal.calibration.identification.misfit_error import (
     MisfitCause,
@@ -28,7 +29,7 @@ from cellcal.calibration.identification.misfit_hypotheses import (
 )
 from cellcal.calibration.identification.misfit_lag import lag_readings
 from cellcal.calibration.identification.misfit_lengths import length_readings
-from cellcal.calibration.identification.misfit_pairing import pairing_causes, sorted_column
+from cellcal.calibration.identification.misfit_pairing import pairing_causes
 from cellcal.calibration.identification.misfit_ranking import MisfitCandidate, coarse_candidates
 from cellcal.calibration.identification.misfit_slides import (
     moved_slide_readings,
@@ -66,10 +67,6 @@ _STANDS_STILL_M = 1e-3
 _NO_CAUSE = (
     "See that joints and measured values of a row belong together, which robot was measured, and what the columns "
     "are (`--show-layout`)."
-)
-_SORTED = (
-    "The measured {axis} only rises or falls from row to row: see whether the measured values were sorted apart from "
-    "the joints, and put them back in the order in which they were measured."
 )
 _SEVERAL_TARGETS = (
     "Rows with the same joints hold different places: several targets or devices were measured in turn. Keep the "
@@ -189,8 +186,8 @@ def _unknown_cause_error(
 ) -> MisfitError:
     several = _differ_at_same_joints(observations, max(_GROSS * motion_m, _GROSS_M))
     remedy = _SEVERAL_TARGETS if several else _NO_CAUSE
-    if axis := sorted_column(observations):
-        remedy = make_message(_SORTED, axis=axis)
+    if doubts := column_doubts(model, observations):
+        remedy = make_message("{doubts} {remedy}", doubts=doubts, remedy=remedy)
     if targets:
         remedy = make_message(_COLUMN_OF_TARGETS, column=targets)
     if not np.isfinite(left_m):

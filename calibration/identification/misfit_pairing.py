@@ -9,7 +9,6 @@ from cellcal.calibration.arm.kinematics import RobotModel
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.identification.misfit_error import MisfitCause, MisfitScore
 from cellcal.calibration.identification.observations import (
-    MeasuredRows,
     Observations,
     PointObservations,
     Rows,
@@ -62,17 +61,6 @@ def pairing_causes(
         if left_m <= limit_m:
             return (MisfitCause(("rows",), order.says, order.cure, left_m),)
     return ()
-
-
-def sorted_column(series: MeasuredRows) -> str:
-    """Return the axis of measured places that only rises, or only falls, from row to row; empty where none does."""
-    if not isinstance(series, PointObservations) or len(series) < _FEWEST_ROWS:
-        return ""
-    steps = np.diff(series.positions_m, axis=0)
-    for axis, of in zip("XYZ", steps.T, strict=True):
-        if (of >= 0).all() or (of <= 0).all():
-            return axis
-    return ""
 
 
 def _scores(model: RobotModel, series: PointObservations, orders: list[_Order]) -> Array:

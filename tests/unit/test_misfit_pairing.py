@@ -53,3 +53,19 @@ def test_an_order_that_nothing_proves_is_not_named():
     refused = refusal(np.random.default_rng(0).permutation(ROWS), "ur10", 1)
     assert not refused.causes
     assert "belong together" in refused.remedy
+
+
+@pytest.mark.parametrize(
+    ("spoil", "says"),
+    [
+        (lambda q: np.where(np.arange(6) == 0, 0.5, q), "is the same in all rows"),
+        (lambda q: np.where(np.arange(6) == 4, np.abs(q), q), "is never negative"),
+    ],
+    ids=["constant", "lost minus"],
+)
+def test_a_joint_that_strikes_is_asked_for(spoil, says):
+    simulated = tracker_points("ur10", ROWS)
+    true = simulated.observations
+    with pytest.raises(MisfitError) as refused:
+        refuse_misfit(simulated.model, replace(true, joints_rad=spoil(true.joints_rad)))
+    assert says in refused.value.remedy
