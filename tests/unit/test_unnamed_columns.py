@@ -158,3 +158,24 @@ def test_a_position_that_does_not_fit_stays_unread(tmp_path: Path) -> None:
     with pytest.raises(MeasurementError, match="no measurement found") as refused:
         read(write(tmp_path / "rows.csv", [JOINTS_DEG, shuffled], f"{PLAIN_JOINTS},p_1,p_2,p_3"))
     assert "--columns position=" in refused.value.remedy
+
+
+@pytest.mark.parametrize("word", ["θ{} (°)", "ציר {}", "ข้อต่อ {}", "Góc khớp {}", "Axe n°{}", "phi{}"])
+def test_joints_are_counted_by_a_word_that_is_not_known(tmp_path: Path, word: str) -> None:
+    heading = [word.format(at) for at in range(1, 8)]
+    found = read(write(tmp_path / "rows.csv", [JOINTS_DEG, PLACES_MM], ",".join([*heading, "X", "Y", "Z"])))
+    assert found.layout.joints == tuple(heading)
+    np.testing.assert_allclose(found.observations.joints_rad, TRUE.observations.joints_rad, atol=1e-6)
+
+
+@pytest.mark.parametrize("word", ["velocity_{}", "torque{}", "Marker {}", "column {}"])
+def test_what_is_no_joint_is_not_taken_for_one(tmp_path: Path, word: str) -> None:
+    heading = [word.format(at) for at in range(1, 8)]
+    with pytest.raises(MeasurementError, match="no 7 joint columns found"):
+        read(write(tmp_path / "rows.csv", [JOINTS_DEG, PLACES_MM], ",".join([*heading, "X", "Y", "Z"])))
+
+
+def test_two_sets_of_columns_that_a_strange_word_counts_are_not_chosen_from(tmp_path: Path) -> None:
+    heading = [*(f"phi{at}" for at in range(1, 8)), *(f"psi{at}" for at in range(1, 8)), "X", "Y", "Z"]
+    with pytest.raises(MeasurementError, match="no 7 joint columns found"):
+        read(write(tmp_path / "rows.csv", [JOINTS_DEG, JOINTS_DEG, PLACES_MM], ",".join(heading)))
