@@ -14,6 +14,7 @@ from cellcal.calibration.arm.robot_models.catalogue_index import catalogue_entri
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.identification.distinct_postures import count_postures
 from cellcal.calibration.identification.misfit_couplings import screw_readings
+from cellcal.calibration.identification.misfit_doubts import column_doubts
 from cellcal.calibration.identification.misfit_elsewhere import outer_causes
 from cellcal.calibration.identification.misfit_error import (
     MisfitCause,
@@ -28,6 +29,7 @@ from cellcal.calibration.identification.misfit_hypotheses import (
 )
 from cellcal.calibration.identification.misfit_lag import lag_readings
 from cellcal.calibration.identification.misfit_lengths import length_readings
+from cellcal.calibration.identification.misfit_pairing import pairing_causes
 from cellcal.calibration.identification.misfit_ranking import MisfitCandidate, coarse_candidates
 from cellcal.calibration.identification.misfit_slides import (
     moved_slide_readings,
@@ -134,6 +136,7 @@ def refuse_misfit(
         refuse_far_zero(model, some, stands, names)
         return
     _refuse_outer_cause(model, some, (stands.score_m, motion_m), names, rows)
+    _refuse_other_order(model, observations, (stands.score_m, motion_m))
     if _misfits_throughout(model, observations, max(_GROSS * motion_m, _GROSS_M)):
         if search_models:
             _refuse_other_robot(model, observations, (stands.score_m, motion_m), names)
@@ -183,6 +186,8 @@ def _unknown_cause_error(
 ) -> MisfitError:
     several = _differ_at_same_joints(observations, max(_GROSS * motion_m, _GROSS_M))
     remedy = _SEVERAL_TARGETS if several else _NO_CAUSE
+    if doubts := column_doubts(model, observations):
+        remedy = make_message("{doubts} {remedy}", doubts=doubts, remedy=remedy)
     if targets:
         remedy = make_message(_COLUMN_OF_TARGETS, column=targets)
     if not np.isfinite(left_m):
@@ -236,6 +241,14 @@ def _refuse_outer_cause(
     columns = {name: values[rows] for name, values in names.columns.items()}
     limit_m = min(left_m / _DECISIVE, max(_GROSS * motion_m, _GROSS_M))
     if causes := outer_causes(model, places_only(some), columns, fit_quickly, limit_m):
+        raise misfit_error(model, left_m, motion_m, causes)
+
+
+def _refuse_other_order(model: RobotModel, observations: Observations, sizes_m: tuple[float, float]) -> None:
+    """Refuse rows that fit in another order; sizes are what is left and the motion."""
+    left_m, motion_m = sizes_m
+    limit_m = min(left_m / _DECISIVE, max(_GROSS * motion_m, _GROSS_M))
+    if causes := pairing_causes(model, places_only(observations), fit_quickly, limit_m):
         raise misfit_error(model, left_m, motion_m, causes)
 
 

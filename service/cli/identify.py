@@ -47,6 +47,7 @@ def identify(  # noqa: PLR0913  # a command's options are its arguments
     units: tuple[str, ...] = (),
     convention: str = "",
     sheet: str | None = None,
+    joints: Path | None = None,
     joint_coupling: str = "",
     layout: Path | None = None,
     show_layout: bool = False,
@@ -120,6 +121,8 @@ def identify(  # noqa: PLR0913  # a command's options are its arguments
         pose of the device seen from the target, as by a camera on the flange.
     sheet
         Sheet of an Excel file.
+    joints
+        Another file that holds the joints of the rows: joined by a column that both files have, else row by row.
     joint_coupling
         controller: joints as on the pendant; geometric: every angle against the link before (FANUC J3 against J2).
     layout
@@ -165,7 +168,7 @@ def identify(  # noqa: PLR0913  # a command's options are its arguments
         refuse_for_a_cell({
             "check": check, "train_rows": train_rows, "start": start != "nominal", "columns": columns,
             "residual_model": residual_model, "units": units, "convention": convention, "sheet": sheet,
-            "show_layout": show_layout, "joint_coupling": joint_coupling,
+            "joints": joints, "show_layout": show_layout, "joint_coupling": joint_coupling,
         })  # fmt: skip
         words = tuple(word.strip() for text in free for word in text.split(","))
         command = CellCommand(
@@ -174,7 +177,7 @@ def identify(  # noqa: PLR0913  # a command's options are its arguments
         )  # fmt: skip
         return identify_cell(command, CellOptions(level=level, seed=seed, free=words))
     named = {key: tuple(value.split(",")) for key, value in _parse_pairs(columns, "--columns").items()}
-    read = ReadOptions(named, _parse_pairs(units, "--units"), convention, sheet, joint_coupling)
+    read = ReadOptions(named, _parse_pairs(units, "--units"), convention, sheet, joint_coupling, joints)
     if layout is not None:
         read = overlay_options(read_layout(layout), read)
     if show_layout:

@@ -21,6 +21,7 @@ _WHY_NOT = {
     "units": "the layout names them",
     "convention": "the layout names it",
     "sheet": "the layout names it",
+    "joints": "each file of a cell holds its joints",
     "joint_coupling": "rows of a cell are what the controller counts",
     "show_layout": "the layout is complete as it is",
 }

@@ -7,7 +7,9 @@ import openpyxl
 import pytest
 
 from cellcal.calibration.arm.kinematics import load_model
-from cellcal.service.engineering.measured.measurements import read_measurements
+from cellcal.service.engineering.identification.identify import identify_file
+from cellcal.service.engineering.identification.row_fit import IdentifyOptions
+from cellcal.service.engineering.measured.measurements import ReadOptions, read_measurements
 from cellcal.service.engineering.measured.table import MeasurementError
 
 ROBOT, COUNT = "abb_irb120", 12
@@ -115,3 +117,65 @@ def test_pairs_that_nothing_proves_are_refused(tmp_path, series, keys, others, w
     )
     with pytest.raises(MeasurementError, match=words):
         read(path)
+
+
+def write_file(path: Path, heading, rows):
+    lines = [",".join(heading)] if heading else []
+    lines += [",".join(map(str, row)) for row in rows]
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    return path
+
+
+def read_files(readings: Path, joints: Path):
+    return read_measurements(readings, load_model(ROBOT), ReadOptions(joints_file=joints))
+
+
+@pytest.mark.parametrize("heading", [True, False], ids=["named", "without headings"])
+def test_two_files_are_joined_row_by_row(tmp_path, series, heading):
+    joints, places = series
+    found = read_files(
+        write_file(tmp_path / "smr.csv", ["X", "Y", "Z"] if heading else [], places),
+        write_file(tmp_path / "joints.csv", JOINTS if heading else [], joints),
+    )
+    assert np.allclose(np.degrees(found.observations.joints_rad), joints)
+    assert np.allclose(found.observations.positions_m * 1e3, places)
+    assert any("joined row by row: 12 rows" in guess for guess in found.guesses)
+
+
+def test_two_files_are_joined_by_the_names_of_points(tmp_path, series):
+    """The controller's places beside the joints are no reading."""
+    joints, places = series
+    own = load_model(ROBOT).base_flange(np.radians(joints))[:, :3, 3] * 1e3
+    found = read_files(
+        write_file(tmp_path / "a.csv", ["Name", "X", "Y", "Z"], keyed(NAMES[:1:-1], places[:1:-1])),
+        write_file(
+            tmp_path / "b.csv", ["Pose", *JOINTS, "X", "Y", "Z"], keyed(NAMES, np.hstack([joints, own]))
+        ),
+    )
+    assert np.allclose(np.degrees(found.observations.joints_rad), joints[:1:-1])
+    assert found.layout.position == ("measured X", "measured Y", "measured Z")
+    assert found.layout.controller == ("robot X", "robot Y", "robot Z")
+    assert any("2 rows of 'robot' have no partner: p1, p2" in guess.lower() for guess in found.guesses)
+
+
+def test_two_files_of_different_length_need_names(tmp_path, series):
+    joints, places = series
+    with pytest.raises(MeasurementError, match="10 rows of readings and 12 of joints"):
+        read_files(
+            write_file(tmp_path / "a.csv", ["X", "Y", "Z"], places[:10]),
+            write_file(tmp_path / "b.csv", JOINTS, joints),
+        )
+
+
+def test_a_file_that_lacks_the_joints_is_told_how_to_name_them(tmp_path, series):
+    for heading in (["X", "Y", "Z"], []):
+        with pytest.raises(MeasurementError) as refused:
+            read(write_file(tmp_path / "a.csv", heading, series[1]))
+        assert "--joints FILE" in refused.value.remedy
+
+
+def test_a_check_file_has_no_joints_of_another(tmp_path, series):
+    file = write_file(tmp_path / "a.csv", JOINTS, series[0])
+    options = IdentifyOptions(check=file, read=ReadOptions(joints_file=file))
+    with pytest.raises(MeasurementError, match="--check is another"):
+        identify_file(file, ROBOT, options)

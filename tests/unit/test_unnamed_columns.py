@@ -129,3 +129,53 @@ def test_joints_that_slide_have_their_own_unit(tmp_path: Path) -> None:
     found = read(write(tmp_path / "rows.csv", [raw, places * 1e3]), "mitsubishi_rh6frh5520")
     np.testing.assert_allclose(found.observations.joints_rad, joints, atol=1e-6)
     assert found.units == {"joints": "deg", "slides": "mm", "position": "mm"}
+
+
+PLAIN_JOINTS = ",".join(f"q_{at}" for at in range(1, 8))
+
+
+@pytest.mark.parametrize(
+    "place", ["p_1,p_2,p_3", "측정값X,측정값Y,측정값Z", "pos1,pos2,pos3", "Хизм,Yизм,Zизм"]
+)
+def test_a_position_that_no_heading_tells_is_what_fits(tmp_path: Path, place: str) -> None:
+    speeds = np.random.default_rng(0).standard_normal((ROWS, 3))
+    heading = f"{PLAIN_JOINTS},v_1,v_2,v_3,{place}"
+    found = read(write(tmp_path / "rows.csv", [JOINTS_DEG, speeds, PLACES_MM], heading))
+    np.testing.assert_allclose(found.observations.positions_m, TRUE.observations.positions_m, atol=1e-6)
+    assert found.layout.position == tuple(place.split(","))
+    assert any("no heading tells what was measured" in each for each in found.guesses)
+
+
+def test_columns_of_a_command_are_no_position_that_nobody_named(tmp_path: Path) -> None:
+    nominal_mm = TRUE.model.base_flange(TRUE.observations.joints_rad)[:, :3, 3] * 1e3
+    heading = f"{PLAIN_JOINTS},cmd_1,cmd_2,cmd_3"
+    with pytest.raises(MeasurementError, match="no measurement found"):
+        read(write(tmp_path / "rows.csv", [JOINTS_DEG, nominal_mm], heading))
+
+
+def test_a_position_that_does_not_fit_stays_unread(tmp_path: Path) -> None:
+    shuffled = PLACES_MM[np.random.default_rng(1).permutation(ROWS)]
+    with pytest.raises(MeasurementError, match="no measurement found") as refused:
+        read(write(tmp_path / "rows.csv", [JOINTS_DEG, shuffled], f"{PLAIN_JOINTS},p_1,p_2,p_3"))
+    assert "--columns position=" in refused.value.remedy
+
+
+@pytest.mark.parametrize("word", ["θ{} (°)", "ציר {}", "ข้อต่อ {}", "Góc khớp {}", "Axe n°{}", "phi{}"])
+def test_joints_are_counted_by_a_word_that_is_not_known(tmp_path: Path, word: str) -> None:
+    heading = [word.format(at) for at in range(1, 8)]
+    found = read(write(tmp_path / "rows.csv", [JOINTS_DEG, PLACES_MM], ",".join([*heading, "X", "Y", "Z"])))
+    assert found.layout.joints == tuple(heading)
+    np.testing.assert_allclose(found.observations.joints_rad, TRUE.observations.joints_rad, atol=1e-6)
+
+
+@pytest.mark.parametrize("word", ["velocity_{}", "torque{}", "Marker {}", "column {}"])
+def test_what_is_no_joint_is_not_taken_for_one(tmp_path: Path, word: str) -> None:
+    heading = [word.format(at) for at in range(1, 8)]
+    with pytest.raises(MeasurementError, match="no 7 joint columns found"):
+        read(write(tmp_path / "rows.csv", [JOINTS_DEG, PLACES_MM], ",".join([*heading, "X", "Y", "Z"])))
+
+
+def test_two_sets_of_columns_that_a_strange_word_counts_are_not_chosen_from(tmp_path: Path) -> None:
+    heading = [*(f"phi{at}" for at in range(1, 8)), *(f"psi{at}" for at in range(1, 8)), "X", "Y", "Z"]
+    with pytest.raises(MeasurementError, match="no 7 joint columns found"):
+        read(write(tmp_path / "rows.csv", [JOINTS_DEG, JOINTS_DEG, PLACES_MM], ",".join(heading)))

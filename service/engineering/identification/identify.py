@@ -157,6 +157,7 @@ def identify_file(
         No such robot model, or too few rows.
     """
     options = options or IdentifyOptions()
+    _refuse_check_without_joints(options)
     started = time.perf_counter()
     model = load_model(robot)
     prepared = prepare_measurements(path, model, options.read)
@@ -203,6 +204,14 @@ def identify_file(
         verdicts=_build_verdicts(options.limits, found, judged, checked),
         dh=None if model.dh is None else hayati_table(found.robust.fit),
     )
+
+
+def _refuse_check_without_joints(options: IdentifyOptions) -> None:
+    if options.check is not None and options.read.joints_file is not None:
+        raise MeasurementError(
+            "--joints names the joints of one file, and --check is another.",
+            remedy="Bring joints and readings of the check file into one file, or hold rows out by `--train-rows`.",
+        )
 
 
 def _refuse_judged(model: RobotModel, prepared: PreparedMeasurements, judged: "_HeldOutErrors") -> list[Lint]:

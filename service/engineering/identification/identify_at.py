@@ -17,6 +17,9 @@ from cellcal.service.engineering.identification.identify import IdentifyReport
 from cellcal.service.engineering.measured.measurements import REPEAT
 from cellcal.service.engineering.measured.table import MeasurementError
 
+_PROBABILITY = 0.95
+_MANY_REJECTED = 0.07  # of the rows: in good series up to 6 % are targets that were hidden or typing errors
+
 
 @dataclass(frozen=True, eq=False)
 class TipsAt:
@@ -48,7 +51,7 @@ class TipsAt:
         )
         return {
             "frame": self.frame,
-            "probability": 0.95,
+            "probability": _PROBABILITY,
             "statement": list(self.statement),
             "points": [
                 {
@@ -142,6 +145,12 @@ def statement_of(learnt: str, rows: int, rejected: int, *, far: bool) -> tuple[s
     ]
     if rejected:
         sentences.append(f"Not covered: readings such as the {rejected} of {rows} that were rejected.")
+    if rejected > _MANY_REJECTED * rows:
+        share = _PROBABILITY * (1.0 - rejected / rows)
+        sentences.append(
+            f"Those are too many to be mistakes alone: of all further readings about {share:.0%} are within this "
+            "distance."
+        )
     if far:
         sentences.append(
             "Points marked * turn a joint further than any fitted row, or are known worse than the postures among "

@@ -53,6 +53,18 @@ _TURNS = (
 )  # fmt: skip
 
 
+class UntoldPlaceError(MeasurementError):
+    """Joints are found, and no heading tells what was measured; ``candidates`` may be it."""
+
+    def __init__(self, names: Sequence[str], joints: tuple[str, ...], candidates: tuple[str, ...]) -> None:
+        super().__init__(
+            make_message("no measurement found among the columns {names}.", names=", ".join(names)),
+            remedy="Name it: `--columns position=X,Y,Z` or `--columns length=L`; numbers count the columns from 1.",
+        )
+        self.joints = joints
+        self.candidates = candidates
+
+
 @dataclass(frozen=True, slots=True)
 class TableLayout:
     """Column names by meaning, and the units that the names themselves tell."""
@@ -119,10 +131,12 @@ def detect_layout(
     if length:
         measured = ()
     if not measured and not length:
-        raise MeasurementError(
-            make_message("no measurement found among the columns {names}.", names=", ".join(names)),
-            remedy=_measurement_remedy(rest, plain, numeric),
-        )
+        if remedy := _measurement_remedy(rest, plain, numeric):
+            raise MeasurementError(
+                make_message("no measurement found among the columns {names}.", names=", ".join(names)),
+                remedy=remedy,
+            )
+        raise UntoldPlaceError(names, joints, tuple(name for name in rest if _tells_no_role(plain[name])))
     turn, fields = _find_rotation(rest, plain, measured) if measured else ((), ())
     if matrix and not turn and measured == (place or places.measured):
         turn, fields = matrix, matrix
@@ -158,7 +172,7 @@ def detect_layout(
 
 
 def _measurement_remedy(names: Sequence[str], plain: Mapping[str, str], numeric: Sequence[str] | None) -> str:
-    """Return what helps where nothing measured is found: places that miss something are named with it."""
+    """Return what helps where nothing measured is found and the headings tell why; empty where they do not."""
     triples = find_triples(names, plain, "xyz")
     keys = {found: _key_words(key) for key, found in triples.items()}
     differences = [found for found, words in keys.items() if words & _DIFFERENCE]
@@ -185,10 +199,16 @@ def _measurement_remedy(names: Sequence[str], plain: Mapping[str, str], numeric:
         )
     if not (names if numeric is None else set(names).intersection(numeric)):
         return (
-            "It holds joints alone: every row needs what a device read. Postures that touch one pin with one tip are "
+            "It holds joints alone: every row needs what a device read. If that is another file, name it first and "
+            "this one by `--joints`. Postures that touch one pin with one tip are "
             'described by a layout (`--layout`, `kind = "pin"`, see `deploy/layouts/README.md`).'
         )
-    return "Name it: `--columns position=X,Y,Z` or `--columns length=L`; numbers count the columns from 1."
+    return ""
+
+
+def _tells_no_role(plain: str) -> bool:
+    """Tell whether a heading leaves open that its column is a part of a measured place."""
+    return not set(re.split(r"[_\d]+", plain)) & (CONTROLLER_WORDS | SPREAD_WORDS | _DIFFERENCE | _ATTITUDE)
 
 
 def _typed_columns(

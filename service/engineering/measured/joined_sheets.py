@@ -1,4 +1,4 @@
-"""Joints on one sheet of a workbook and readings on another: joined where a column of both proves the pairs."""
+"""Joints on one sheet or in one file, readings on another: joined where a column of both proves the pairs."""
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -18,9 +18,9 @@ Pairs = tuple[tuple[int, int], ...]  # rows of the one and of the other
 
 @dataclass(frozen=True, slots=True)
 class _Key:
-    """A column of each of two tables whose values name the rows."""
+    """A column of each of two tables whose values name the rows; none where their order does."""
 
-    columns: tuple[int, int]
+    columns: tuple[int, int] | None
     pairs: Pairs
     only_counts: bool  # both count their own rows, one more or less
 
@@ -46,6 +46,34 @@ def joined_tables(
             yield _join(table, other, key)
 
 
+def joined_files(readings: MeasurementTable, joints: MeasurementTable) -> MeasurementTable:
+    """Return readings with the joints of another file, by a column that both have, else row by row.
+
+    Columns that both have begin with "measured" and "robot". Whether rows that only their order pairs belong
+    together is for the fit to say.
+
+    Raises
+    ------
+    MeasurementError
+        Neither a column nor equal numbers of rows tell which belong together.
+    """
+    readings, joints = replace(readings, sheets=("measured",)), replace(joints, sheets=("robot",))
+    key = _key_of(readings, joints)
+    if key is None and len(readings) != len(joints):
+        raise MeasurementError(
+            make_message(
+                "{count} rows of readings and {other_count} of joints: no column of both names the points, and which "
+                "rows belong together is not told.",
+                count=len(readings),
+                other_count=len(joints),
+            ),
+            remedy="Give every point a name or number of its own in both files, or leave only rows that belong "
+            "together, in one order.",
+        )
+    every = tuple((at, at) for at in range(len(readings)))
+    return _join(readings, joints, key or _Key(None, every, only_counts=True))
+
+
 def _key_of(table: MeasurementTable, other: MeasurementTable) -> _Key | None:
     found = [key for key in _possible_keys(table, other) if _is_enough(key, table, other)]
     sure = [key for key in found if not key.only_counts] or found
@@ -56,7 +84,7 @@ def _key_of(table: MeasurementTable, other: MeasurementTable) -> _Key | None:
         raise MeasurementError(
             make_message(
                 "columns {columns} pair the rows of sheets {sheet!r} and {other!r} differently.",
-                columns=", ".join(repr(table.names[key.columns[0]]) for key in sure),
+                columns=", ".join(repr(table.names[key.columns[0]]) for key in sure if key.columns),
                 **sheets,
             ),
             remedy="Leave one column in both sheets that names the points, or bring joints and readings into one "
@@ -67,7 +95,7 @@ def _key_of(table: MeasurementTable, other: MeasurementTable) -> _Key | None:
             make_message(
                 "column {column!r} only counts the rows of sheets {sheet!r} and {other!r}, which have {count} and "
                 "{other_count}: which belong together is not told.",
-                column=table.names[sure[0].columns[0]],
+                column=table.names[sure[0].columns[0]] if sure[0].columns else "",
                 count=len(table),
                 other_count=len(other),
                 **sheets,
@@ -119,7 +147,8 @@ def _is_enough(key: _Key, table: MeasurementTable, other: MeasurementTable) -> b
 
 
 def _join(table: MeasurementTable, other: MeasurementTable, key: _Key) -> MeasurementTable:
-    other_columns = [at for at in range(len(other.names)) if at != key.columns[1]]
+    own_key = None if key.columns is None else key.columns[1]
+    other_columns = [at for at in range(len(other.names)) if at != own_key]
     rows, others = ([pair[side] for pair in key.pairs] for side in (0, 1))
     width = len(table.names)
     place = {at: width + new for new, at in enumerate(other_columns)}
@@ -163,9 +192,15 @@ def _names_apart(
 
 
 def _dialect(table: MeasurementTable, other: MeasurementTable, key: _Key) -> str:
+    if key.columns is None:
+        return make_message(
+            "joints and readings are joined row by row: {count} rows; no column of both names the points, and the "
+            "fit must show that they belong together",
+            count=len(key.pairs),
+        )
     words = [
         make_message(
-            "Excel sheets {sheet!r} and {other!r}, joined by column {column!r}: {count} rows",
+            "{sheet!r} and {other!r}, joined by column {column!r}: {count} rows",
             sheet=table.sheets[0],
             other=other.sheets[0],
             column=table.names[key.columns[0]],

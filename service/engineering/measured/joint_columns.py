@@ -31,6 +31,13 @@ _BY_MAKER = (
 )
 _EXTERNAL = re.compile(r"^(?:e|ex|ext|extax|eax|external|external_axis)_?(\d|[a-f])$")  # eax_a of RAPID
 _LONE_SLIDES = {"rail", "track", "slide", "lift", "linear", "linear_axis", "linearachse", "linear_track"}
+_STRANGE = re.compile(r"^(?P<word>\D*[^\W\d_]\D*)(?P<number>\d)(?P<after>\D*)$")
+_NEVER_JOINTS = {
+    *"xyz", "column", "col", "var", "velocity", "vel", "speed", "v", "qd", "dq", "acceleration", "acc", "force",
+    "torque", "tau", "current", "temperature", "temp", "t", "f", "i", "u", "pulse", "pulses", "counts", "encoder",
+    "measured", "deviation", "error", "std", "sensor", "marker", "point", "time",
+}  # fmt: skip
+_FEWEST_COUNTED = 4  # three are a place
 _PLACE = {"x", "y", "z"}
 _MOST_OUTSIDE = 3  # joints beside a numbered arm
 _REDUNDANT = 7  # joints of an arm one of which is more than a pose needs
@@ -70,8 +77,8 @@ def find_joints(
     external = _numbered_outside(names, plain, families, count) or _external_joints(
         names, plain, families, (joint_names, slides or (False,) * count)
     )
-    if external:
-        return external
+    if found := external or (() if families else _numbered_by_a_strange_word(names, plain, count)):
+        return found
     raise MeasurementError(
         make_message(
             "no {joint_name_count} joint columns found among {names}.",
@@ -141,6 +148,32 @@ def _numbered_families(names: Sequence[str], plain: Mapping[str, str]) -> dict[F
             key = (match["before"], match["stem"], behind)
             families.setdefault(key, {})[int(match["number"])] = name
     return families
+
+
+def _numbered_by_a_strange_word(
+    names: Sequence[str], plain: Mapping[str, str], count: int
+) -> tuple[str, ...]:
+    """Return the one set of columns that are numbered from 0 or 1 to the last joint, whatever word counts them.
+
+    Columns without a heading are not counted by a word. Whether these are joints is for the fit to say.
+    """
+    if are_numbered(list(plain)):
+        return ()
+    families: dict[tuple[str, str], dict[int, str]] = {}
+    for name in names:
+        if match := _STRANGE.match(plain[name]):
+            families.setdefault((match["word"], match["after"]), {})[int(match["number"])] = name
+    full = [
+        tuple(numbered[at] for at in sorted(numbered))
+        for (word, _), numbered in families.items()
+        if sorted(numbered) in (list(range(count)), list(range(1, count + 1)))
+        and not _words_of(word) & _NEVER_JOINTS
+    ]
+    return full[0] if len(full) == 1 and count >= _FEWEST_COUNTED else ()
+
+
+def _words_of(text: str) -> set[str]:
+    return set(text.split("_"))
 
 
 def _with_slides_in_place(joints: tuple[str, ...], slides: Sequence[bool]) -> tuple[str, ...]:
@@ -251,12 +284,14 @@ def _joints_remedy(names: Sequence[str], plain: Mapping[str, str], joint_names: 
     if find_triples(names, plain, "xyz") and len(names) < count + 3 and not some_joints:
         return (
             "This is a list of points without the joints of the robot: `cellcal simulate-cell` reads such files; "
-            "for an identification every row needs the joints, too."
+            "for an identification every row needs the joints, too. If they stand in another file, name it: "
+            "`--joints FILE`."
         )
     if numbered and len(names) <= count:
         return make_message(
             "It has {columns} columns of numbers without a heading: too few for the {count} joints and what the "
-            "device read, which every row needs. Lists of points alone are read by `cellcal simulate-cell`.",
+            "device read, which every row needs. Where joints and readings are two files, name that of the joints: "
+            "`--joints FILE`. Lists of points alone are read by `cellcal simulate-cell`.",
             columns=len(names),
             count=count,
         )

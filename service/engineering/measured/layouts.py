@@ -68,6 +68,7 @@ def overlay_options(below: ReadOptions, above: ReadOptions) -> ReadOptions:
         above.convention or below.convention,
         above.sheet if above.sheet is not None else below.sheet,
         above.joint_coupling or below.joint_coupling,
+        above.joints_file,
     )
 
 

@@ -15,8 +15,8 @@ from cellcal.calibration.identification.observations import (
 )
 from cellcal.calibration.identification.unrounding import find_resolution
 from cellcal.calibration.message import make_message
-from cellcal.service.engineering.measured.columns import TableLayout, detect_layout
-from cellcal.service.engineering.measured.joined_sheets import joined_tables
+from cellcal.service.engineering.measured.columns import TableLayout, UntoldPlaceError, detect_layout
+from cellcal.service.engineering.measured.joined_sheets import joined_files, joined_tables
 from cellcal.service.engineering.measured.joint_coupling import controller_joints
 from cellcal.service.engineering.measured.joint_units import joint_units, refuse_typed_zeros
 from cellcal.service.engineering.measured.merged_cells import fill_merged_joints
@@ -39,7 +39,11 @@ from cellcal.service.engineering.measured.table import (
 from cellcal.service.engineering.measured.table_numbers import TableNumbers
 from cellcal.service.engineering.measured.unit_choice import UnitChoice
 from cellcal.service.engineering.measured.units import to_celsius
-from cellcal.service.engineering.measured.unnamed_columns import find_unnamed_columns, tell_nothing
+from cellcal.service.engineering.measured.unnamed_columns import (
+    find_unnamed_columns,
+    find_untold_place,
+    tell_nothing,
+)
 
 UNREAD, OUTLIER, REPEAT = "no reading", "outlier", "repeat"
 _UNBELIEVABLE = 1e9  # in any unit that instruments write
@@ -66,6 +70,7 @@ class ReadOptions:
     convention: str = ""  # of the measured attitude; "none" leaves it out
     sheet: str | None = None
     joint_coupling: str = ""  # "controller", or "geometric": every angle is turned against the link before
+    joints_file: Path | None = None  # that holds the joints, where readings stand alone
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,7 +107,22 @@ def read_measurements(path: Path, model: RobotModel, options: ReadOptions | None
         The file, its columns or its numbers cannot be understood; the remedy names the option that helps.
     """
     options = options or ReadOptions()
-    return _interpret_table(read_table(path, sheet=options.sheet), path, model, options)
+    table = read_table(path, sheet=options.sheet)
+    if options.joints_file is not None:
+        table = _with_joints_of(options.joints_file, table, model)
+    return _interpret_table(table, path, model, options)
+
+
+def _with_joints_of(path: Path, readings: MeasurementTable, model: RobotModel) -> MeasurementTable:
+    """Return readings with the joints of another file; its columns without headings are the joints."""
+    joints = read_table(path)
+    silent = tell_nothing(joints.names)
+    if silent and len(joints.names) == model.axis_count:
+        joints = replace(joints, names=tuple(f"joint {at + 1}" for at in range(model.axis_count)))
+    elif silent and tell_nothing(readings.names):
+        names = tuple(f"column {len(readings.names) + at + 1}" for at in range(len(joints.names)))
+        joints = replace(joints, names=names)
+    return joined_files(readings, joints)
 
 
 def _interpret_table(
@@ -170,7 +190,7 @@ def _lay_out(
     if not columns and tell_nothing(table.names):
         table, columns = find_unnamed_columns(table, model)
     try:
-        layout = _detect(table, model, columns)
+        table, layout = _detect_or_fit(table, model, columns)
     except MeasurementError as error:
         if len(table.sheets) < 2:
             raise
@@ -186,6 +206,19 @@ def _lay_out(
                 found = _joined_layouts(path, table, model, columns)
                 table, layout = found[0] if len(found) == 1 else (table, layout)
     return fill_merged_joints(table, layout.joints, (*layout.position, layout.length)), layout
+
+
+def _detect_or_fit(
+    table: MeasurementTable, model: RobotModel, columns: Mapping[str, Sequence[str]]
+) -> tuple[MeasurementTable, TableLayout]:
+    """Return what each column is; a position that no heading tells is the one that fits the robot."""
+    try:
+        return table, _detect(table, model, columns)
+    except UntoldPlaceError as error:
+        table, position = find_untold_place(table, model, error.joints, error.candidates)
+        if not position:
+            raise
+    return table, _detect(table, model, {**columns, "position": position})
 
 
 def _detect(table: MeasurementTable, model: RobotModel, columns: Mapping[str, Sequence[str]]) -> TableLayout:

@@ -83,10 +83,53 @@ def find_unnamed_columns(
     return replace(table, dialect=dialect), {"joints": joints, "position": read[0]}
 
 
-def _usable_numbers(table: MeasurementTable) -> tuple[list[str], Array]:
+def find_untold_place(
+    table: MeasurementTable, model: RobotModel, joints: Sequence[str], candidates: Sequence[str]
+) -> tuple[MeasurementTable, tuple[str, ...]]:
+    """Return the columns of the position by what fits the robot, where headings tell the joints alone.
+
+    The table goes with it, with a word on that. Without three of the candidates side by side that fit, nothing is
+    returned.
+    """
+    columns, values = _usable_numbers(table, (*joints, *candidates))
+    if len(values) < _FEWEST_ROWS or not set(joints) <= set(columns):
+        return table, ()
+    raw = values[:, [columns.index(name) for name in joints]]
+    flanges = model.base_flange(raw * joint_units(UnitChoice({}, []), joints, raw, model))
+    moved_m = _spread(flanges[None, :, :3, 3])[0]
+    order = {name: at for at, name in enumerate(table.names)}
+    triples = [
+        names
+        for names in zip(columns, columns[1:], columns[2:], strict=False)
+        if not set(names) & set(joints) and order[names[2]] - order[names[0]] == len(names) - 1
+    ]
+    if moved_m < _SMALLEST_M or not triples:
+        return table, ()
+    places = np.array([values[:, [columns.index(name) for name in names]] for names in triples])
+    left = _left_of(flanges, moved_m, places)
+    named = [names for names, each in zip(triples, left.tolist(), strict=True) if each <= _MOST_LEFT]
+    if not named:
+        return table, ()
+    read = _read_places(table, model, joints, named)
+    said = make_message(
+        "no heading tells what was measured: {place} are the position, for so they fit {model_name}; `--columns` "
+        "names others",
+        place=", ".join(read[0]),
+        model_name=model.name,
+    )
+    further = further_places_note([names for names in named if names != read[0]])
+    dialect = join_messages("; ", [each for each in (table.dialect, said, further) if each])
+    return replace(table, dialect=dialect), read[0]
+
+
+def _usable_numbers(table: MeasurementTable, among: Sequence[str] | None = None) -> tuple[list[str], Array]:
     """Return columns of numbers, and rows that are full in all of them (N, k), spread over the series."""
     often = np.isfinite(table.numbers).mean(axis=0) >= _FILLED if len(table) else np.zeros(len(table.names))
-    at = [each for each in np.flatnonzero(often).tolist() if each not in table.doubts]
+    at = [
+        each
+        for each in np.flatnonzero(often).tolist()
+        if each not in table.doubts and (among is None or table.names[each] in among)
+    ]
     values = table.numbers[:, at]
     full = values[np.isfinite(values).all(axis=1)]
     return [table.names[each] for each in at], full[spread_rows(len(full), _MOST_ROWS)] if len(full) else full

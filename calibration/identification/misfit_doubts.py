@@ -1,0 +1,48 @@
+"""What columns look like that no fit explains: sorted by themselves, standing still, or without their minus signs."""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from cellcal.calibration.arm.kinematics import RobotModel
+from cellcal.calibration.identification.observations import MeasuredRows, PointObservations
+from cellcal.calibration.message import join_messages, make_message
+
+_FEWEST_ROWS = 16
+_BOTH_WAYS_RAD = 0.5  # a joint that turns as far either way is seldom measured on one side only
+
+
+def column_doubts(model: RobotModel, rows: MeasuredRows) -> str:
+    """Return what to look at in columns of rows that do not fit, as sentences; empty where nothing strikes."""
+    if len(rows) < _FEWEST_ROWS:
+        return ""
+    found = [*_sorted_place(rows), *_still_joints(model, rows), *_joints_without_minus(model, rows)]
+    return join_messages(" ", found) if found else ""
+
+
+def _sorted_place(rows: MeasuredRows) -> Iterator[str]:
+    if not isinstance(rows, PointObservations):
+        return
+    steps = np.diff(rows.positions_m, axis=0)
+    for axis, of in zip("XYZ", steps.T, strict=True):
+        if (of >= 0).all() or (of <= 0).all():
+            yield make_message(
+                "The measured {axis} only rises or falls from row to row: see whether the measured values were "
+                "sorted apart from the joints, and put them back in the order in which they were measured.",
+                axis=axis,
+            )
+
+
+def _still_joints(model: RobotModel, rows: MeasuredRows) -> Iterator[str]:
+    for name, of in zip(model.joint_names, rows.joints_rad.T, strict=True):
+        if np.ptp(of) == 0.0:
+            yield make_message("{joint} is the same in all rows: see whether it stood still.", joint=name)
+
+
+def _joints_without_minus(model: RobotModel, rows: MeasuredRows) -> Iterator[str]:
+    turns_both_ways = np.minimum(-model.lower_rad, model.upper_rad) > _BOTH_WAYS_RAD
+    for name, both, of in zip(model.joint_names, turns_both_ways, rows.joints_rad.T, strict=True):
+        if both and np.ptp(of) > 0.0 and (of >= 0.0).all():
+            yield make_message(
+                "{joint} is never negative: see whether its minus signs were lost.", joint=name
+            )

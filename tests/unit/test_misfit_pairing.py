@@ -1,0 +1,71 @@
+"""Joints and measured values that belong together in another order are refused with that order."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from cellcal.calibration.identification.misfit import refuse_misfit
+from cellcal.calibration.identification.misfit_error import MisfitError
+from tests.unit.helpers.simulated_arm import tracker_points
+
+ROWS = 64
+AT = np.arange(ROWS)
+
+
+def refusal(order, robot, seed):
+    """Return the refusal of rows whose measured values stand in this order."""
+    simulated = tracker_points(robot, ROWS, seed=seed)
+    true = simulated.observations
+    with pytest.raises(MisfitError) as refused:
+        refuse_misfit(simulated.model, replace(true, positions_m=true.positions_m[order]))
+    return refused.value
+
+
+@pytest.mark.parametrize(("robot", "seed"), [("ur10", 1), ("franka_fer", 2)])
+@pytest.mark.parametrize(
+    ("order", "says"),
+    [
+        (AT[::-1], "reverse order"),
+        (np.roll(AT, ROWS // 2), "the first 32 rows belong to the joints of the last 32"),
+        (np.roll(AT, 20), "the first 20 rows belong to the joints of the last 20"),
+        (np.r_[AT[:25], AT[26:], AT[-1]], "from row 25 on .* joints that stand 1 further down"),
+        (np.r_[AT[:40], AT[39:-1]], "from row 40 on .* joints that stand 1 further up"),
+        (np.r_[AT[:20], AT[22:], AT[-2:]], "from row 20 on .* joints that stand 2 further down"),
+    ],
+    ids=["reversed", "halves", "parts", "reading missing", "reading too many", "two missing"],
+)
+def test_the_order_in_which_rows_fit_is_named(robot, seed, order, says):
+    refused = refusal(order, robot, seed)
+    assert refused.causes[0].kinds == ("rows",)
+    assert says.split(" .* ")[0] in str(refused)
+    assert says.split(" .* ")[-1] in str(refused)
+
+
+def test_measured_values_that_were_sorted_are_asked_for():
+    simulated = tracker_points("ur10", ROWS)
+    refused = refusal(np.argsort(simulated.observations.positions_m[:, 1]), "ur10", 1)
+    assert not refused.causes
+    assert "The measured Y only rises or falls" in refused.remedy
+
+
+def test_an_order_that_nothing_proves_is_not_named():
+    refused = refusal(np.random.default_rng(0).permutation(ROWS), "ur10", 1)
+    assert not refused.causes
+    assert "belong together" in refused.remedy
+
+
+@pytest.mark.parametrize(
+    ("spoil", "says"),
+    [
+        (lambda q: np.where(np.arange(6) == 0, 0.5, q), "is the same in all rows"),
+        (lambda q: np.where(np.arange(6) == 4, np.abs(q), q), "is never negative"),
+    ],
+    ids=["constant", "lost minus"],
+)
+def test_a_joint_that_strikes_is_asked_for(spoil, says):
+    simulated = tracker_points("ur10", ROWS)
+    true = simulated.observations
+    with pytest.raises(MisfitError) as refused:
+        refuse_misfit(simulated.model, replace(true, joints_rad=spoil(true.joints_rad)))
+    assert says in refused.value.remedy
