@@ -28,3 +28,7 @@ export function halfWay(runs: RunHead[], serial: string): RunHead | null {
   const newest = runs.find((each) => each.robot_serial === serial);
   return newest && HALF_WAY.includes(newest.state) ? newest : null;
 }
+
+/** Whether a run that ended half-way can be gone on with: with a lost position, only what brings it back. */
+export const mayGoOn = (run: RunHead, session: Session): boolean =>
+  session.losses.every((each) => each.robot !== session.robot || each.procedure === run.procedure);
