@@ -8,6 +8,7 @@ import numpy as np
 
 from cellcal.calibration.errors import CalibrationError, DegenerateDataError
 from cellcal.calibration.geometry import Array, Pose, homogeneous_matrix, nearest_rotation, skew_matrix
+from cellcal.calibration.message import make_message
 from cellcal.calibration.metres import MOST_OF_HALL_M, refuse_not_metres
 from cellcal.calibration.point_order import refuse_other_order
 
@@ -87,7 +88,9 @@ def best_fit_transform(
     refuse_not_metres(source, "points", MOST_OF_HALL_M)
     refuse_not_metres(target, "points", MOST_OF_HALL_M)
     if len(source) != len(target):
-        raise CalibrationError(f"{len(source)} points cannot be paired with {len(target)}")
+        raise CalibrationError(
+            make_message("{count} points cannot be paired with {other}", count=len(source), other=len(target))
+        )
     _refuse_line(source)
     a, b = source - source.mean(axis=0), target - target.mean(axis=0)
     covariance = b.T @ a
@@ -178,7 +181,10 @@ def trilaterate_point(
     refuse_not_metres(lengths, "lengths", MOST_OF_HALL_M)
     if len(stations) < unknowns:
         raise DegenerateDataError(
-            f"{len(stations)} lengths cannot fix {unknowns} unknowns.", remedy="Measure more."
+            make_message(
+                "{count} lengths cannot fix {unknowns} unknowns.", count=len(stations), unknowns=unknowns
+            ),
+            remedy="Measure more.",
         )
     _refuse_line(stations)
     fits = [_refine_guess(stations, lengths, start, fit_zero) for start in _first_guesses(stations, lengths)]
@@ -251,7 +257,7 @@ def _choose_fit(
     if near_m is None:
         places = " and ".join(str(np.round(fit[0][:3], 4).tolist()) for fit in (best, far[0]))
         raise DegenerateDataError(
-            f"the lengths fit two places: {places} m.",
+            make_message("the lengths fit two places: {places} m.", places=places),
             remedy="Name a point near the right one, or measure from a station outside the plane.",
         )
     return min(alike, key=lambda fit: float(np.linalg.norm(fit[0][:3] - np.array(near_m, dtype=float))))
@@ -265,7 +271,9 @@ def _make_trilateration(
     condition = float(singular[0] / max(singular[-1], 1e-300))
     if condition > 1e4:
         raise DegenerateDataError(
-            f"the stations do not determine the point (condition {condition:.3g}).",
+            make_message(
+                "the stations do not determine the point (condition {condition:.3g}).", condition=condition
+            ),
             remedy="Spread the stations, and leave the plane that holds them and the point.",
             condition=condition,
         )
@@ -302,7 +310,8 @@ def _refuse_line(points: Array) -> None:
     """Refuse fewer than three points, and points whose second extent is under a hundredth of the first."""
     if len(points) < 3:
         raise DegenerateDataError(
-            f"{len(points)} points are too few.", remedy="Measure three or more points."
+            make_message("{count} points are too few.", count=len(points)),
+            remedy="Measure three or more points.",
         )
     extents = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
     if not extents[1] > 0.01 * extents[0]:

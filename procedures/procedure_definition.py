@@ -162,6 +162,18 @@ def all_missing(entry: ProcedureDefinition, cell: Cell) -> tuple[str, ...]:
     return (*missing_needs(entry, cell), *missing_wants)
 
 
+def is_for_other_controllers(entry: ProcedureDefinition, cell: Cell) -> bool:
+    """Tell whether nothing that a person adds makes a procedure possible here: this controller has its own way.
+
+    A lost position is brought back either by writing the mastering or by a person at the pendant; of the two a list
+    for people leaves out the one that belongs to controllers of another kind.
+    """
+    at_pendant = cell.position_data is not None
+    if "position_cure" in entry.needs:
+        return not at_pendant
+    return at_pendant and cell.mastering is None and "writes_mastering" in entry.needs
+
+
 def refuse_unmet(entry: ProcedureDefinition, cell: Cell) -> None:
     """Raise NeedsUnmetError when the cell lacks something."""
     lacks = missing_needs(entry, cell)

@@ -133,7 +133,9 @@ NEED_REMEDIES: Mapping[str, str] = {
     "tells_flange_pose": "Choose a link of the maker's own for this robot: without the flange pose its joints cannot "
     "be compared with its model.",
     "commanded": "An engineer allows it in the cell file.",
-    "writes_mastering": "Choose a robot whose controller opens its mastering over the network.",
+    "writes_mastering": "This connection does not open it. On a FANUC, set up the registers of its HMI option "
+    "(fanuc_hmi.md of the set-up pages); on any other controller a person brings a lost position back at the "
+    "pendant, as its maker says.",
     "writes_tool_frame": "Write the result on the pendant by hand, or connect the controller's tool frames.",
     "writes_user_frame": "Write the result on the pendant by hand, or connect the controller's user frames.",
     "gauge": "Connect a draw-wire and enter it in the cell file.",

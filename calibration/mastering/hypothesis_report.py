@@ -1,5 +1,6 @@
 """What a hypothesis about lost turns is reported as: the checks of the gate, its sentence and the result."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -105,24 +106,34 @@ class HypothesisReport:
         sigma = np.sqrt(np.diag(real.covariance))
         worst = int(np.argmax(sigma))
         name = self.robot.model.joint_names[worst]
-        return f"these poses leave the motor of {name} open to {sigma[worst]:.2f} turns"
+        return make_message(
+            "these poses leave the motor of {name} open to {open_turns:.2f} turns",
+            name=name,
+            open_turns=sigma[worst],
+        )
 
     def describe_hypothesis(self, hypothesis: Hypothesis) -> str:
         names = self.robot.model.joint_names
         if hypothesis.kind == "turns":
-            moved = [f"{names[j]} {round(t):+d}" for j, t in enumerate(hypothesis.turns) if round(t)]
-            return f"whole turns only: {', '.join(moved) or 'none lost'}; zero offsets unchanged"
+            return make_message(
+                "whole turns only: {moved}; zero offsets unchanged", moved=_moved_text(names, hypothesis)
+            )
         if hypothesis.kind == "motor":
             renewed = " and ".join(names[j] for j in hypothesis.real_axes)
-            return f"the reference of {renewed} is new, the others lost turns"
+            return make_message("the reference of {renewed} is new, the others lost turns", renewed=renewed)
         if hypothesis.kind == "all":
             return "every reference is lost: all offsets are real"
         if hypothesis.kind == "outlier":
-            return f"capture {hypothesis.capture + 1} does not fit the others: measure it again"
+            return make_message(
+                "capture {number} does not fit the others: measure it again", number=hypothesis.capture + 1
+            )
         if hypothesis.kind == "equipment":
-            moved = [f"{names[j]} {round(t):+d}" for j, t in enumerate(hypothesis.turns) if round(t)]
-            return f"whole turns only: {', '.join(moved) or 'none lost'}; {hypothesis.subject} is not as recorded"
-        return f"{hypothesis.subject} is not where it was"
+            return make_message(
+                "whole turns only: {moved}; {subject} is not as recorded",
+                moved=_moved_text(names, hypothesis),
+                subject=hypothesis.subject,
+            )
+        return make_message("{subject} is not where it was", subject=hypothesis.subject)
 
     def make_result(
         self,
@@ -186,3 +197,8 @@ class HypothesisReport:
             "doubt_sigmas": max(uncertainties),
             "blind_turns": tuple(BLIND_SIGMAS * sigma for sigma in sigmas),
         }
+
+
+def _moved_text(names: Sequence[str], hypothesis: Hypothesis) -> str:
+    moved = (f"{names[j]} {round(turns):+d}" for j, turns in enumerate(hypothesis.turns) if round(turns))
+    return ", ".join(moved) or "none lost"

@@ -16,6 +16,7 @@ from cellcal.calibration.errors import CalibrationError, DegenerateDataError
 from cellcal.calibration.geometry import Array, log_rotation
 from cellcal.calibration.mastering.counts import DriveTrain, PlaceCapture, RecoveryKit
 from cellcal.calibration.mastering.turn_hypotheses import Equipment, LocalResiduals, bent_links
+from cellcal.calibration.message import make_message
 from cellcal.calibration.registration import best_fit_transform
 from cellcal.calibration.wires.model import with_geometry
 
@@ -61,9 +62,15 @@ class PlaceProblem:
             place for place in kit.places if place.place in numbers or place.kind in ("target", "nest")
         ]
         if unknown := numbers - {place.place for place in reference_places}:
-            raise CalibrationError(f"the record does not know the places {sorted(unknown)}")
+            raise CalibrationError(
+                make_message("the record does not know the places {places}", places=sorted(unknown))
+            )
         if any(len(c.counts) != model.axis_count for c in (*reference_places, *captures)):
-            raise CalibrationError(f"every capture needs the counts of all {model.axis_count} motors")
+            raise CalibrationError(
+                make_message(
+                    "every capture needs the counts of all {axis_count} motors", axis_count=model.axis_count
+                )
+            )
         self._model, self._kit, self._healthy = model, kit, len(reference_places)
         # fixed targets tell where the instrument stands, whatever turns were lost: given like the record
         self._all_captures = (*reference_places, *(c for c in captures if c.kind == "nest"))
@@ -235,7 +242,9 @@ class PlaceProblem:
         pairs = [(c, nests[c.place]) for c in self._all_captures[self._healthy :]]
         if len(pairs) < 3:
             raise DegenerateDataError(
-                f"{len(pairs)} fixed targets do not tell where the instrument stands now",
+                make_message(
+                    "{count} fixed targets do not tell where the instrument stands now", count=len(pairs)
+                ),
                 remedy="Measure at least three fixed targets of the record again, before the arm's own.",
             )
         moved = best_fit_transform(
@@ -244,7 +253,10 @@ class PlaceProblem:
         sigma_m = max(c.sigma_m for pair in pairs for c in pair)
         if moved.max_m > _MOVED_SIGMAS * sigma_m:
             raise DegenerateDataError(
-                f"the fixed targets are up to {1e3 * moved.max_m:.2f} mm from where they were to each other",
+                make_message(
+                    "the fixed targets are up to {away_mm:.2f} mm from where they were to each other",
+                    away_mm=1e3 * moved.max_m,
+                ),
                 remedy="See that every target sits in its own nest; leave out a nest that was moved.",
             )
         return then, then @ moved.target_source.to_matrix()
@@ -279,7 +291,9 @@ def _rotation_vectors(rotations: Array) -> Array:
 
 def _seen_position(capture: PlaceCapture) -> tuple[float, float, float]:
     if capture.seen_m is None:
-        raise CalibrationError(f"capture {capture.label!r} does not say where its target was seen")
+        raise CalibrationError(
+            make_message("capture {label!r} does not say where its target was seen", label=capture.label)
+        )
     return capture.seen_m
 
 

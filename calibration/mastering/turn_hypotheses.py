@@ -64,7 +64,11 @@ class LossProblem:
 
     def __init__(self, model: RobotModel, record: MasteringRecord, captures: Sequence[WireCapture]) -> None:
         if any(len(c.counts) != model.axis_count for c in captures):
-            raise CalibrationError(f"every capture needs the counts of all {model.axis_count} motors")
+            raise CalibrationError(
+                make_message(
+                    "every capture needs the counts of all {axis_count} motors", axis_count=model.axis_count
+                )
+            )
         self.predictor = WirePredictor(model, *record.wire_lengths())
         self._per_turn = record.drive.radians_per_turn()
         counts = np.array([c.counts for c in captures], dtype=float).reshape(-1, model.axis_count)

@@ -30,7 +30,7 @@ from cellcal.calibration.mastering.turn_hypotheses import (
 )
 from cellcal.calibration.mastering.turn_results import GateCheck, TurnRecovery
 from cellcal.calibration.mastering.turn_verification import verification_power, verify_recovery
-from cellcal.calibration.message import join_messages
+from cellcal.calibration.message import join_messages, make_message
 
 __all__ = [
     "GateCheck",
@@ -138,7 +138,9 @@ def recover_from(
     model = robot.model
     guess = np.asarray(provisional_turns, dtype=float)
     if guess.shape != (model.axis_count,) or not np.isfinite(guess).all():
-        raise CalibrationError(f"{model.axis_count} provisional turns are needed")
+        raise CalibrationError(
+            make_message("{axis_count} provisional turns are needed", axis_count=model.axis_count)
+        )
     if problem is None:
         raise CalibrationError("nothing was captured")
     local = solve_real(
@@ -175,7 +177,9 @@ class _RecoveryTest:
             self._refine_hypothesis(hypothesis_test.test_whole_turns()),
         )
         if self._row_count - self.robot_model.axis_count < SPARE_CAPTURES:
-            words = f"{self.problem.capture_count} captures are too few to notice a mistake"
+            words = make_message(
+                "{count} captures are too few to notice a mistake", count=self.problem.capture_count
+            )
             return self._undecided_result(whole, real, words)
         if whole.fix.success_probability <= SUCCESS_PROBABILITY:
             return self._undecided_result(whole, real, self.report.describe_weak_motor(real))
@@ -211,7 +215,11 @@ class _RecoveryTest:
         # A change of geometry is refused either way; it need not be told from an exchanged motor for that.
         if rival is not None and best.kind != "geometry":
             first, second = map(self.report.describe_hypothesis, (best, rival))
-            return self._undecided_result(best, real, f"{first}, or {second}: not decidable yet")
+            return self._undecided_result(
+                best,
+                real,
+                make_message("{first}, or {second}: not decidable yet", first=first, second=second),
+            )
         return self._conclude_from(best, real)
 
     def _with_equipment(self, possible: list[Hypothesis]) -> list[Hypothesis]:
@@ -234,14 +242,20 @@ class _RecoveryTest:
         ]
         if near and hypothesis.kind == "motor":
             names = " and ".join(self.robot_model.joint_names[j] for j in near)
-            words = f"{names} would be less than {_NEAR_WHOLE_TURNS} turn from a whole one: not decidable yet"
+            words = make_message(
+                "{names} would be less than {near} turn from a whole one: not decidable yet",
+                names=names,
+                near=_NEAR_WHOLE_TURNS,
+            )
             return self._undecided_result(hypothesis, real, words)
         if (
             hypothesis.kind == "equipment"
             and self._row_count - self.robot_model.axis_count < _SPARE_FOR_EQUIPMENT
         ):
             return self._undecided_result(
-                hypothesis, real, f"{self.report.describe_hypothesis(hypothesis)}: not decidable yet"
+                hypothesis,
+                real,
+                make_message("{first}: not decidable yet", first=self.report.describe_hypothesis(hypothesis)),
             )
         hypothesis = self._refine_hypothesis(hypothesis)
         gate = self.report.gate_checks(hypothesis, real)
@@ -283,9 +297,12 @@ class _RecoveryTest:
         part = hypothesis.subject
         if self._row_count - self.robot_model.axis_count < _SPARE_FOR_CHANGE:
             return self._undecided_result(
-                hypothesis, real, f"{part} may not be where it was: not decidable yet"
+                hypothesis, real, make_message("{part} may not be where it was: not decidable yet", part=part)
             )
-        words = f"the robot or the wire is not as recorded (most likely {part}): full calibration advised"
+        words = make_message(
+            "the robot or the wire is not as recorded (most likely {part}): full calibration advised",
+            part=part,
+        )
         return self.report.make_result(
             replace(hypothesis, chi_square=real.chi_square), real, ("geometry", False, words), part=part
         )
@@ -307,7 +324,7 @@ class _RecoveryTest:
         further = self.further(
             self.local.joints_rad, self.robot_model.axis_count + SPARE_CAPTURES - self._row_count
         )
-        words = f"{words}; measure {len(further)} more"
+        words = make_message("{words}; measure {count} more", words=words, count=len(further))
         return self.report.make_result(
             hypothesis, real, ("undecided", False, words), gate=gate, further=further
         )

@@ -232,7 +232,12 @@ def _construct_place(
     inner, outer, sigma = pairs.one.to_positions(), pairs.other.to_positions(), sigmas.position_m
     if len(inner) != count:
         raise CalibrationError(
-            f"the method {method} takes {count} tags, in their order; there are {len(inner)}.",
+            make_message(
+                "the method {method} takes {count} tags, in their order; there are {given}.",
+                method=method,
+                count=count,
+                given=len(inner),
+            ),
             remedy="Use least_squares for any other number.",
         )
     if sigma is None:

@@ -8,6 +8,7 @@ import numpy as np
 
 from cellcal.calibration.errors import CalibrationError, DegenerateDataError
 from cellcal.calibration.geometry import Array, rotation_from_quaternion
+from cellcal.calibration.message import make_message
 
 Triple = tuple[float, float, float]
 Quadruple = tuple[float, float, float, float]
@@ -40,15 +41,31 @@ class TagPath:
             ("joints", self.joints_rad, len(self.joints_rad[0]) if self.joints_rad else 0),
         ):
             if values and (len(values) != count or any(len(value) != width for value in values)):
-                raise CalibrationError(f"{self.source}: {what} are not the same for every tag")
+                raise CalibrationError(
+                    make_message(
+                        "{source}: {what} are not the same for every tag", source=self.source, what=what
+                    )
+                )
             if values and not np.isfinite(np.array(values, dtype=float)).all():
-                raise CalibrationError(f"{self.source}: {what} hold a number that is not finite")
+                raise CalibrationError(
+                    make_message(
+                        "{source}: {what} hold a number that is not finite", source=self.source, what=what
+                    )
+                )
         if self.names and len(self.names) != count:
-            raise CalibrationError(f"{self.source}: {len(self.names)} names for {count} tags")
+            raise CalibrationError(
+                make_message(
+                    "{source}: {names} names for {count} tags",
+                    source=self.source,
+                    names=len(self.names),
+                    count=count,
+                )
+            )
         twice = [name for name, times in Counter(self.names).items() if times > 1]
         if twice:
             raise CalibrationError(
-                f"{self.source}: two tags are called {twice[0]!r}.", remedy="Give every tag its own name."
+                make_message("{source}: two tags are called {name!r}.", source=self.source, name=twice[0]),
+                remedy="Give every tag its own name.",
             )
 
     def __len__(self) -> int:
@@ -99,7 +116,13 @@ def match_tags(one: TagPath, other: TagPath, *, least: int = 3) -> TagPairs:
     if not (one.names and other.names):
         if len(one) != len(other):
             raise CalibrationError(
-                f"{one.source} has {len(one)} tags and {other.source} has {len(other)}, and not both name them.",
+                make_message(
+                    "{one} has {count} tags and {other} has {other_count}, and not both name them.",
+                    one=one.source,
+                    count=len(one),
+                    other=other.source,
+                    other_count=len(other),
+                ),
                 remedy="Export both paths with the names of the tags, or the same tags in the same order.",
             )
         pairs = TagPairs(one, other, ())
@@ -111,10 +134,20 @@ def match_tags(one: TagPath, other: TagPath, *, least: int = 3) -> TagPairs:
             one.select_tags(rows), other.select_tags([there[one.names[row]] for row in rows]), tuple(unpaired)
         )
     if len(pairs.one) < least:
-        unpaired_text = f"; only in one of them: {', '.join(pairs.unpaired[:6])}" if pairs.unpaired else ""
+        unpaired_text = (
+            make_message("; only in one of them: {names}", names=", ".join(pairs.unpaired[:6]))
+            if pairs.unpaired
+            else ""
+        )
         raise DegenerateDataError(
-            f"{one.source} and {other.source} have {len(pairs.one)} tags in common, {least} are "
-            f"needed{unpaired_text}.",
+            make_message(
+                "{one} and {other} have {count} tags in common, {least} are needed{unpaired_text}.",
+                one=one.source,
+                other=other.source,
+                count=len(pairs.one),
+                least=least,
+                unpaired_text=unpaired_text,
+            ),
             remedy="Measure more tags, and give the same tag the same name in both files.",
         )
     return pairs
@@ -145,8 +178,13 @@ def refuse_other_size(
     away, units = min((abs(math.log(size / factor)), unit) for factor, unit in _UNITS)
     units = units if away <= math.log1p(tolerance) else ""
     raise CalibrationError(
-        f"the tags of {large} are spread {size:.4g} times as wide as those of {small}.",
-        remedy=f"This looks like {units}: state the unit of each file."
+        make_message(
+            "the tags of {large} are spread {size:.4g} times as wide as those of {small}.",
+            large=large,
+            size=size,
+            small=small,
+        ),
+        remedy=make_message("This looks like {units}: state the unit of each file.", units=units)
         if units
         else "See that both are the same tags.",
     )

@@ -164,13 +164,21 @@ def _tag_joints(model: RobotModel, pairs: TagPairs) -> Array:
     robot = pairs.one
     if not robot.joints_rad:
         raise CalibrationError(
-            f"{robot.source} tells no joints: a pose alone does not tell how the arm stood.",
+            make_message(
+                "{source} tells no joints: a pose alone does not tell how the arm stood.", source=robot.source
+            ),
             remedy="Export the robot's path with the joint values of each tag.",
         )
     joints = np.array(robot.joints_rad)
     if joints.shape[1] != model.axis_count:
         raise CalibrationError(
-            f"{robot.source} has {joints.shape[1]} joints, {model.name} has {model.axis_count}.",
+            make_message(
+                "{source} has {count} joints, {model} has {axis_count}.",
+                source=robot.source,
+                count=joints.shape[1],
+                model=model.name,
+                axis_count=model.axis_count,
+            ),
             remedy="Name the columns of the joints, or another model.",
         )
     if len(joints) < LEAST_TAGS:
@@ -199,8 +207,12 @@ def _against_controller(pairs: TagPairs, nominal: Array) -> tuple[str, ...]:
     turned = float(np.abs(turn - turn[0]).max())
     if wander > _SAME_POSE_M or turned > 0.01:
         raise CalibrationError(
-            f"the joints of {robot.source} do not belong to its poses by the model: the tool would wander by "
-            f"{wander * 1e3:.2f} mm.",
+            make_message(
+                "the joints of {source} do not belong to its poses by the model: the tool would wander by "
+                "{wander_mm:.2f} mm.",
+                source=robot.source,
+                wander_mm=wander * 1e3,
+            ),
             remedy="Choose the robot's own model; see the units of the joints and how J2 and J3 are coupled.",
         )
     return (f"the robot's poses agree with its joints and the model within {wander * 1e3:.3f} mm",)

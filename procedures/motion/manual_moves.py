@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
@@ -37,7 +38,10 @@ async def move_by_hand(
     target, progress_text = way_rad[-1], ""
     for _ in range(TRIES):
         text = progress_text + _move_text(cell, way_rad, speed_rad_s)
-        instruction = manual_move_page(Instruction("move_by_hand", text), target, tolerance_rad, wired=wired)
+        axis_by_axis = {} if _runs_program(cell) else _jogged(way_rad, speed_rad_s)
+        instruction = manual_move_page(
+            Instruction("move_by_hand", text), target, tolerance_rad, wired=wired, **axis_by_axis
+        )
         await ask_confirmation(cell, instruction)
         before, after = await cell.robot.read_joints(), await cell.robot.read_joints()
         errors = np.subtract(after.joints_rad, target)
@@ -85,14 +89,23 @@ def _move_text(cell: Cell, way_rad: Sequence[Joints], speed_rad_s: float) -> str
     )
 
 
+def _runs_program(cell: Cell) -> bool:
+    return cell.level is MotionLevel.PROGRAM and cell.programs is not None
+
+
+def _jogged(way_rad: Sequence[Joints], speed_rad_s: float) -> dict[str, Any]:
+    """Return what a page shows axis by axis beside the goal: the corners on the way, and the pace."""
+    return {"by_way_rad": [list(corner) for corner in way_rad[:-1]], "pace_rad_s": speed_rad_s}
+
+
 def _joints_text(joints_rad: Joints) -> str:
     return ", ".join(f"J{k} {math.degrees(q):.2f}" for k, q in enumerate(joints_rad, 1)) + " deg"
 
 
 def manual_move_page(
-    instruction: Instruction, target_rad: Joints, tolerance_rad: float, *, wired: bool
+    instruction: Instruction, target_rad: Joints, tolerance_rad: float, *, wired: bool, **jogged: Any
 ) -> PagedInstruction:
     """Return a move that a person makes on its page; with a wire the next thing is a capture of its length."""
-    target = {"joints_rad": list(target_rad), "tolerance_rad": tolerance_rad}
+    target = {"joints_rad": list(target_rad), "tolerance_rad": tolerance_rad, **jogged}
     plan = {"poses": [{"name": "", "joints_rad": list(target_rad), "way_rad": []}]}
     return with_page(instruction, "capture" if wired else "teach", target=target, plan=plan)

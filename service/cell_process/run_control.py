@@ -15,7 +15,7 @@ from cellcal.drivers.supervision import (
 )
 from cellcal.drivers.wire.cancellation import cancel_until_done
 from cellcal.procedures.catalogue import definition_named
-from cellcal.procedures.cell import Cell
+from cellcal.procedures.cell import Cell, MotionLevel
 from cellcal.procedures.procedure_definition import Phase
 from cellcal.procedures.progress import PauseGate, StepProgress
 from cellcal.procedures.run_history import EventKind
@@ -201,7 +201,10 @@ class RunControl:
 
     def _launch_run(self, cell: Cell, order: StartRun | ResumeRun, who: str) -> None:
         self._refuse_missing_end(accepted=order.accept_missing_end)
-        self._hold.is_required = order.hold_to_move
+        holds = (
+            order.hold_to_move and cell.level is MotionLevel.COMMANDED
+        )  # a person's own moves need no key here
+        self._hold.is_required = holds
         self._gate.resume()
         if isinstance(order, StartRun):
             entry = definition_named(order.procedure)
@@ -210,7 +213,7 @@ class RunControl:
             with open_journal(self._config) as journal:
                 view = RunStore(journal).find_run(order.run_id)
             entry = definition_named(view.procedure)
-        self.status = RunStatus(entry.name, entry.title, who, hold_to_move=order.hold_to_move)
+        self.status = RunStatus(entry.name, entry.title, who, hold_to_move=holds)
         if isinstance(order, ResumeRun) and order.redo_from is None:
             self.status.found = [finding.step for finding in view.past.findings]
         self._task = asyncio.create_task(self._run_procedure(cell, order, who, self.status), name="run")

@@ -18,6 +18,7 @@ from cellcal.procedures.procedure_definition import (
     Phase,
     ProcedureDefinition,
     all_missing,
+    is_for_other_controllers,
     missing_remedies,
     with_planned_counts,
 )
@@ -70,6 +71,7 @@ class ProcedureAvailability:
     intention: Intention = "check"
     when: str = ""  # to use it
     minutes: tuple[int, int] = (0, 0)  # that it usually takes
+    for_other_controllers: bool = False  # this robot's controller has another procedure for it
 
 
 def dry_run(
@@ -124,6 +126,7 @@ def _availability(entry: ProcedureDefinition, cell: Cell | None, due: date | Non
         intention=guide.intention,
         when=guide.when,
         minutes=guide.minutes,
+        for_other_controllers=cell is not None and is_for_other_controllers(entry, cell),
     )
 
 

@@ -4,7 +4,7 @@ Alarms only suggest a mode; the recovery's data decide it. Modes are those of th
 was lost, M1 turns, M2 a motor or encoder, M3 every reference, M4 the geometry, M5 the wrong robot or record.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 
 from cellcal.drivers.interfaces import Alarm, AlarmKind, Condition, Readiness
@@ -61,6 +61,10 @@ _OLD_BACKUP = (
 )
 _NOT_CONFIRMED = (
     "the mastering in force was never confirmed: do not move the robot in AUTO; resume that run, or undo it"
+)
+_SET_ANEW = (
+    "the mastering of axes is lost; it is done anew with the mastering gauge or the dial gauge, and a measurement "
+    "has to prove it"
 )
 _BROUGHT_BACK = (
     "somebody brought the position back, and nothing proves that each motor stands in the right turn: measure it by "
@@ -127,6 +131,13 @@ def suspect_loss(alarms: tuple[Alarm, ...], *, position_lost: bool = True) -> Su
     named = sorted({alarm.axis + 1 for alarm in modes.get(mode, []) if alarm.axis is not None})
     description = _NOT_LOST if mode is LossMode.MOTOR and not position_lost else _DESCRIPTIONS[mode]
     return Suspicion(mode, tuple(named), description, position_lost, not_known=strange)
+
+
+def with_zero_set_anew(suspicion: Suspicion) -> Suspicion:
+    """Return it for a controller that keeps no zero of an axis whose position is lost: nothing comes back exactly."""
+    if suspicion.mode is not LossMode.TURNS or not suspicion.position_lost:
+        return suspicion
+    return replace(suspicion, words=_SET_ANEW)
 
 
 def turns_lost(alarms: tuple[Alarm, ...]) -> Suspicion:

@@ -24,6 +24,7 @@ from cellcal.drivers.interfaces import (
     Alarm,
     Condition,
     Counts,
+    PositionCure,
     Readiness,
     ReadsEncoderCounts,
     ReadsMastering,
@@ -39,6 +40,7 @@ from cellcal.service.watching.loss_modes import (
     is_position_doubtful,
     suspect_loss,
     turns_lost,
+    with_zero_set_anew,
 )
 
 _LOG = logging.getLogger(__name__)
@@ -131,6 +133,8 @@ class RobotWatch:
             alarms = (*before.alarms, *alarms)  # an encoder that failed first may have been exchanged since
             graver = suspect_loss(alarms)
             suspicion = suspicion if graver.mode is LossMode.MEMORY else graver
+        if self._robot.capabilities.position_cure is PositionCure.MASTERING_GAUGE:
+            suspicion = with_zero_set_anew(suspicion)
         loss = PositionLoss(
             self._robot.name, detected_by, alarms, self._saved, suspicion,
             follows_another=before is not None, during_run=self._after_run,

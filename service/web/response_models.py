@@ -296,6 +296,9 @@ class ProcedureSeen(ResponseShape):
     intention: str
     when: Annotated[str, Field(description="to use it")]
     minutes: Annotated[list[int], Field(description="that it usually takes, from and to")]
+    for_other_controllers: Annotated[
+        bool, Field(description="this robot's controller has another procedure for it")
+    ]
     settings: Annotated[dict[str, Any], Field(description="JSON schema of the settings")]
 
 

@@ -28,9 +28,9 @@ LOSS: dict[str, Any] = {
     "alone_wanted": True,
 }  # fmt: skip
 LOST = {  # in sentences that begin as such
-    "en": "exchanged. The controller reports: SRVO-062. (M1)",
-    "de": "getauscht wurde. Die Steuerung meldet: SRVO-062. (M1)",
-    "es": "no se cambió nada. El controlador comunica: SRVO-062. (M1)",
+    "en": "exchanged. The controller reports: SRVO-062.",
+    "de": "getauscht wurde. Die Steuerung meldet: SRVO-062.",
+    "es": "no se cambió nada. El controlador comunica: SRVO-062.",
     "zh": "零点可精确恢复。 控制器报告",
 }
 SAID = {

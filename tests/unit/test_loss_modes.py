@@ -21,6 +21,9 @@ from cellcal.service.watching.loss_modes import (
     battery_warning,
     old_backup,
     suspect_loss,
+    suspect_return,
+    turns_lost,
+    with_zero_set_anew,
     wrong_robot,
 )
 from cellcal.service.watching.loss_response import DETECTION, answer_to, journal_detection, prepare_answer
@@ -213,3 +216,19 @@ def test_a_low_battery_is_reported_while_the_position_is_there() -> None:
     assert "J2" in words
     assert battery_warning(Condition(Readiness.READY)) == ""
     assert battery_warning(Condition(Readiness.POSITION_LOST, alarms=(low, BATTERY))) == ""
+
+
+def test_a_controller_that_keeps_no_zero_is_not_said_to_get_it_back_exactly() -> None:
+    lost = suspect_loss((BATTERY,))
+    assert "comes back exactly" in lost.words
+    anew = with_zero_set_anew(lost)
+    assert "done anew" in anew.words
+    assert (anew.mode, anew.axes, anew.answering_procedure) == (
+        lost.mode,
+        lost.axes,
+        lost.answering_procedure,
+    )
+    for other in (suspect_loss((CRASH,)), suspect_return((1,)), turns_lost(()), old_backup()):
+        assert (with_zero_set_anew(other).words == other.words) is not (
+            other.mode is LossMode.TURNS and other.position_lost
+        )

@@ -170,3 +170,24 @@ def test_true_and_false_are_no_numbers_of_a_setting(wrong: dict[str, object]) ->
     assert spec_of("three_point_frame", right).check_above
     with pytest.raises(CellError, match=f"{next(iter(wrong))}.*true and false are no numbers"):
         spec_of("three_point_frame", right | wrong)
+
+
+def test_a_list_leaves_out_what_belongs_to_controllers_of_another_kind(
+    config: CellConfig, tmp_path: Path
+) -> None:
+    mastering = {"mastering_recovery", "mastering_record", "mastering_undo"}
+    at_pendant = {"position_cure", "position_record"}
+    kuka = tmp_path / "kuka.toml"
+    kuka.write_text(
+        '[cell]\nname = "k"\ndata_dir = "k"\n[[robot]]\nname = "k"\ndriver = "kuka_variables"\naddress = "127.0.0.1"\n'
+        'model = "kuka_kr10r1420"\nserial = "1"\nfastest_axis_deg_s = 410.0\nmotion = "observe"\n'
+        "speed_limit_rad_s = 0.3\n"
+    )
+    for cell, robot, absent in (
+        (config, "fanuc", at_pendant),
+        (config, "ur", at_pendant),
+        (read_cell_file(kuka), "k", mastering),
+    ):
+        rows = list_procedures(cell, robot)
+        assert {row.name for row in rows if row.for_other_controllers} == absent
+    assert not any(row.for_other_controllers for row in list_procedures(None))

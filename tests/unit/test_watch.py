@@ -12,6 +12,7 @@ from cellcal.drivers.interfaces import (
     AlarmKind,
     Condition,
     MasteringData,
+    PositionCure,
     Readiness,
     RobotCapabilities,
 )
@@ -89,6 +90,19 @@ async def test_an_alarm_is_seen_once_with_the_counts_from_before(
     assert "BZAL alarm" in loss.detected_by
     assert loss.last_healthy is not None
     assert loss.last_healthy.counts == (1000, 2000)
+
+
+async def test_a_lost_mastering_that_is_made_with_a_gauge_is_not_said_to_come_back(
+    fake_arm: TwoAxisController, robot_watch: RobotWatch
+) -> None:
+    fake_arm.capabilities = replace(
+        fake_arm.capabilities, writes_mastering=False, position_cure=PositionCure.MASTERING_GAUGE
+    )
+    fake_arm.readiness = Readiness.POSITION_LOST
+    fake_arm.alarms = (Alarm("MASTERING_LOST", "axis A1 is not mastered", 0, AlarmKind.TURNS),)
+    loss = await robot_watch.look_once()
+    assert loss is not None
+    assert "done anew with the mastering gauge" in loss.suspicion.words
 
 
 FAILS = Alarm("SRVO-068", "DTERR alarm (Group:1 Axis:2)", 1, AlarmKind.ENCODER)

@@ -291,10 +291,18 @@ def _as_typed(joints_rad: Array, layout: TableLayout, model: RobotModel) -> Arra
 
 def _refuse_none(path: Path, good: np.typing.NDArray[np.bool_], rejected: tuple[RejectedRow, ...]) -> None:
     if not good.any():
-        first = f"row {rejected[0].row}: {rejected[0].reason}" if rejected else "it has no rows"
+        text = make_message("{path} has no usable row; it has no rows.", path=path)
+        if rejected:
+            first = rejected[0]
+            text = make_message(
+                "{path} has no usable row; row {row}: {reason}.",
+                path=path,
+                row=first.row,
+                reason=first.reason,
+            )
         unread = bool(rejected) and rejected[0].reason.endswith(_NO_NUMBER)
         remedy = WRITE_PLAINLY if unread else "Name columns with `--columns`."
-        raise MeasurementError(f"{path} has no usable row; {first}.", remedy=remedy)
+        raise MeasurementError(text, remedy=remedy)
 
 
 def _with_readings(
@@ -314,7 +322,12 @@ def _with_readings(
         return good, joints_rad, []
     rows = np.flatnonzero(good)
     silent = [
-        RejectedRow(int(rows[at]), f"line {table.lines[rows[at]]}: {', '.join(names)}: {why}")
+        RejectedRow(
+            int(rows[at]),
+            make_message(
+                "line {line}: {names}: {why}", line=table.lines[rows[at]], names=", ".join(names), why=why
+            ),
+        )
         for at, why in found.items()
     ]
     return usable_without(good, list(found)), np.delete(joints_rad, list(found), axis=0), silent
@@ -354,10 +367,19 @@ def _usable_rows(
     for row in np.flatnonzero(~good).tolist():
         name = names[int(np.argmax(missing[row]))]
         cell = table.texts.get((row, table.names.index(name)), "")
-        what = f"holds {cell!r}{_NO_NUMBER}" if cell else "is empty"
+        what = make_message("holds {cell!r}, which is no number", cell=cell) if cell else "is empty"
         if not np.isnan(numbers[name][row]):
-            what = f"holds {numbers[name][row]:g}, which marks a missing measurement"
-        rejected.append(RejectedRow(row, f"line {table.lines[row]}: column {name!r} {what}"))
+            what = make_message(
+                "holds {number:g}, which marks a missing measurement", number=numbers[name][row]
+            )
+        rejected.append(
+            RejectedRow(
+                row,
+                make_message(
+                    "line {line}: column {name!r} {what}", line=table.lines[row], name=name, what=what
+                ),
+            )
+        )
     return good, tuple(rejected)
 
 
@@ -366,7 +388,13 @@ def _refuse_mostly_text(path: Path, rejected: tuple[RejectedRow, ...], rows: int
     words = [row for row in rejected if not row.reason.endswith("is empty")]
     if 2 * len(words) > rows:
         raise MeasurementError(
-            f"{len(words)} of {rows} rows of {path} cannot be read; {words[0].reason}.",
+            make_message(
+                "{count} of {rows} rows of {path} cannot be read; {reason}.",
+                count=len(words),
+                rows=rows,
+                path=path,
+                reason=words[0].reason,
+            ),
             remedy="Write numbers with a decimal point and no thousands marks, or name other `--columns`.",
         )
 

@@ -572,6 +572,7 @@ export interface ProcedureSeen {
   intention: string;
   when: string;
   minutes: number[];
+  for_other_controllers: boolean;
   settings: Record<string, unknown>;
   messages?: TextMessages;
 }

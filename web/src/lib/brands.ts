@@ -12,3 +12,15 @@ const MARKS: [RegExp, Brand][] = [
 
 /** The maker; null where the name does not say. */
 export const brandOf = (model: string): Brand | null => MARKS.find(([mark]) => mark.test(model))?.[1] ?? null;
+
+// What pendants call the axes that are J1 to J6 on every page.
+const AXES: Partial<Record<Brand, string[]>> = {
+  kuka: ["A1", "A2", "A3", "A4", "A5", "A6"],
+  yaskawa: ["S", "L", "U", "R", "B", "T"],
+};
+
+/** The name of an axis, counted from zero, as the maker's pendant has it; with that of the pages where they differ. */
+export function axisName(brand: Brand | null, axis: number): string {
+  const own = brand === null ? undefined : AXES[brand]?.[axis];
+  return own ? `${own} (J${axis + 1})` : `J${axis + 1}`;
+}

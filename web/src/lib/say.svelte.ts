@@ -9,6 +9,7 @@
 import { language, type Locale } from "./i18n.svelte";
 import { later } from "./later";
 import { english, escaped, fill, isPunctuation, messageOf, type Argument, type Message } from "./messages";
+import titles from "./procedure_titles.json";
 import labels from "./setting_labels.json";
 
 const FILES = import.meta.glob<Record<string, string>>("../locales/{procedures,settings,refusals}/*.json", { import: "default" });
@@ -21,9 +22,9 @@ const WORD = /\p{L}{2}/u; // a name like "x" is the same everywhere
 const UNITS = ["", "%", "mm", "m", "deg", "rad"];
 const LEAD = /^(?:\{\w+\}\s*)+/; // of a template: what is filled in before its first word
 
-// Names of settings in messages, which the terminal needs: a page says what they are called. An empty label is one of
-// a name that stands for several settings: in brackets it is left out.
-const LABELS: Record<string, string> = labels;
+// Names of settings and procedures in messages, which the terminal needs: a page says what they are called. An empty
+// label is one of a name that stands for several settings: in brackets it is left out.
+const LABELS: Record<string, string> = { ...titles, ...labels };
 const NAMED = /( ?\()?\b(?:[a-z]+\.)*([a-z0-9]+(?:_[a-z0-9]+)+)\b(\))?/g;
 
 /** A sentence, and whether it is still English on a page that is not. */
@@ -159,8 +160,8 @@ class Sayings {
   }
 
   #value(argument: Argument): string | null {
-    if (typeof argument !== "string") return withSpaceOf(english(argument), this.#joined(this.#partsOf(argument)));
-    return isNumber(argument) ? this.#written(argument) : this.#text(argument);
+    if (typeof argument !== "string") return withSpacesOf(english(argument), this.#joined(this.#partsOf(argument)));
+    return isNumber(argument) ? this.#written(argument) : withSpacesOf(argument, this.#text(argument));
   }
 
   #written(number: string): string {
@@ -190,9 +191,11 @@ function wholeSentence({ text, english }: Spoken): string {
   return text.replace(BEGINNING, (letter) => letter.toUpperCase()) + (STOPPED.test(text) ? "" : stop);
 }
 
-/** A translation with the space before the English text, which may be the end of another. */
-const withSpaceOf = (text: string, translated: string | null): string | null =>
-  translated !== null && text.startsWith(" ") ? ` ${translated.trimStart()}` : translated;
+/** A translation with the spaces around the English text, which may be a part of another; Chinese ends in none. */
+const withSpacesOf = (text: string, translated: string | null): string | null =>
+  translated === null
+    ? null
+    : `${text.startsWith(" ") ? " " : ""}${translated.trim()}${text.endsWith(" ") && language.locale !== "zh" ? " " : ""}`;
 
 const isCount = (text: string): boolean => text !== "" && [...text].every((letter) => letter >= "0" && letter <= "9");
 

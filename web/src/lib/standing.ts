@@ -37,3 +37,7 @@ export function leftRuns(runs: RunLine[], session: Session): LeftRun[] {
     return name === session.robot || run.in_doubt !== "" ? [{ robot: name, run }] : [];
   });
 }
+
+/** Whether a run that ended half-way can be gone on with: with a lost position, only what brings it back. */
+export const mayGoOn = (run: RunHead, session: Session): boolean =>
+  session.losses.every((each) => each.robot !== session.robot || each.procedure === run.procedure);

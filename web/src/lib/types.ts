@@ -76,9 +76,17 @@ export interface PromptData {
   count?: number; // of numbers that are asked for
   usual?: number; // of a number that is asked for, in the unit shown
   counts?: Record<string, number[]>; // of encoders, one for each axis
-  target?: { joints_rad: number[]; tolerance_rad: number };
+  target?: HandTarget;
   jog?: JogTurn; // of one axis, by a person at the pendant
   typed_counts?: { name: string; now: number; type: number }[]; // six integers for the pendant
+}
+
+/** Where a person brings the arm at the pendant; corners and pace only where it is jogged. */
+export interface HandTarget {
+  joints_rad: number[];
+  tolerance_rad: number;
+  by_way_rad?: number[][];
+  pace_rad_s?: number;
 }
 
 export interface JogTurn {
