@@ -39,5 +39,5 @@ export function leftRuns(runs: RunLine[], session: Session): LeftRun[] {
 }
 
 /** Whether a run that ended half-way can be gone on with: with a lost position, only what brings it back. */
-export const mayGoOn = (run: RunHead, session: Session): boolean =>
-  session.losses.every((each) => each.robot !== session.robot || each.procedure === run.procedure);
+export const mayGoOn = (run: RunLine, robot: string, losses: Session["losses"]): boolean =>
+  losses.every((each) => each.robot !== robot || each.procedure === run.procedure);
