@@ -93,6 +93,10 @@ SHORT_LIVED = {
     ("procedures/robot_stop.py", "finish_cleanup"): "one clean-up, awaited",
     ("service/export/webhook_target.py", "deliver_event"): "cuts one delivery off, and is cancelled with it",
     ("fake_devices/universal_robots/ports.py", "open"): "a port of a fake",
+    (
+        "fake_devices/listening_port.py",
+        "_accept_client",
+    ): "one client of a fake: its failure is told when it ends",
     ("procedures/motion/guarded_move.py", "*"): "one move, awaited",
     ("procedures/questions.py", "ask_while_watching"): "one instruction, awaited",
     ("fake_devices/laser_tracker/controller.py", "*"): "one command of a fake",

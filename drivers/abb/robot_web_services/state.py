@@ -88,9 +88,8 @@ async def _read_calibration_offsets(link: WebLink) -> tuple[ShownValue, ...]:
         except (RefusedError, WireProtocolError):
             return ()
         rows = state.get("attrib")
-        values = (
-            {row.get("_title"): row.get("value") for row in rows if isinstance(row, dict)} if rows else {}
-        )
+        listed = rows if isinstance(rows, list) else []
+        values = {row.get("_title"): row.get("value") for row in listed if isinstance(row, dict)}
         if not isinstance(values.get(_OFFSET), str):
             return ()
         valid = "" if values.get(f"valid_{_OFFSET}") == "true" else " (not valid)"
