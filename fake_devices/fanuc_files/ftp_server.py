@@ -122,17 +122,12 @@ class _FtpSession:
         self._server, self._reader, self._writer = server, reader, writer
         self._logged_in = False
         self._folder = ""
-        self._listener: asyncio.Server | None = None
+        self._data_port: ListeningPort | None = None
         self._data: asyncio.Queue[asyncio.StreamWriter] = asyncio.Queue()
-        self._data_writers: list[asyncio.StreamWriter] = []
 
     async def close_data_connections(self) -> None:
-        if self._listener is not None:
-            self._listener.close()
-        for writer in self._data_writers:
-            writer.close()
-            with suppress(ConnectionError):
-                await writer.wait_closed()
+        if self._data_port is not None:
+            await self._data_port.wait_closed()
 
     async def serve_commands(self) -> None:
         await self._reply(f"220 R-30iB Plus FTP server ready. [LR {self._server.cabinet.software}]")
@@ -181,21 +176,21 @@ class _FtpSession:
             await self._reply("550 No such device.")
 
     async def _listen(self, verb: str) -> None:
-        if self._listener is not None:
-            self._listener.close()
-
-        def take_connection(_: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-            self._data_writers.append(writer)
-            self._data.put_nowait(writer)
-
+        await self.close_data_connections()
         self._data = asyncio.Queue()
-        self._listener = await asyncio.start_server(take_connection, HOST, 0)
-        port = self._listener.sockets[0].getsockname()[1]
+        self._data_port = ListeningPort(HOST, 0, self._offer_connection)
+        await self._data_port.open()
+        port = self._data_port.port
         if verb == "EPSV":
             await self._reply(f"229 Entering extended passive mode (|||{port}|).")
             return
         host = "10,0,0,9" if self._server.faults.names_wrong_address else HOST.replace(".", ",")
         await self._reply(f"227 Entering passive mode ({host},{port >> 8},{port & 255}).")
+
+    async def _offer_connection(self, _: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        """Hand a data connection to the transfer that waits for it, which closes it."""
+        self._data.put_nowait(writer)
+        await writer.wait_closed()
 
     async def _transfer(self, verb: str, argument: str) -> None:
         name, content = argument.lower(), self._content_of(verb, argument)
@@ -227,7 +222,7 @@ class _FtpSession:
         faults = self._server.faults
         if verb != "RETR" and faults.lists_nothing:
             return "502 Command not implemented."
-        if self._listener is None:
+        if self._data_port is None:
             return "425 No data connection."
         if content is None:
             return "550 No such file."

@@ -72,10 +72,10 @@ def at_a_corner(
     """Play a robot with a probe in a corner that opens to +x, +y, +z of a frame (4, 4), all hidden effects on.
 
     What a busy machine makes late counts in the world's time: at four times its own the frame's uncertainty reached
-    the limit of its verdict.
+    the limit of its verdict. Where the arm comes to rest at the surface it swings for longer than a contact springs.
     """
     tables = corner_tables(robot, base_frame)
-    with _play_cell(folder, robot, tables, tip_sigma_mm=tip_sigma_mm, pace=2.0) as cell:
+    with _play_cell(folder, robot, tables, tip_sigma_mm=tip_sigma_mm, pace=2.0, bounce_ms=15.0) as cell:
         yield cell
 
 
@@ -88,6 +88,7 @@ def _play_cell(
     tip_sigma_mm: float,
     hidden: bool = True,
     pace: float = 3.0,
+    bounce_ms: float | None = None,
 ) -> Iterator[tuple[Path, FakeCellClient]]:
     instruments = touch_probe_table(
         robot=robot,
@@ -100,6 +101,7 @@ def _play_cell(
         overtravel_mm=6.0,
         silence_ms=600.0,  # on a quiet machine; every way without a touch waits for so long at its end
         debounce_ms=40.0,
+        bounce_ms=bounce_ms,
         poll_ms=6.0,
     ) + dial_gauge_table(robot=robot, tip_in_flange_mm=list(TIP_MM))
     world = fake_table(watchdog_factor=10.0, time_factor=pace, hidden=hidden)

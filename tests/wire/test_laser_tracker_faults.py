@@ -101,7 +101,7 @@ class TestTheLink:
             measuring = asyncio.create_task(tracker.measure_point())
             for _ in range(turns):
                 await asyncio.sleep(0)
-            simulated_tracker.server.drop_connections()
+            simulated_tracker.server.cut_connections()
             found = (await asyncio.gather(measuring, return_exceptions=True))[0]
             if isinstance(found, BaseException):
                 assert isinstance(found, DeviceError)
@@ -302,7 +302,7 @@ class TestTheStation:
         self, tracker: LaserTracker, simulated_tracker: FakeTracker, fault: str
     ) -> None:
         await tracker.measure_point()
-        simulated_tracker.server.drop_connections()
+        simulated_tracker.server.cut_connections()
         await simulated_tracker.inject_fault(fault, {"silently": True})
         with pytest.raises(DeviceError):
             await tracker.measure_point()

@@ -8,8 +8,6 @@ from pathlib import Path
 from cellcal.fake_devices.listening_port import ListeningPort
 
 ROOT = Path(__file__).parents[2]
-# The port itself, and data connections of FTP, whose handler is no coroutine and notes each of them at once.
-OWN_SERVERS = {"fake_devices/listening_port.py", "fake_devices/fanuc_files/ftp_server.py"}
 
 
 async def test_a_client_that_comes_while_the_port_closes_is_hung_up() -> None:
@@ -54,4 +52,4 @@ def test_no_other_server_is_started() -> None:
             for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
         )
     }
-    assert found == OWN_SERVERS
+    assert found == {"fake_devices/listening_port.py"}

@@ -14,44 +14,17 @@ from cellcal.procedures.steps.measure_point import PointCapture, check_station, 
 from cellcal.service.configuration.cell_file import read_cell_file
 from cellcal.service.runs.cell_check import check_cell
 from cellcal.service.runs.open_cell import open_cell
-from tests.wire.fake_devices_process import run_fakes
+from tests.cell_tables import cell_head, fake_table, tracker_table, universal_robots_table
+from tests.wire.fake_devices_process import TIME_FACTOR, run_fakes
 
-CELL = """\
-[cell]
-name = "tracker tests"
-data_dir = "{folder}"
-
-[[robot]]
-name = "ur"
-driver = "universal_robots"
-address = "{address}"
-model = "ur10e"
-motion = "commanded"
-serial = "20225500042"
-deadline_s = 4.0
-speed_limit_rad_s = 1.0
-watchdog_hz = 1.0
-settle_s = 0.1
-
-{floor}
-[[tracker]]
-name = "at"
-driver = "laser_tracker"
-address = "{address}"
-port = 7700
-serial = 390793
-station = 2
-measures_poses = true
-deadline_s = 4.0
-robot = "ur"
-target_in_flange_mm = [80.0, 40.0, 100.0]
-
-[fake]
-watchdog_factor = 10.0
-seed = 11
-time_factor = {time_factor}
-control_port = 0
-"""
+CELL = "".join(
+    (
+        cell_head("tracker tests"),
+        universal_robots_table(deadline_s=4.0, speed_limit_rad_s=1.0, settle_s=0.1),
+        tracker_table(name="at", measures_poses=True, deadline_s=4.0, robot="ur"),
+        fake_table(watchdog_factor=10.0, seed=11, time_factor=TIME_FACTOR),
+    )
+)
 HOME = np.array([-1.2, -1.5, 1.6, -1.6, -1.5, 0.2])
 POSES = 12
 

@@ -9,42 +9,39 @@ from cellcal.procedures.catalogue import definition_named, missing_needs
 from cellcal.service.cli.app import run_command_line
 from cellcal.service.configuration.cell_file import read_cell_file
 from cellcal.service.runs.open_cell import offline_cell
+from tests.cell_tables import cell_head, fake_table, fill_in, write_table
 from tests.machine_speed import stretched_s
-from tests.wire.fake_devices_process import run_fakes
+from tests.wire.fake_devices_process import TIME_FACTOR, run_fakes
 
 pytestmark = pytest.mark.timeout(stretched_s(120.0))
 
-CELL = """\
-[cell]
-name = "three generations"
-data_dir = "{folder}"
-
-[[robot]]
-name = "new"
-driver = "universal_robots"
-address = "{address}"
-robot_api_port = 8089
-model = "ur10e"
-serial = "20235500043"
-deadline_s = 2.0
-calibration = ""
-
-[[robot]]
-name = "old"
-driver = "universal_robots"
-address = "{second_address}"
-model = "ur5"
-serial = "20123000001"
-deadline_s = 2.0
-
-[fake]
-seed = 1
-time_factor = {time_factor}
-control_port = 0
-
-[fake.robots.new]
-software = "10.12.1.0"
-"""
+CELL = "".join(
+    (
+        cell_head("three generations"),
+        write_table(
+            "robot",
+            name="new",
+            driver="universal_robots",
+            address="{address}",
+            robot_api_port=8089,
+            model="ur10e",
+            serial="20235500043",
+            deadline_s=2.0,
+            calibration="",
+        ),
+        write_table(
+            "robot",
+            name="old",
+            driver="universal_robots",
+            address="{second_address}",
+            model="ur5",
+            serial="20123000001",
+            deadline_s=2.0,
+        ),
+        fake_table(time_factor=TIME_FACTOR),
+        write_table("fake.robots.new", software="10.12.1.0"),
+    )
+)
 
 
 def test_the_check_says_what_could_not_be_distinguished(
@@ -76,7 +73,7 @@ def test_the_check_says_what_could_not_be_distinguished(
 def test_a_robot_that_is_only_read_is_moved_by_a_person_or_not_at_all(
     tmp_path: Path, motion: str, offered: bool
 ) -> None:
-    text = CELL.format(folder=tmp_path, address="10.0.0.7", second_address="10.0.0.8", time_factor=1.0)
+    text = fill_in(CELL, folder=str(tmp_path), address="10.0.0.7", second_address="10.0.0.8")
     path = tmp_path / "cell.toml"
     path.write_text(text.replace('model = "ur5"', f'model = "ur5"\nmotion = "{motion}"'))
     cell = offline_cell(read_cell_file(path), "old")
