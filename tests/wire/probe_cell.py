@@ -75,7 +75,7 @@ def at_a_corner(
     the limit of its verdict. Where the arm comes to rest at the surface it swings for longer than a contact springs.
     """
     tables = corner_tables(robot, base_frame)
-    with _play_cell(folder, robot, tables, tip_sigma_mm=tip_sigma_mm, pace=2.0, bounce_ms=15.0) as cell:
+    with _play_cell(folder, robot, tables, tip_sigma_mm=tip_sigma_mm, pace=2.0, bounce_ms=40.0) as cell:
         yield cell
 
 
