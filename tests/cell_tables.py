@@ -8,7 +8,6 @@ from typing import Any
 
 _LISTED = {"robot", "gauge", "tracker", "probe", "robot.space.plane", "fake.artefact"}
 FLOOR = {"name": "floor", "point_in_base_mm": [0, 0, -900], "normal_in_base": [0, 0, 1]}
-CONTROLLER = "00:30:DE:0A:0B:0C"  # the coupler that carries the probe and the dial gauge
 
 
 def fill_in(text: str, **values: str) -> str:
@@ -113,18 +112,13 @@ def touch_probe_table(**changes: Any) -> str:
     usual = {
         "name": "probe",
         "driver": "touch_probe",
-        "address": "{address}",
-        "port": 1503,
-        "serial": CONTROLLER,
-        "robot": "fanuc",
         "contact_input": 1,
         "tip_radius_mm": 1.5,
         "sigma_mm": 0.003,
         "delay_ms": 6.0,
         "delay_tolerance_ms": 3.0,
-        "deadline_s": 5.0,
     }
-    return write_table("probe", **usual | changes)
+    return _write_coupler_table(usual | changes)
 
 
 def dial_gauge_table(**changes: Any) -> str:
@@ -132,17 +126,23 @@ def dial_gauge_table(**changes: Any) -> str:
     usual = {
         "name": "dial",
         "driver": "dial_gauge",
-        "address": "{address}",
-        "port": 1503,
-        "serial": CONTROLLER,
-        "robot": "fanuc",
         "dial_input": 2,
         "tip_in_flange_mm": [0.0, 0.0, 160.0],
         "range_mm": 12.5,
         "sigma_mm": 0.01,
+    }
+    return _write_coupler_table(usual | changes)
+
+
+def _write_coupler_table(fields: dict[str, Any]) -> str:
+    coupler = {
+        "address": "{address}",
+        "port": 1503,
+        "serial": "00:30:DE:0A:0B:0C",
+        "robot": "fanuc",
         "deadline_s": 5.0,
     }
-    return write_table("probe", **usual | changes)
+    return write_table("probe", **coupler | fields)
 
 
 def fake_table(**changes: Any) -> str:

@@ -51,11 +51,10 @@ def pairing_causes(
     """
     if not isinstance(series, PointObservations) or len(series) < _FEWEST_ROWS or not np.isfinite(limit_m):
         return ()
-    orders = [*_reversed_rows(len(series)), *_changed_parts(model, series)]
-    scores = _scores(model, series, orders)
-    likely = [orders[at] for at in np.argsort(scores)[:1].tolist()]
-    for order in (*likely, *_displaced_rows(model, series, limit_m)):
-        rows = spread_rows(len(series), _MOST_ROWS)
+    orders = [*_reversed_rows(len(series)), *_changed_parts(len(series))]
+    likely = orders[int(np.argmin(_scores(model, series, orders)))]
+    rows = spread_rows(len(series), _MOST_ROWS)
+    for order in (likely, *_displaced_rows(model, series, limit_m)):
         joints = series.joints_rad[order.joints_of][rows]
         left_m = fit(model, replace(series.select_rows(rows), joints_rad=joints)).score_m
         if left_m <= limit_m:
@@ -77,9 +76,8 @@ def _reversed_rows(count: int) -> Iterator[_Order]:
     )
 
 
-def _changed_parts(model: RobotModel, series: PointObservations) -> Iterator[_Order]:
+def _changed_parts(count: int) -> Iterator[_Order]:
     """Give series whose first part of joints belongs to the last part of measured values."""
-    count = len(series)
     every = np.arange(1, count)
     if count > _MOST_TURNS:
         halves = (count // 2, count - count // 2)

@@ -14,7 +14,6 @@ Not modelled
 """
 
 import asyncio
-import logging
 import socket
 import struct
 from collections.abc import Callable, Mapping
@@ -23,8 +22,6 @@ from typing import Any, Protocol
 
 from cellcal.fake_devices.link_faults import LinkFaults
 from cellcal.fake_devices.listening_port import ListeningPort
-
-log = logging.getLogger(__name__)
 
 MAX_CONNECTIONS = 4
 KINDS: dict[str, dict[str, Any]] = {
@@ -136,10 +133,7 @@ class ModbusServer(ListeningPort):
             self.cut_oldest_connection()
         sock: socket.socket = writer.get_extra_info("socket")
         sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        try:
-            await self._read_requests(reader, writer)
-        except (ConnectionError, asyncio.IncompleteReadError) as error:
-            log.debug("connection ended: %s", error)
+        await self._read_requests(reader, writer)
 
     async def _read_requests(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         while True:

@@ -187,7 +187,7 @@ async def test_a_screen_that_says_more_than_it_may_is_let_go() -> None:
     app = FastAPI()
 
     @app.websocket("/screen")
-    async def hear(socket: WebSocket) -> None:
+    async def count_received(socket: WebSocket) -> None:
         await socket.accept()
         while True:
             await socket.send_text(str(len(await socket.receive_text())))

@@ -16,9 +16,10 @@ from cellcal.calibration.identification.observations import (
 from cellcal.calibration.identification.unrounding import find_resolution
 from cellcal.calibration.message import make_message
 from cellcal.service.engineering.measured.columns import TableLayout, UntoldPlaceError, detect_layout
-from cellcal.service.engineering.measured.joined_sheets import joined_files, joined_tables
+from cellcal.service.engineering.measured.joined_sheets import joined_tables
 from cellcal.service.engineering.measured.joint_coupling import controller_joints
 from cellcal.service.engineering.measured.joint_units import joint_units, refuse_typed_zeros
+from cellcal.service.engineering.measured.joints_file import with_joints_of
 from cellcal.service.engineering.measured.merged_cells import fill_merged_joints
 from cellcal.service.engineering.measured.nest_readings import find_nest_readings
 from cellcal.service.engineering.measured.no_readings import no_readings, usable_without
@@ -109,20 +110,8 @@ def read_measurements(path: Path, model: RobotModel, options: ReadOptions | None
     options = options or ReadOptions()
     table = read_table(path, sheet=options.sheet)
     if options.joints_file is not None:
-        table = _with_joints_of(options.joints_file, table, model)
+        table = with_joints_of(options.joints_file, table, model)
     return _interpret_table(table, path, model, options)
-
-
-def _with_joints_of(path: Path, readings: MeasurementTable, model: RobotModel) -> MeasurementTable:
-    """Return readings with the joints of another file; its columns without headings are the joints."""
-    joints = read_table(path)
-    silent = tell_nothing(joints.names)
-    if silent and len(joints.names) == model.axis_count:
-        joints = replace(joints, names=tuple(f"joint {at + 1}" for at in range(model.axis_count)))
-    elif silent and tell_nothing(readings.names):
-        names = tuple(f"column {len(readings.names) + at + 1}" for at in range(len(joints.names)))
-        joints = replace(joints, names=names)
-    return joined_files(readings, joints)
 
 
 def _interpret_table(

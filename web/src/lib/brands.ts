@@ -1,5 +1,7 @@
 // The maker of a robot by its model's name: whose words stand on its pendant.
 
+import type { Session } from "./types";
+
 export type Brand = "fanuc" | "ur" | "kuka" | "abb" | "yaskawa";
 
 const MARKS: [RegExp, Brand][] = [
@@ -11,7 +13,13 @@ const MARKS: [RegExp, Brand][] = [
 ];
 
 /** The maker; null where the name does not say. */
-export const brandOf = (model: string): Brand | null => MARKS.find(([mark]) => mark.test(model))?.[1] ?? null;
+const brandOf = (model: string): Brand | null => MARKS.find(([mark]) => mark.test(model))?.[1] ?? null;
+
+/** The maker of the robot that a session has selected. */
+export function selectedBrand(session: Session | null | undefined): Brand | null {
+  const robot = session?.robots.find((each) => each.name === session.robot);
+  return robot ? brandOf(robot.model) : null;
+}
 
 // What pendants call the axes that are J1 to J6 on every page.
 const AXES: Partial<Record<Brand, string[]>> = {

@@ -27,17 +27,15 @@ export function standingOf(session: Session, moving: boolean, stopped: boolean):
 export interface LeftRun {
   robot: string;
   run: RunLine;
+  mayGoOn: boolean; // with a lost position, only what brings it back
 }
 
-/** The run that the selected robot was left in, and those in which another robot may have moved since. */
+/** What the selected robot can go on with, and every robot's run that may have moved it since. */
 export function leftRuns(runs: RunLine[], session: Session): LeftRun[] {
   return session.robots.flatMap(({ name, serial }) => {
     const run = runs.find((each) => each.robot_serial === serial);
     if (!run || !HALF_WAY.includes(run.state)) return [];
-    return name === session.robot || run.in_doubt !== "" ? [{ robot: name, run }] : [];
+    const mayGoOn = session.losses.every((each) => each.robot !== name || each.procedure === run.procedure);
+    return run.in_doubt !== "" || (name === session.robot && mayGoOn) ? [{ robot: name, run, mayGoOn }] : [];
   });
 }
-
-/** Whether a run that ended half-way can be gone on with: with a lost position, only what brings it back. */
-export const mayGoOn = (run: RunLine, robot: string, losses: Session["losses"]): boolean =>
-  losses.every((each) => each.robot !== robot || each.procedure === run.procedure);

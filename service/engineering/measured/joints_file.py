@@ -1,0 +1,27 @@
+"""Joints that stand in another file than the readings."""
+
+from dataclasses import replace
+from pathlib import Path
+
+from cellcal.calibration.arm.kinematics import RobotModel
+from cellcal.service.engineering.measured.joined_sheets import joined_files
+from cellcal.service.engineering.measured.table import MeasurementTable, read_table
+from cellcal.service.engineering.measured.unnamed_columns import tell_nothing
+
+
+def with_joints_of(path: Path, readings: MeasurementTable, model: RobotModel) -> MeasurementTable:
+    """Return readings with the joints of another file; its columns without headings are the joints.
+
+    Raises
+    ------
+    MeasurementError
+        The file of joints cannot be read, or nothing tells which rows belong together.
+    """
+    joints = read_table(path)
+    silent = tell_nothing(joints.names)
+    if silent and len(joints.names) == model.axis_count:
+        joints = replace(joints, names=tuple(f"joint {at + 1}" for at in range(model.axis_count)))
+    elif silent and tell_nothing(readings.names):
+        names = tuple(f"column {len(readings.names) + at + 1}" for at in range(len(joints.names)))
+        joints = replace(joints, names=names)
+    return joined_files(readings, joints)
