@@ -118,7 +118,7 @@ def inverse_transform(matrix: Array) -> Array:
 
 
 def is_rigid(matrix: Array, *, tolerance: float = 1e-6) -> bool:
-    """Tell whether all of (…, 4, 4) are finite, orthonormal, right-handed and end in 0 0 0 1."""
+    """Return whether all of (…, 4, 4) are finite, orthonormal, right-handed and end in 0 0 0 1."""
     matrix = np.asarray(matrix, dtype=float)
     if matrix.shape[-2:] != (4, 4) or not np.isfinite(matrix).all():
         return False
@@ -128,7 +128,7 @@ def is_rigid(matrix: Array, *, tolerance: float = 1e-6) -> bool:
 
 
 def is_rotation(rotation: Array, *, tolerance: float = 1e-6) -> bool:
-    """Tell whether all of (…, 3, 3) are finite, orthonormal and right-handed."""
+    """Return whether all of (…, 3, 3) are finite, orthonormal and right-handed."""
     rotation = np.asarray(rotation, dtype=float)
     if rotation.shape[-2:] != (3, 3) or not np.isfinite(rotation).all():
         return False

@@ -94,7 +94,7 @@ def brand_of_list(name: str) -> ProgramBrand | None:
 
 
 def is_resaved_program(name: str, data: bytes) -> bool:
-    """Tell whether a file is a program that an editor saved in an encoding that no controller reads."""
+    """Return whether a file is a program that an editor saved in an encoding that no controller reads."""
     if data.startswith(BOM_UTF8):
         return brand_of(name, data[len(BOM_UTF8) :]) is not None
     text = data[:_LOOKED_AT]

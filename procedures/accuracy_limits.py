@@ -164,5 +164,5 @@ def limits_text(accuracy_class: AccuracyClass, own: object) -> str:
 
 
 def is_in_reach(predicted_expanded: float, limit: float) -> bool:
-    """Tell whether a limit may be chosen: the predicted U is at most a third of it."""
+    """Return whether a limit may be chosen: the predicted U is at most a third of it."""
     return predicted_expanded <= limit / SELECTABLE_SHARE

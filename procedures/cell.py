@@ -144,7 +144,7 @@ class DeviceCertificate:
     due: str
 
     def is_valid_on(self, day: str) -> bool:
-        """Tell whether it is valid on that day (ISO date)."""
+        """Return whether it is valid on that day (ISO date)."""
         return self.issued <= day <= self.due
 
 

@@ -171,7 +171,7 @@ async def _confirm_written(
 
 
 def _is_data_different(record: MasteringRecord, state: MotorState) -> bool:
-    """Tell whether the controller holds other mastering data than the record, or none."""
+    """Return whether the controller holds other mastering data than the record, or none."""
     return state.mastering != MasteringData(record.counts_at_zero, mastered=True)
 
 

@@ -70,7 +70,7 @@ class ProcedureDefinition:
     refit: Callable[[Any, Sequence[Finding]], Refit | None] | None = None  # spec, findings: what if
 
     def reads_gauge(self, *ways: object) -> bool:
-        """Tell whether lengths of the cell's gauge are behind a result; ``ways`` are its method and evidence."""
+        """Return whether lengths of the cell's gauge are behind a result; ``ways`` are its method and evidence."""
         return "gauge" in self.needs or "wire" in ways
 
     def result_codec(self) -> TypeAdapter[Any]:
@@ -163,7 +163,7 @@ def all_missing(entry: ProcedureDefinition, cell: Cell) -> tuple[str, ...]:
 
 
 def is_for_other_controllers(entry: ProcedureDefinition, cell: Cell) -> bool:
-    """Tell whether nothing that a person adds makes a procedure possible here: this controller has its own way.
+    """Return whether nothing that a person adds makes a procedure possible here: this controller has its own way.
 
     A lost position is brought back either by writing the mastering or by a person at the pendant; of the two a list
     for people leaves out the one that belongs to controllers of another kind.

@@ -54,7 +54,7 @@ def explain_os_error(error: OSError) -> tuple[str, str]:
 
 
 def is_about_the_system(error: BaseException) -> bool:
-    """Tell whether an error is of a file or disk, and no fault of the program."""
+    """Return whether an error is of a file or disk, and no fault of the program."""
     return isinstance(error, OSError) and (error.filename is not None or error.errno in _OF_A_DISK)
 
 

@@ -85,7 +85,7 @@ def parse_reference(text: str) -> ModelReference:
 
 
 def is_known_model(reference: str) -> bool:
-    """Tell whether a robot model can be loaded by this reference."""
+    """Return whether a robot model can be loaded by this reference."""
     try:
         load_model(reference)
     except CalibrationError:
@@ -130,7 +130,7 @@ def maker_of(reference: str) -> str:
 
 
 def is_linkage(reference: str) -> bool:
-    """Tell whether a robot of the catalogue has rods that drive an axis."""
+    """Return whether a robot of the catalogue has rods that drive an axis."""
     name = parse_reference(reference).where
     return any(entry.name == name and entry.kind == LINKAGE for entry in catalogue_entries())
 

@@ -128,7 +128,7 @@ def parse_description(text: str) -> ET.Element:
 
 
 def _names_are_computed(root: ET.Element) -> bool:
-    """Tell whether a link or joint is called by an expression that xacro would have replaced."""
+    """Return whether a link or joint is called by an expression that xacro would have replaced."""
     named = [*root.iter("link"), *root.iter("joint"), *root.iter("parent"), *root.iter("child")]
     names = (element.get(key, "") for element in named for key in ("name", "link", "type"))
     return any("${" in name or "$(" in name for name in names)

@@ -31,7 +31,7 @@ class NearestPoses:
 
 
 def moves_six_joints(model: RobotModel) -> bool:
-    """Tell whether an arm has six joints, all of which turn: such an arm reaches a pose in single postures."""
+    """Return whether an arm has six joints, all of which turn: such an arm reaches a pose in single postures."""
     return model.axis_count == _POSE and model.sliding is None
 
 

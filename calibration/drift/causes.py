@@ -77,7 +77,7 @@ class DriftFinding:
         return self.suspects[0]
 
     def is_decided(self, probability: float) -> bool:
-        """Tell whether there is no change to explain, or one cause of it is that probable."""
+        """Return whether there is no change to explain, or one cause of it is that probable."""
         named = self.likeliest_cause.name not in (OTHER, NOTHING)
         return not self.has_changed or (named and self.likeliest_cause.probability >= probability)
 

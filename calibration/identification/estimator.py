@@ -157,7 +157,7 @@ def _iterate_steps(
 
 
 def is_settled(step: Array, spread: Array, prior: Array, enough_m: float = _INVISIBLE_M) -> bool:
-    """Tell whether all that a step leaves out is invisible; step and posterior deviations in prior deviations.
+    """Return whether all that a step leaves out is invisible; step and posterior deviations in prior deviations.
 
     That is so when the step itself is, or what is quadratic in it (an arm is a metre long).
     """

@@ -83,7 +83,7 @@ def base_and_tool(base_flange: Array, positions_m: Array) -> tuple[Array, Array]
 
 
 def stand_still(origins_m: Array) -> Array:
-    """Tell whether flanges (..., N, 3) turn without moving, as on the axis of a turntable: of each series."""
+    """Return whether flanges (..., N, 3) turn without moving, as on the axis of a turntable: of each series."""
     still: Array = np.ptp(origins_m, axis=-2).max(axis=-1) < _STILL_M
     return still
 

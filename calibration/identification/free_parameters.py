@@ -86,7 +86,7 @@ class StartingPoint:
         return self.places is not None and bool(self.free) and not {"base", "tool"} <= set(self.free)
 
     def is_freed(self, parameter: Parameter) -> bool:
-        """Tell whether a fit may move a parameter."""
+        """Return whether a fit may move a parameter."""
         if not self.free or (self.places is None and parameter.role in PLACE_ROLES):
             return True
         return any(_word_names(word, parameter) for word in self.free)

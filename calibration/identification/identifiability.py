@@ -188,7 +188,7 @@ def _suggest_measurement(parameter: Parameter, partners: tuple[Parameter, ...]) 
 
 
 def _is_one_rotation(parameter: Parameter, partners: tuple[Parameter, ...]) -> bool:
-    """Tell whether only an offset and the beta of one row are meant: without parallel axes they are one turn."""
+    """Return whether only an offset and the beta of one row are meant: without parallel axes they are one turn."""
     words = {p.name.split()[-1] for p in (parameter, *partners)}
     return words == {"offset", "beta"} and {p.joint for p in partners} == {parameter.joint}
 

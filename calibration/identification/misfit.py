@@ -211,7 +211,7 @@ def _unknown_cause_error(
 
 
 def _differ_at_same_joints(observations: MeasuredRows, limit_m: float) -> bool:
-    """Tell whether many rows repeat the joints of another row and measure another place."""
+    """Return whether many rows repeat the joints of another row and measure another place."""
     if not isinstance(observations, PointObservations):
         return False
     _, posture, counts = np.unique(observations.joints_rad, axis=0, return_inverse=True, return_counts=True)
@@ -223,7 +223,7 @@ def _differ_at_same_joints(observations: MeasuredRows, limit_m: float) -> bool:
 
 
 def _misfits_throughout(model: RobotModel, observations: Observations, limit_m: float) -> bool:
-    """Tell whether no part of a series fits by itself: where one does, a device was moved between the parts."""
+    """Return whether no part of a series fits by itself: where one does, a device was moved between the parts."""
     fewest = _FEWEST[observations.kind]
     parts = np.array_split(np.arange(len(observations)), max(min(len(observations) // fewest, _PARTS), 1))
     return all(

@@ -173,7 +173,7 @@ def _mixed_angle_units(
 
 
 def _stand_together(joints: Sequence[int], turning: Sequence[int]) -> bool:
-    """Tell whether joints are the first or the last of those that turn."""
+    """Return whether joints are the first or the last of those that turn."""
     count = len(joints)
     return list(joints) in (list(turning[:count]), list(turning[-count:]))
 

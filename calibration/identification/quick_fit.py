@@ -167,7 +167,7 @@ def _length_residuals(base_flange: Array, lengths_m: Array, *, free_zero: bool) 
 
 
 def has_enough_lengths(rows: int) -> bool:
-    """Tell whether so many lengths carry the linear solution, with some to judge by."""
+    """Return whether so many lengths carry the linear solution, with some to judge by."""
     return rows >= _LENGTH_UNKNOWNS + 6
 
 

@@ -81,7 +81,7 @@ class _Hypothesis:
             at += len(columns)
 
     def is_certain(self) -> bool:
-        """Tell whether each change of a target or joint is larger than chance and than what matters."""
+        """Return whether each change of a target or joint is larger than chance and than what matters."""
         smallest = {TARGET: SMALLEST_M, JOINT: _SMALLEST_RAD, DEVICE: 0.0}
         return all(
             np.linalg.norm(found) > max(DEVIATIONS * sigma, smallest[kind])
@@ -228,7 +228,7 @@ def _approaches(observations: Observations) -> Array:
 
 
 def _may_be_play(found: _Hypothesis, search: _Search, approaches: Array) -> bool:
-    """Tell whether a joint whose zero changed comes to its places from the other side from that row on.
+    """Return whether a joint whose zero changed comes to its places from the other side from that row on.
 
     The play of the joint explains such rows as well: a sweep upwards and back is no reason to refuse them.
     """
@@ -261,7 +261,7 @@ def _decisive(search: _Search) -> _Hypothesis | None:
 
 
 def _is_decisive(found: _Hypothesis, simple: float, rival: float, search: _Search) -> bool:
-    """Tell whether a hypothesis leaves far less than simpler ones, and than a rival and a drift of the device."""
+    """Return whether a hypothesis leaves far less than simpler ones, and than a rival and a drift of the device."""
     drift = min(rival, search.drift_scatter(search.device))
     return (
         TIMES_BETTER**2 * found.scatter < simple

@@ -99,7 +99,7 @@ def unround_joints(
 def follow_nominal_arm(
     model: RobotModel, joints_rad: Array, joint_step_rad: Array, places_m: Array, place_step_m: float
 ) -> bool:
-    """Tell whether places (N, 3) are what the nominal arm calculates from the joints, to within all rounding."""
+    """Return whether places (N, 3) are what the nominal arm calculates from the joints, to within all rounding."""
     sigma_q = np.maximum(joint_step_rad * _UNIFORM, 1e-9)
     frames = _controller_frames(model, joints_rad, places_m, sigma_q, place_step_m)
     disagreement = errors_m(frames.state, _printed_problem(frames, joints_rad, places_m))

@@ -159,7 +159,7 @@ class MasteringRecord:
 
     @property
     def is_measured(self) -> bool:
-        """Tell whether it holds lengths or places, so that lost turns can be found with it."""
+        """Return whether it holds lengths or places, so that lost turns can be found with it."""
         return self.wire is not None or self.kit is not None
 
     def wire_lengths(self) -> tuple[WireReference, WirePrior]:

@@ -45,13 +45,13 @@ def chi_limit(hypothesis: Hypothesis) -> float:
 
 
 def is_blocking_whole_turns(rival: Hypothesis, whole: Hypothesis) -> bool:
-    """Tell whether a rival forbids to accept whole turns: a fraction of a turn does once it is likelier."""
+    """Return whether a rival forbids to accept whole turns: a fraction of a turn does once it is likelier."""
     margin = _CHANGE_LIKELIER if rival.kind == "geometry" else 0.0
     return rival.log_evidence > whole.log_evidence + margin
 
 
 def is_explained(hypothesis: Hypothesis) -> bool:
-    """Tell whether a story leaves no more than 99.9 % of the residuals that it allows."""
+    """Return whether a story leaves no more than 99.9 % of the residuals that it allows."""
     return hypothesis.chi_square <= chi_limit(hypothesis)
 
 

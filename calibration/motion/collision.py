@@ -303,5 +303,5 @@ def _obstacle_distance(item: Obstacle, segment: Segment) -> Array:
 
 
 def _is_floor_of(item: Obstacle, capsule: LinkCapsule) -> bool:
-    """Tell whether this is the floor under the first link, which only turns about itself."""
+    """Return whether this is the floor under the first link, which only turns about itself."""
     return isinstance(item, PlaneObstacle) and capsule.link == 1

@@ -75,7 +75,7 @@ class PlacedPoints(UncertainFrame):
         return chi_square_limit(self.degrees_of_freedom)
 
     def is_consistent(self) -> bool:
-        """Tell whether the points found have the drawing's shape at 99.9 %."""
+        """Return whether the points found have the drawing's shape at 99.9 %."""
         return self.chi_square <= self.most_chi_square
 
 

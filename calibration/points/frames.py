@@ -104,7 +104,7 @@ def frame_from_three_points(
 
 
 def is_pointing_down(base_frame: Pose, up_in_base: Sequence[float]) -> bool:
-    """Tell whether +z of a frame points against a direction that is up, by 30 degrees and more below the horizontal.
+    """Return whether +z of a frame points against a direction that is up, by 30 degrees or more below the horizontal.
 
     Where z is known to be up, two of the three points that made such a frame are swapped: each swap turns z over.
     """

@@ -28,7 +28,7 @@ class JointBases:
     degrees_of_freedom: int
 
     def is_consistent(self) -> bool:
-        """Tell whether all robots found one shape of the fixture at 99.9 %."""
+        """Return whether all robots found one shape of the fixture at 99.9 %."""
         return self.degrees_of_freedom == 0 or self.chi_square <= chi_square_limit(self.degrees_of_freedom)
 
 

@@ -107,7 +107,7 @@ def predicted_u_m(
 
 
 def alike_touch(touches: Sequence[Pose], *, min_turn_rad: float, worst_gain: float) -> AlikeTouch | None:
-    """Tell whether the last touch's attitude is too like the ones before.
+    """Return whether the last touch's attitude is too like the ones before.
 
     Parameters
     ----------

@@ -90,7 +90,7 @@ class ArmTask:
         return PointObservations(joints, values, sigma, mounting)
 
     def enough_for_a_fit(self, rows: int) -> bool:
-        """Tell whether so many readings tell more than the priors do."""
+        """Return whether so many readings tell more than the priors do."""
         return rows * self.channel_count >= _FEWEST_READINGS
 
 

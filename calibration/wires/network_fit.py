@@ -42,7 +42,7 @@ class WireNetwork:
     worst_deviation: float  # … and by how many deviations
 
     def is_consistent(self) -> bool:
-        """Tell whether the lengths fit their model at 99.9 % and none stands out."""
+        """Return whether the lengths fit their model at 99.9 % and none stands out."""
         return self.chi_square <= chi_square_limit(self.n) and self.worst_deviation < _STANDS_OUT
 
     def exit_covariance(self, exits: Sequence[int]) -> Array:

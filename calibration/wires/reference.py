@@ -57,7 +57,7 @@ class WireReference:
         return np.array([*first, *self.geometry_errors])
 
     def is_consistent(self) -> bool:
-        """Tell whether the record fits its model at 99.9 % and no capture stands out at 4.5 deviations."""
+        """Return whether the record fits its model at 99.9 % and no capture stands out at 4.5 deviations."""
         return self.chi_square <= chi_square_limit(self.degrees_of_freedom) and self.worst_deviation < 4.5
 
 

@@ -150,7 +150,7 @@ def _coupling_and_limits(robot: Mapping[str, Any], lower: Array, upper: Array) -
 
 
 def _limits_are_of_angles(robot: Mapping[str, Any]) -> bool:
-    """Tell whether the source limits the angle of the chain: FANUC's own descriptions do."""
+    """Return whether the source limits the angle of the chain: FANUC's own descriptions do."""
     return bool(robot["source"]["repo"].startswith("FANUC-CORPORATION/"))
 
 

@@ -120,7 +120,7 @@ def _check_unit(cell: str, unit: str) -> None:
 
 
 def _is_units(line: str, places: Sequence[int], layout: ColumnLayout) -> bool:
-    """Tell whether this line below a heading names the unit of each column, and hold it against the cell file."""
+    """Return whether this line below a heading names the unit of each column, and hold it against the cell file."""
     if not layout.by_name:
         return False
     cells = [cell.strip(' "[]()') for cell in _split_cells(line, _possible_separators(layout, line)[0])]

@@ -111,12 +111,12 @@ class _WordIndex:
         return self._first.get(name.lower()) if name.isascii() else _first_place(self._code, "", name)
 
     def is_filled(self, name: str) -> bool:
-        """Tell whether a name is a function's, or gets a whole value in this file: that says where it comes from."""
+        """Return whether a name is a function's, or gets a whole value in this file, which says where it is from."""
         return name.lower() in self._filled if name.isascii() else _is_filled(self._code, name)
 
 
 def _is_filled(code: str, name: str) -> bool:
-    """Tell whether a name is a function's, or gets a whole value in this file: that says where it comes from."""
+    """Return whether a name is a function's, or gets a whole value in this file: that says where it comes from."""
     some = re.escape(name)
     called = _WORD_BEGINS + some + r"[ \t]*\("
     assigned = r"^[ \t]*" + some + r"[ \t]*(?:\[[^\]\n]*\]|\{[^}\n]*\})?[ \t]*:?=(?!=)"

@@ -216,7 +216,7 @@ class BatchCalls:
         }
 
     def is_standalone(self, file: str) -> bool:
-        """Tell whether a program calls none and is called by none: a person runs it, to set up the cell."""
+        """Return whether a program calls none and is called by none: a person runs it, to set up the cell."""
         folder = self._folders[file]
         return not any(
             routine.calls or (folder, name) in self._called_in

@@ -14,6 +14,6 @@ _STATEMENTS = {
 
 
 def sets_external_axes(brand: str, data: bytes) -> bool:
-    """Tell whether a program of a brand may set an external axis of a point; comments count, too."""
+    """Return whether a program of a brand may set an external axis of a point; comments count, too."""
     pattern = _STATEMENTS.get(brand)
     return pattern is not None and pattern.search(data) is not None

@@ -96,7 +96,7 @@ class PassedPlaces:
         return use._replace(tool=name) if name.lower() in self._tools else use
 
     def _is_local(self, file: str, use: ParameterUse) -> bool:
-        """Tell whether a call passes a tool or frame that only its file sees."""
+        """Return whether a call passes a tool or frame that only its file sees."""
         one = self._by_file[file]
         return lower_name(use.tool) in one.local_tools or lower_name(use.frame) in one.local_bases
 

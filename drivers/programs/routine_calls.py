@@ -41,7 +41,7 @@ class RoutineCall(NamedTuple):
 
     @property
     def passes_on(self) -> bool:
-        """Tell whether a routine passes what it gets itself."""
+        """Return whether a routine passes what it gets itself."""
         names = (*self.arguments, *self.parts, *self.options.values())
         return any(name.startswith(PARAMETER) for name in names)
 

@@ -58,7 +58,7 @@ class ArmType:
         return self.series == _CB3
 
     def runs_on(self, version: ControllerVersion) -> bool:
-        """Tell whether software of this version runs the arm."""
+        """Return whether software of this version runs the arm."""
         first = dict(self.since).get(_KIND_OF_MAJOR.get(version.major, ControllerKind.CB3))
         return (
             version.major in _KIND_OF_MAJOR and first is not None and (version.major, version.minor) >= first

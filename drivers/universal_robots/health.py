@@ -34,7 +34,7 @@ REMOTE_UNKNOWN = Condition(
 
 
 def arm_condition_of(sample: StateSample) -> Condition:
-    """Tell whether the arm stands under power and is not stopped; who would move it does not matter."""
+    """Return whether the arm stands under power and is not stopped; who would move it does not matter."""
     entry = _safety_entry(sample) or _mode_entry(sample)
     if entry is None:
         return Condition(Readiness.READY)
@@ -44,7 +44,7 @@ def arm_condition_of(sample: StateSample) -> Condition:
 
 
 def condition_of(sample: StateSample, *, program_is_ours: bool) -> Condition:
-    """Tell whether the arm could move now, and if not, who must do what."""
+    """Return whether the arm could move now, and if not, who must do what."""
     condition = arm_condition_of(sample)
     if condition.readiness is not Readiness.READY:
         return condition

@@ -91,7 +91,7 @@ class UrProgramStore:
         await self._link.replace_file(self._path_of(draft), self._path_of(name))
 
     async def _find_dashboard(self) -> bool:
-        """Tell whether the dashboard answers; PolyScope X has none, and security settings may block it."""
+        """Return whether the dashboard answers; PolyScope X has none, and security settings may block it."""
         try:
             await self._dashboard.is_program_active()
         except UnreachableError:

@@ -11,7 +11,7 @@ class MoveTimeout:
         self._left_s, self._margin_s = full_override_s, margin_s
 
     def has_expired(self, now_s: float, override: float = 1.0) -> bool:
-        """Tell whether the time is over; ``override`` is the part of its speed that the robot went at until now."""
+        """Return whether the time is over; ``override`` is the part of its speed that the robot went at until now."""
         passed_s, self._looked_s = now_s - self._looked_s, now_s
         if self._left_s > 0.0:
             self._left_s -= passed_s * max(_LOWEST_OVERRIDE, min(1.0, override))

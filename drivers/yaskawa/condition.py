@@ -90,7 +90,7 @@ def _condition_of_switches(status: ControllerStatus, alarms: tuple[Alarm, ...]) 
 
 
 def concerns_position(alarm: Alarm) -> bool:
-    """Tell whether an alarm says something of the encoders or of the position."""
+    """Return whether an alarm says something of the encoders or of the position."""
     return alarm.kind in (AlarmKind.TURNS, AlarmKind.ENCODER, AlarmKind.COLLISION, AlarmKind.BATTERY_LOW)
 
 

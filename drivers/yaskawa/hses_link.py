@@ -165,7 +165,7 @@ class HsesLink(asyncio.DatagramProtocol):
                 return answer  # others are late answers to earlier questions, or doubled blocks
 
     def _is_block(self, answer: HsesAnswer, block: int | None) -> bool:
-        """Tell whether this is the expected block; what fits one answer may bear no number, as other answers."""
+        """Return whether this is the expected block; what fits one answer may bear no number, as other answers."""
         if block is None or answer.status != 0 or answer.block & ~LAST_BLOCK == block:
             return True
         return block == 1 and answer.block == LAST_BLOCK

@@ -222,7 +222,7 @@ def distance_m(one: ArmCapture, other: ArmCapture) -> float:
 
 
 def captures_agree(one: ArmCapture, other: ArmCapture, sigma_m: float) -> bool:
-    """Tell whether two captures of one pose may be of the same place."""
+    """Return whether two captures of one pose may be of the same place."""
     return distance_m(one, other) <= SPREAD_SIGMAS * sigma_m
 
 

@@ -307,7 +307,7 @@ def wound_on_way(reach: MotionSpace, here_rad: Joints, there_rad: Joints) -> flo
 
 @lru_cache(maxsize=8192)
 def way_is_free(reach: MotionSpace, here_rad: Joints, there_rad: Joints) -> bool:
-    """Tell whether a joint move keeps limits and box, and the arm clear of itself and of what hangs on it."""
+    """Return whether a joint move keeps limits and box, and the arm clear of itself and of what hangs on it."""
     if reach.wire is not None:
         return survey_motion.way_is_free(reach.model, reach.wire, reach.room, here_rad, there_rad)
     model, limits = load_model(reach.model), survey_motion.survey_limits(None, reach.room, 0.5)

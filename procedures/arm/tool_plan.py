@@ -60,7 +60,7 @@ class ToolGoal:
         return lambda count, prediction: count >= least and self.is_promised_by(prediction, point)
 
     def is_promised_by(self, prediction: MeasurementPrediction, point: int) -> bool:
-        """Tell whether the goal would be met if every point were known as this one is; points count from 1."""
+        """Return whether the goal would be met if every point were known as this one is; points count from 1."""
         at = slice(3 * point - 3, 3 * point)
         every = np.kron(np.eye(len(self.points_in_tool_m)), point_covariance(prediction)[at, at])
         tip_u_m, angle_u_rad = self.expanded_uncertainties(np.asarray(every, dtype=np.float64))

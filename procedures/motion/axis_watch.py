@@ -38,7 +38,7 @@ class AxisWatch:
         self._high_rad = np.where(sank, turned, np.maximum(self._high_rad, turned))
 
     def is_from_below(self, axis: int) -> bool:
-        """Tell whether the joint turned upwards last, far enough to change the tooth flank."""
+        """Return whether the joint turned upwards last, far enough to change the tooth flank."""
         return bool(self.turned_rad[axis] - self._low_rad[axis] >= FROM_BELOW_RAD)
 
     def accept_axis(self, axis: int) -> None:

@@ -89,7 +89,7 @@ def wire_has_side(model: RobotModel, postures: Array, limits: MotionLimits) -> N
 def walk_allowed(
     model: RobotModel, here: Array, walk: list[Array], limits: MotionLimits, *, one_by_one: bool = True
 ) -> bool:
-    """Tell whether a walk from pose to pose keeps every limit as a whole: a wire winds up over many legs."""
+    """Return whether a walk from pose to pose keeps every limit as a whole: a wire winds up over many legs."""
     legs, at = [], here
     for there in walk:
         legs.append(corners_of(at, there, one_by_one))
@@ -98,7 +98,7 @@ def walk_allowed(
 
 
 def corners_allowed(model: RobotModel, here: Array, legs: list[Array], limits: MotionLimits) -> bool:
-    """Tell whether legs, each the corners of a way to a stop, keep every limit one after the other."""
+    """Return whether legs, each the corners of a way to a stop, keep every limit one after the other."""
     stops = [last for leg in legs for last in [*(False for _ in leg[1:]), True]]
     return check_moves(model, here, np.concatenate(legs), limits, speed_rad_s=1e-3, stops=stops).allowed
 
@@ -106,7 +106,7 @@ def corners_allowed(model: RobotModel, here: Array, legs: list[Array], limits: M
 def way_allowed(
     model: RobotModel, here: Array | Joints, there: Array, limits: MotionLimits, *, one_by_one: bool
 ) -> bool:
-    """Tell whether a way keeps every limit; speeds are lowered later."""
+    """Return whether a way keeps every limit; speeds are lowered later."""
     start = np.array(here)
     ways = corners_of(start, there, one_by_one)
     stops = [False] * (len(ways) - 1) + [True]

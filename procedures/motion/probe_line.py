@@ -45,7 +45,7 @@ class ProbeLine:
         return float(np.interp(share, np.linspace(0.0, 1.0, len(self.travelled_m)), self.travelled_m))
 
     def is_on_line(self, joints_rad: Joints) -> bool:
-        """Tell whether joints lie on the line, as far as an arm stands where it was sent."""
+        """Return whether joints lie on the line, as far as an arm stands where it was sent."""
         beside = np.array(joints_rad) - self.joints_at(self.distance_of(joints_rad))
         return bool(np.abs(beside).max() < _BESIDE_RAD)
 

@@ -127,7 +127,7 @@ class KitProspect:
 
 
 def is_strong(kit_prediction: KitPrediction) -> bool:
-    """Tell whether places tell all motors, let a mistake be noticed, and would show any wrong turn when checked."""
+    """Return whether places tell all motors, let a mistake be noticed, and would show any wrong turn when checked."""
     return (
         kit_prediction.success_probability >= GOOD_PROBABILITY
         and kit_prediction.check_sigmas >= GOOD_SIGMAS

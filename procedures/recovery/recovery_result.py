@@ -163,7 +163,7 @@ def confirm_memory(
 
 
 def is_controller_right(record: MasteringRecord, recovery: TurnRecovery, mastering: MasteringData) -> bool:
-    """Tell whether the measurement agrees with what the controller holds, and not with the record.
+    """Return whether the measurement agrees with what the controller holds, and not with the record.
 
     The record is older than the robot's last mastering then, or of another robot.
     """
@@ -179,13 +179,13 @@ def is_controller_right(record: MasteringRecord, recovery: TurnRecovery, masteri
 
 
 def is_only_underpowered(recovery: TurnRecovery) -> bool:
-    """Tell whether the check poses agree and merely do not see enough."""
+    """Return whether the check poses agree and merely do not see enough."""
     failed = [check.name for check in recovery.gate if not check.passed]
     return bool(failed) and set(failed) <= {POWER_CHECK, SHARP_CHECK}
 
 
 def lengths_agree(recovery: TurnRecovery) -> bool:
-    """Tell whether lengths at poses not fitted agree with the record."""
+    """Return whether lengths at poses not fitted agree with the record."""
     return all(check.passed for check in recovery.gate if check.name == LENGTH_CHECK)
 
 

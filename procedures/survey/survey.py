@@ -128,7 +128,7 @@ class SurveyGoal:
     through: tuple[tuple[float, ...], ...] | None = None
 
     def is_promised_by(self, origin_u_m: float, angle_u_rad: float) -> bool:
-        """Tell whether what is expected at a spot will hold when all is measured."""
+        """Return whether what is expected at a spot will hold when all is measured."""
         return origin_u_m <= _PROMISE * self.origin_u_m and angle_u_rad <= _PROMISE * self.angle_u_rad
 
 

@@ -148,7 +148,7 @@ def _free_postures(model_name: str, room: MotionBounds, here_rad: Joints) -> lis
 
 
 def _is_leaving_free(model_name: str, room: MotionBounds, here_rad: Joints, there_rad: Joints) -> bool:
-    """Tell whether a way is free; one that begins too near to something may not come any nearer (DECISIONS 7)."""
+    """Return whether a way is free; one that begins too near to something may not come any nearer (DECISIONS 7)."""
     model, ends = load_model(model_name), np.array([here_rad, there_rad])
     limits = survey_limits(None, room, 0.5)
     if not check_moves(model, ends[0], ends[1:], limits, speed_rad_s=1e-4).allowed:
@@ -181,7 +181,7 @@ def way_between(
 def way_is_free(
     model_name: str, wire: Wire | None, room: MotionBounds, here_rad: Joints, there_rad: Joints
 ) -> bool:
-    """Tell whether a joint move keeps limits, box and wire's range, and the arm clear of itself and of the wire."""
+    """Return whether a joint move keeps limits, box and wire's range, and the arm clear of itself and of the wire."""
     model, limits = load_model(model_name), survey_limits(wire, room, 0.5)
     ends = np.array([here_rad, *from_below(here_rad, there_rad)])
     if not check_moves(model, ends[0], ends[1:], limits, speed_rad_s=1e-4, stops=_last_only(ends)).allowed:

@@ -90,7 +90,7 @@ def _all_findings(events: Iterable[JournalEvent]) -> list[_RecordedFinding]:
 
 
 def _is_reading(body: Mapping[str, Any]) -> bool:
-    """Tell whether a step looked at the world: it neither acted, nor calculated, nor asked a person."""
+    """Return whether a step looked at the world: it neither acted, nor calculated, nor asked a person."""
     value = body["value"]
     is_answer = isinstance(value, dict) and value.keys() == {"who", "value"}
     calculated = isinstance(body["inputs"], dict)

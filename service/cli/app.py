@@ -115,7 +115,7 @@ def run_command_line(arguments: Sequence[str]) -> int:
 
 
 def _lacks_reader() -> bool:
-    """Tell whether it is our own output that nothing reads any more, and not a device's or a child's pipe."""
+    """Return whether it is our own output that nothing reads any more, and not a device's or a child's pipe."""
     for stream in (sys.stdout, sys.stderr):
         with suppress(OSError, ValueError):
             poll = select.poll()

@@ -77,7 +77,7 @@ def _validate_value(hint: Any, value: Any) -> tuple[Any, str]:
 
 
 def is_finite(value: Any) -> bool:
-    """Tell whether no number in a setting is endless or none."""
+    """Return whether no number in a setting is endless or none."""
     if isinstance(value, dict):
         return all(is_finite(part) for part in value.values())
     if isinstance(value, list | tuple):
@@ -86,7 +86,7 @@ def is_finite(value: Any) -> bool:
 
 
 def bool_became_number(raw: Any, became: Any) -> bool:
-    """Tell whether a true or false is taken for 1 or 0 anywhere in a setting: the types alone let it pass."""
+    """Return whether a true or false is taken for 1 or 0 anywhere in a setting: the types alone let it pass."""
     if isinstance(raw, bool):
         return isinstance(became, int | float) and not isinstance(became, bool)
     if isinstance(raw, dict) and isinstance(became, dict):

@@ -16,6 +16,6 @@ _ALLOWED = re.compile(
 
 
 def is_backup_name(path: str) -> bool:
-    """Tell whether a path is one that a backup may hold; keys stand in it only sealed."""
+    """Return whether a path is one that a backup may hold; keys stand in it only sealed."""
     parts = path.split("/")
     return _ALLOWED.fullmatch(path) is not None and not any(part.strip(". ") == "" for part in parts)

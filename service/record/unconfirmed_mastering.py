@@ -42,7 +42,7 @@ class UnconfirmedMastering:
     epoch: int | None  # of the encoders at that write
 
     def may_be_in_force(self, current: MasteringData) -> bool:
-        """Tell whether a controller holds this write, whole or in part, and not what was there before it."""
+        """Return whether a controller holds this write, whole or in part, and not what was there before it."""
         new, old = self.written.counts_at_zero, (self.before or self.written).counts_at_zero
         if current == self.before or not len(current.counts_at_zero) == len(old) == len(new):
             return False
@@ -145,7 +145,7 @@ def _pending_mastering(
 
 
 def _is_undone_by(event: JournalEvent, body: dict[str, Any], pending: UnconfirmedMastering) -> bool:
-    """Tell whether the old data are in the controller again, by a step of the run or by its clean-up."""
+    """Return whether the old data are in the controller again, by a step of the run or by its clean-up."""
     if event.kind == EventKind.UNDONE:
         return True
     value = body.get("value")

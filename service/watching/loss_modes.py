@@ -173,7 +173,7 @@ def suspect_unconfirmed(of_run: str) -> Suspicion:
 
 
 def is_position_doubtful(condition: Condition) -> bool:
-    """Tell whether a robot that is not lost reports a collision or a failing encoder."""
+    """Return whether a robot that is not lost reports a collision or a failing encoder."""
     return condition.readiness is not Readiness.POSITION_LOST and any(
         alarm.kind in (AlarmKind.COLLISION, AlarmKind.ENCODER) for alarm in condition.alarms
     )

@@ -137,7 +137,7 @@ def _list_hindrances(config: CellConfig, loss: PositionLoss) -> list[str]:
 
 
 def _met_before(config: CellConfig, loss: PositionLoss) -> bool:
-    """Tell whether something was seen or begun since the robot was healthy last: a restart must not forget it."""
+    """Return whether something was seen or begun since the robot was healthy last: a restart must not forget it."""
     procedure, healthy = loss.suspicion.answering_procedure, loss.last_healthy
     if procedure is None or healthy is None or not journal_path(config).exists():
         return False

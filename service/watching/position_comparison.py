@@ -129,7 +129,7 @@ def journalled_position(config: CellConfig, serial: str) -> Callable[[], ArmPosi
 
 
 def _is_valid(baseline: KeptPosition, serial: str, record: ArmPositionRecord | None) -> bool:
-    """Tell whether what was kept is of this robot, and no record was taken since that tells what is right."""
+    """Return whether what was kept is of this robot, and no record was taken since that tells what is right."""
     return baseline.serial == serial and (record is None or baseline.record_sha256 == record.measured.sha256)
 
 
@@ -172,7 +172,7 @@ def _find_trouble(
 
 
 def _is_same(before: str, now: str) -> bool:
-    """Tell whether two texts say the same; numbers may be written with more or fewer zeros."""
+    """Return whether two texts say the same; numbers may be written with more or fewer zeros."""
     try:
         return before == now or float(before) == float(now)
     except ValueError:

@@ -113,7 +113,7 @@ def find_robots(words: str, maker: str = "") -> tuple[CatalogueEntry, ...]:
 
 
 def is_called(entry: CatalogueEntry, words: str) -> bool:
-    """Tell whether all words fit a robot; others of `find_robots` are only nearly so written."""
+    """Return whether all words fit a robot; others of `find_robots` are only nearly so written."""
     wanted = _wanted_words(words)
     return _fits(entry, wanted, "".join(wanted))
 

@@ -193,7 +193,7 @@ class Displacements:
 
 
 def _is_branching(words: Sequence[str]) -> bool:
-    """Tell whether the way between two instructions is not the only one."""
+    """Return whether the way between two instructions is not the only one."""
     depth = 0
     for word in words:
         depth += (word in _OPENING) - (word in _CLOSING)

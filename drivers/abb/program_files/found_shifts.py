@@ -166,7 +166,7 @@ class FoundShifts:
     def _goes_along(
         self, displacement: ActiveDisplacement, collected: RapidPositions, uses: TargetUses
     ) -> bool:
-        """Tell whether a displacement turns and moves with the work: both places it is taken from go along.
+        """Return whether a displacement turns and moves with the work: both places it is taken from go along.
 
         With F the change in the work object, PDispOn makes F D F^-1 of D, and F D p is where F p is displaced to.
         """
@@ -256,7 +256,7 @@ def _rows_of(
 
 
 def _is_used_in(row: int, collected: RapidPositions, uses: TargetUses, frame: str) -> bool:
-    """Tell whether a target is moved to, and in one work object only."""
+    """Return whether a target is moved to, and in one work object only."""
     of_row = uses.of_row.get(row, ())
     return (
         collected.kinds[row] in (CARTESIAN, UNTAUGHT)

@@ -60,7 +60,7 @@ class FrameFacts:
         return MOVED_BY_UNIT if frame.lower() in self.moved else ""
 
     def is_held_work(self, settled: AgreedUse) -> bool:
-        """Tell whether a tool in the cell works at a work object in the gripper, and nothing else is named."""
+        """Return whether a tool in the cell works at a work object in the gripper, and nothing else is named."""
         tool, frame = (settled.tool or "").lower(), (settled.frame or "").lower()
         return (
             not settled.different

@@ -68,7 +68,7 @@ def base_frame_of(module: ExternalUses) -> Pose | None:
 
 
 def is_of_unknown_robot(module: ExternalUses) -> bool:
-    """Tell whether a controller has robots that stand elsewhere, and no folder tells which of them a module moves."""
+    """Return whether a controller has robots at other places, and no folder tells which of them a module moves."""
     poses = {key: pose for key, pose in module.bases.items() if key.startswith(f"{_BASE_FRAME} ")}
     elsewhere = any(pose is not None and pose != _ORIGIN for pose in poses.values())
     return elsewhere and _key_of_task(module) not in poses

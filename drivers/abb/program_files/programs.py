@@ -319,7 +319,7 @@ def _without_all(positions: Positions, why: str) -> Positions:
 
 
 def writes_program(data: bytes) -> bool:
-    """Tell whether a .mod, .prg, .sys, .modx or .sysx file is a RAPID module: others use these suffixes, too."""
+    """Return whether a .mod, .prg, .sys, .modx or .sysx file is a RAPID module: others use these suffixes, too."""
     return _MODULE.search(data, 0, _LOOKED_AT) is not None
 
 

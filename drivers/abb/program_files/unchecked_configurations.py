@@ -26,7 +26,7 @@ _THEN = re.compile(r"\bTHEN\b", re.IGNORECASE)
 
 
 def ignores_configurations(text: str) -> bool:
-    """Tell whether all moves of a module surely run with both checks switched off."""
+    """Return whether all moves of a module surely run with both checks switched off."""
     if "conf" not in text.lower():
         return False
     code = _HIDDEN.sub(" ", text)
@@ -56,7 +56,7 @@ def _with_callers(moving: Set[str], words: Sequence[tuple[str, Set[str]]]) -> Se
 
 
 def _switches_off_first(body: str, moving: Set[str]) -> bool:
-    """Tell whether a routine switches both checks off in any case, before it moves or calls what moves."""
+    """Return whether a routine switches both checks off in any case, before it moves or calls what moves."""
     other = _OTHER_MOVE.search(body)
     depth, place, only_if, left = 0, 0, 0, {"confl", "confj"}
     while left and (word := _WORD.search(body, place, len(body) if other is None else other.start())):

@@ -37,7 +37,7 @@ def unread_positions(text: str, read: Set[int]) -> Iterator[int]:
 
 
 def _outside_code(text: str, place: int) -> bool:
-    """Tell whether a place is inside a comment or a string."""
+    """Return whether a place is inside a comment or a string."""
     start = text.rfind("\n", 0, place) + 1
     return any(
         found.end() > place for found in _NOT_CODE.finditer(text, start, place + 1) if found.start() < place

@@ -45,7 +45,7 @@ async def read_position_history(link: WebLink, since: tuple[str, ...]) -> Positi
 
 
 def _begins_at(mark: str, number: int, found: Entries) -> bool:
-    """Tell whether entries reach back to a mark: of a log without entries to the first one that it got."""
+    """Return whether entries reach back to a mark: of a log without entries to the first one that it got."""
     if mark == _EMPTY:
         return min(found, default=0) <= _FIRST
     return number in found and _mark_of(number, found[number]) == mark

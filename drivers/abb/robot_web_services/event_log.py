@@ -46,7 +46,7 @@ def position_alarms(entries: list[Mapping[str, Any]]) -> tuple[Alarm, ...]:
 
 
 def is_entry(state: Mapping[str, Any]) -> bool:
-    """Tell whether a state is an entry of the log that can be read."""
+    """Return whether a state is an entry of the log that can be read."""
     return state.get("_type") == _ENTRY and all(
         isinstance(state.get(key), str) for key in ("code", "tstamp", "title")
     )

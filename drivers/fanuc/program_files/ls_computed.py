@@ -125,7 +125,7 @@ def computed_places(data: bytes) -> frozenset[str]:
 
 
 def is_computing(statement: Statement) -> bool:
-    """Tell whether a statement that is no motion gives a value to a position register, or uses a position."""
+    """Return whether a statement that is no motion gives a value to a position register, or uses a position."""
     return any(
         pattern.search(statement.text)
         for pattern in (_ASSIGNED, _CHOSEN_REGISTER, _POSITION, _CHOSEN_POSITION)
@@ -188,7 +188,7 @@ def without_brackets(value: bytes) -> bytes:
 
 
 def _adds_to(value: bytes, number: int, element: int) -> bool:
-    """Tell whether an expression is an element of a register and something that is added to it."""
+    """Return whether an expression is an element of a register and something that is added to it."""
     for itself in _ELEMENT.finditer(value):
         before, after = value[: itself.start()].rstrip(), value[itself.end() :].lstrip()
         is_term = before[-1:] in (b"", b"+") and after[:1] in (b"", b"+", b"-")

@@ -75,7 +75,7 @@ def _number_left(patterns: _Patterns, data: bytes) -> str | None:
 
 
 def _is_restored(patterns: _Patterns, texts: Sequence[bytes], first: int, last: int) -> bool:
-    """Tell whether the last choice is that of a register that got the number before the first one, and no other."""
+    """Return whether the last choice is that of a register that got the number before the first one, and no other."""
     restored = patterns.restored.fullmatch(texts[last])
     if restored is None:
         return False

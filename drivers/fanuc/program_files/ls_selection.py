@@ -58,7 +58,7 @@ def _groups_missing(positions: Positions, mask: bytes) -> dict[int, int]:
 
 
 def _may_differ(positions: Positions, data: bytes) -> bool:
-    """Tell whether a program selects another number than all its positions hold: nearly none does."""
+    """Return whether a program selects another number than all its positions hold: nearly none does."""
     selected = {(word in _FRAMES, b"%d" % int(number)) for word, number in _NUMBERS.findall(data.upper())}
     taught_with = {
         (frames, str(int(name)).encode() if name and name.isdigit() else b"")

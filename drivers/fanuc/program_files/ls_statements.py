@@ -51,7 +51,7 @@ class Statement:
 
     @property
     def is_motion(self) -> bool:
-        """Tell whether it is a motion."""
+        """Return whether it is a motion."""
         return _MOTION.match(self.text) is not None
 
 
@@ -77,7 +77,7 @@ class MotionStatement:
 
     @property
     def is_place(self) -> bool:
-        """Tell whether the robot goes to the target as it stands."""
+        """Return whether the robot goes to the target as it stands."""
         return not (self.relative or self.led or self.standing_tool or self.camera or self.offset)
 
 

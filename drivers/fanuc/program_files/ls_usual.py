@@ -112,7 +112,7 @@ def usual_records(place: ListingFile, start: int, end: int) -> Iterator[UsualRec
 
 
 def _has_known_configurations(block: UsualRecords | None, known_texts: set[bytes]) -> bool:
-    """Tell whether all configurations are such."""
+    """Return whether all configurations are such."""
     new = set() if block is None else set(block.configuration_texts) - known_texts
     known_texts |= new
     return all(CONFIGURATION.fullmatch(text.decode("cp437")) for text in new)

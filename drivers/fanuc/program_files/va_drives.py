@@ -177,7 +177,7 @@ def _read_all_axes(data: VaVariable, group: int) -> GroupDrives | None:
 
 
 def _read_coupling(data: VaVariable, head: str) -> bool | None:
-    """Tell whether the motor of axis 3 follows axis 2, as the variables of this software say."""
+    """Return whether the motor of axis 3 follows axis 2, as the variables of this software say."""
     for path in (f"{head}AXS_COUPLE[3]", f"{head}INTRAC_NUM[3].$INTRAC_NUM[2]"):
         spot = data.values.get(path)
         if spot is not None and spot.is_initialised:
@@ -186,7 +186,7 @@ def _read_coupling(data: VaVariable, head: str) -> bool | None:
 
 
 def _is_whole_turn(counts: float) -> bool:
-    """Tell whether a motor turn has as many counts as an encoder of this maker: a power of two."""
+    """Return whether a motor turn has as many counts as an encoder of this maker: a power of two."""
     power = 2 ** round(math.log2(counts)) if counts > 1 else 0
     return power in _TURN_RANGE and abs(counts - power) <= _TURN_TOLERANCE * max(1.0, power / COUNTS_PER_TURN)
 

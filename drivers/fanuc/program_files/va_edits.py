@@ -202,7 +202,7 @@ def _pose_edits(name: str, position: VaPosition, pose: Pose, file: str = FRAMES)
 
 
 def _is_same_attitude(position: VaPosition, pose: Pose) -> bool:
-    """Tell whether the old angles say the new attitude already; near P = 90 many angles say the same."""
+    """Return whether the old angles say the new attitude already; near P = 90 many angles say the same."""
     old = position.to_pose()
     if old is None:
         return False

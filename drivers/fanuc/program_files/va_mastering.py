@@ -50,12 +50,12 @@ class GroupMastering:
 
     @property
     def is_valid(self) -> bool:
-        """Tell whether the group and each of its axes is mastered."""
+        """Return whether the group and each of its axes is mastered."""
         return self.mastered and all(state == MASTERED for state in self.states)
 
     @property
     def reference_holds(self) -> bool:
-        """Tell whether the reference belongs to this mastering, on every axis."""
+        """Return whether the reference belongs to this mastering, on every axis."""
         return self.reference_done and self.drives is not None and not self.stale_axes()
 
     def stale_axes(self) -> tuple[int, ...]:

@@ -48,7 +48,7 @@ class VaPosition:
 
     @property
     def is_initialised(self) -> bool:
-        """Tell whether a position was ever stored here, whole."""
+        """Return whether a position was ever stored here, whole."""
         return bool(self.numbers) and all(spot.is_initialised for spot in self.main_numbers.values())
 
     @property
@@ -58,7 +58,7 @@ class VaPosition:
 
     @property
     def is_cartesian(self) -> bool:
-        """Tell whether it is stored as X, Y, Z, W, P, R."""
+        """Return whether it is stored as X, Y, Z, W, P, R."""
         return "X" in self.numbers
 
     def to_pose(self) -> Pose | None:

@@ -23,7 +23,7 @@ class ValueSpot:
 
     @property
     def is_initialised(self) -> bool:
-        """Tell whether the controller holds a value there."""
+        """Return whether the controller holds a value there."""
         return self.text != UNINITIALISED and not (self.text and set(self.text) == {"*"})
 
 

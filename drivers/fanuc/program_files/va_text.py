@@ -108,7 +108,7 @@ class VaFile:
         return tuple(name for name, _, _ in self._variable_headings)
 
     def has_variable(self, variable: str) -> bool:
-        """Tell whether the file holds a variable."""
+        """Return whether the file holds a variable."""
         return variable in self.variable_names
 
     def read_variable(self, name: str) -> VaVariable:

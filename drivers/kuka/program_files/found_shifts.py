@@ -120,7 +120,7 @@ class ShiftNotes:
 
 
 def _is_point(left: str, types: dict[str, str]) -> bool:
-    """Tell whether what stands before ``:`` is the point itself, so that the frame behind it goes along with it."""
+    """Return whether what stands before ``:`` is the point itself, so that the frame behind it goes along with it."""
     upper = left.partition("[")[0].strip().upper()
     return (
         types.get(upper) in _POINTS or (upper.startswith("X") and upper not in types) or upper == "$POS_ACT"

@@ -41,7 +41,7 @@ class RoutineJumps:
     landings: list[int] = field(default_factory=list)  # labels, and ends of loops, in the order of the text
 
     def may_miss(self, place: int, until: int) -> bool:
-        """Tell whether a way leads to a place without what stands at another above it."""
+        """Return whether a way leads to a place without what stands at another above it."""
         if self.first is None or place < self.first:
             return False
         return bisect_right(self.landings, place) < bisect_right(self.landings, until)
@@ -96,7 +96,7 @@ class FrameUse:
         return BARRED["caller"] if self.above and not self.values else ""
 
     def surely_before(self, place: int, branches: "Branches", jumps: RoutineJumps) -> bool:
-        """Tell whether one is set above a place, in the branches that the place is inside."""
+        """Return whether one is set above a place, in the branches that the place is inside."""
         if not self.first:
             return False
         firsts = (self.first.get(branches[:depth], place + 1) for depth in range(len(branches) + 1))
@@ -126,7 +126,7 @@ class KrlRoutine:
     reset_at: list[int] = field(default_factory=list)  # where it does so, in the order of the text
 
     def may_be_reset(self, use: FrameUse, place: int) -> bool:
-        """Tell whether nothing sets it between a reset and a place below, as the text goes."""
+        """Return whether nothing sets it between a reset and a place below, as the text goes."""
         at = bisect_right(self.reset_at, place) - 1
         if at < 0:
             return False

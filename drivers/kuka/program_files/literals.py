@@ -62,7 +62,7 @@ class KrlLiteral(NamedTuple):
 
     @property
     def is_whole(self) -> bool:
-        """Tell whether no coordinate is left to what the robot has at that moment."""
+        """Return whether no coordinate is left to what the robot has at that moment."""
         return None not in self.main
 
     @property

@@ -40,7 +40,7 @@ def parameters_of(header: str) -> tuple[RoutineParameter, ...]:
 
 
 def is_by_value(text: str, routine: str, number: int) -> bool:
-    """Tell whether a parameter of a routine, counted from 0, is one that a program declares ``:IN``."""
+    """Return whether a parameter of a routine, counted from 0, is one that a program declares ``:IN``."""
     header = rf"^[ \t]*(?:GLOBAL[ \t]+)?(?:DEF|DEFFCT[ \t]+\w+)[ \t]+{re.escape(routine)}\b([^\n;]*)"
     found = re.search(header, text, re.IGNORECASE | re.MULTILINE)
     parameters = parameters_of(found[1]) if found is not None else ()

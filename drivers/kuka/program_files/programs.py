@@ -255,7 +255,7 @@ def _is_data_list(name: str) -> bool:
 
 
 def writes_program(data: bytes) -> bool:
-    """Tell whether a .dat, .src or .sub file is KUKA's: others use these suffixes, too."""
+    """Return whether a .dat, .src or .sub file is KUKA's: others use these suffixes, too."""
     return _DEFINED_BYTES.search(data, 0, _LOOKED_AT) is not None
 
 

@@ -91,7 +91,7 @@ class PassedArguments:
         }
 
     def is_brought_into_a_frame(self, name: str, at: int) -> bool:
-        """Tell whether a copy of a place, or a function that it is passed to, goes to it in a frame.
+        """Return whether a copy of a place, or a function that it is passed to, goes to it in a frame.
 
         Parameters
         ----------
@@ -167,7 +167,7 @@ class PassedArguments:
         )
 
     def _goes_into(self, use: Use, parameters_so: Set[tuple[str, str]]) -> bool:
-        """Tell whether a use passes a place to a function's parameter that is one of these."""
+        """Return whether a use passes a place to a function's parameter that is one of these."""
         at, role, where = use
         where = self._function_called_at(at) if where == "[" else where
         parameters = self._parameters.get(where) if role == "other" else None

@@ -151,7 +151,7 @@ class PositionFinder:
                 yield literal
 
     def _is_beyond_joints(self, literal: ScriptLiteral) -> bool:
-        """Tell whether six numbers that no move goes to are gains or forces: no joint turns as far."""
+        """Return whether six numbers that no move goes to are gains or forces: no joint turns as far."""
         try:
             numbers = [
                 float(text) for text in without_comments(self.text[literal.start : literal.end]).split(",")
@@ -166,7 +166,7 @@ class PositionFinder:
         return ScriptPlace(name, pose, joints, BASE, (), NOT_READ)
 
     def _is_offset(self, literal: ScriptLiteral) -> bool:
-        """Tell whether a pose is only added to others, or a step from a place that goes along with the work."""
+        """Return whether a pose is only added to others, or a step from a place that goes along with the work."""
         if literal.role == "value":
             uses = self.found.uses.get(literal.name, ())
             return bool(uses) and all(self._is_added(at, role, where) for at, role, where in uses)
@@ -187,7 +187,7 @@ class PositionFinder:
         return (where in ("pose_add", "pose_sub") and second) or where in _NO_POSITION
 
     def _behind_frame(self, at: int) -> bool:
-        """Tell whether a pose stands behind a named or written frame that is no place of its own."""
+        """Return whether a pose stands behind a named or written frame that is no place of its own."""
         found = _FRAME_BEFORE.search(self.text, max(0, at - _LONGEST_FRAME), at)
         if found is None:
             return False
@@ -197,7 +197,7 @@ class PositionFinder:
         return _NAME_BEHIND.match(self.text, literal.end) is not None
 
     def _is_place(self, call: int, name: str) -> bool:
-        """Tell whether a pose is a step from a place: from a variable that a move goes to, or from the arm's own."""
+        """Return whether a pose is a step from a place: a variable that a move goes to, or the arm's own."""
         if name:
             return name in self.reached or name in self.found.assigned
         return _FRAME_WRITTEN.match(self.text, call) is None
@@ -207,7 +207,7 @@ class PositionFinder:
         return found[1] if found else ""
 
     def _is_posture(self, literal: ScriptLiteral) -> bool:
-        """Tell whether six numbers without p are joints of a list or copy, or given to a function that may move."""
+        """Return whether six numbers without p are joints of a list or copy, or given to a function that may move."""
         if literal.role == "other":
             return self._in_list(literal.start) or self._may_move(self._function_at(literal.call))
         if literal.role != "value" or literal.name in self.reached or literal.name in self.near:
@@ -218,7 +218,7 @@ class PositionFinder:
         return bool(uses) and bool(self._passed.moves_to_copies(literal.name, literal.start))
 
     def _may_move(self, function: str) -> bool:
-        """Tell whether a function of this script, or one that nothing here tells of, may go to what it is given."""
+        """Return whether a function of this script, or one that nothing here tells of, may go to what it is given."""
         return function in self.functions or (bool(function) and function not in NUMBER_TAKERS)
 
     def _in_list(self, at: int) -> bool:
@@ -228,11 +228,11 @@ class PositionFinder:
         )
 
     def is_known(self, name: str) -> bool:
-        """Tell whether a variable holds one literal and nothing else."""
+        """Return whether a variable holds one literal and nothing else."""
         return self._is_constant(name)
 
     def has_conflict(self, place: ScriptPlace) -> bool:
-        """Tell whether moves go to a variable's pose both in a frame and without it."""
+        """Return whether moves go to a variable's pose both in a frame and without it."""
         literal = place.pose
         if literal is None or literal.role != "value" or place.unread:
             return False

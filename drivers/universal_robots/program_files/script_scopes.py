@@ -152,5 +152,5 @@ class ScriptScopes:
         return number
 
     def _is_in_brackets(self, offset: int) -> bool:
-        """Tell whether a line goes on with the arguments of a call, by name."""
+        """Return whether a line goes on with the arguments of a call, by name."""
         return self.text[max(0, offset - _LONGEST_BLANK) : offset].rstrip()[-1:] in ("(", ",")

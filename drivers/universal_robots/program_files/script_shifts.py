@@ -167,7 +167,7 @@ class ScriptShifts:
             yield self._make_shift(one.offset, what, one.name, translation, turn, each_time=True)
 
     def _is_no_place(self, one: ElementSet) -> bool:
-        """Tell whether an element is set to a truth or a text, or is one of a list that has no six numbers."""
+        """Return whether an element is set to a truth or a text, or is one of a list that has no six numbers."""
         if _NO_NUMBER.search(self.text, one.offset, self._end_of_line(one.offset)) is not None:
             return True
         values = self._assigned_values(one.name)
@@ -209,11 +209,11 @@ class ScriptShifts:
                 yield self._make_shift(offsets[0], "the program", name, UNREADABLE, None)
 
     def _is_frame(self, offset: int) -> bool:
-        """Tell whether a name is the first argument of pose_trans."""
+        """Return whether a name is the first argument of pose_trans."""
         return _FRAME_BEFORE.search(self.text, max(offset - _LONGEST_GAP, 0), offset) is not None
 
     def _follows_the_work(self, name: str) -> bool:
-        """Tell whether all that a variable gets goes along with the poses of the program, or is noted as a shift."""
+        """Return whether what is assigned to a variable goes along with the poses of the program, or is a noted shift."""
         values = list(self._assignments_of(name))
         return bool(values) and all(
             _FOLLOWS.match(self.text, value.start("value")) or _PLAIN.fullmatch(value["value"])
@@ -232,7 +232,7 @@ class ScriptShifts:
 
 
 def _is_other_list(value: str) -> bool:
-    """Tell whether a value is a list that cannot be six numbers: its elements are counted where nothing is nested."""
+    """Return whether a value is a list that cannot be six numbers; elements are counted where nothing is nested."""
     if _NEVER_SIX.match(value) is not None:
         return True
     found = _FLAT_LIST.fullmatch(value.strip())

@@ -262,7 +262,7 @@ class _StatementReader:
         self.before = token
 
     def _follows_an_index(self) -> bool:
-        """Tell whether an assignment's sign stands behind the index of the name that the statement begins with."""
+        """Return whether an assignment's sign stands behind the index of the name that the statement begins with."""
         before = self.before
         return not self.stack and before is not None and before.text in ("]", "+", "-")
 
@@ -331,7 +331,7 @@ class _StatementReader:
         )
 
     def _is_whole_argument(self, after: Token) -> bool:
-        """Tell whether the waiting item is a whole argument."""
+        """Return whether the waiting item is a whole argument."""
         return self.before is not None and self.before.text in ("(", ",", "=") and after.text in (",", ")")
 
     def _open_bracket(self, token: Token) -> None:

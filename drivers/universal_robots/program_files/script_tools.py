@@ -87,7 +87,7 @@ class ScriptTools:
         return ""
 
     def _has_own_tool(self, place: ScriptPlace) -> bool:
-        """Tell whether a move to a place goes through ``get_inverse_kin`` with a tool, its fifth argument."""
+        """Return whether a move to a place goes through ``get_inverse_kin`` with a tool, its fifth argument."""
         uses = place.used or ((place.pose.start,) if place.pose else ())
         return any(_names_tool(self.text, use) for use in uses)
 
@@ -120,7 +120,7 @@ class ScriptTools:
                 yield ("", False) if is_call and self.several else (self.calls[number - is_call][1], True)
 
     def _is_set(self, use: int, depth: int = 0) -> bool:
-        """Tell whether a ``set_tcp``, or a call of a function with one, surely runs before what stands here."""
+        """Return whether a ``set_tcp``, or a call of a function with one, surely runs before what stands here."""
         at = bisect_left(self.set_at, use)
         if at and self.set_until[at - 1] >= use:
             return True
@@ -163,7 +163,7 @@ def _calls_that_set(functions: Sequence[tuple[int, int, Sequence[int]]], offsets
 
 
 def _names_tool(text: str, use: int) -> bool:
-    """Tell whether what stands at a place is the pose of a ``get_inverse_kin`` with a tool."""
+    """Return whether what stands at a place is the pose of a ``get_inverse_kin`` with a tool."""
     call = _INVERSE.search(text, max(0, use - _LONGEST_BEFORE), use)
     if call is None:
         return False

@@ -141,7 +141,7 @@ class JobProgram:
 
 
 def _is_stated_elsewhere(file: str, point: str, marks: BatchReasons) -> bool:
-    """Tell whether a position variable is a place that a job of the folder states."""
+    """Return whether a position variable is a place that a job of the folder states."""
     found = re.fullmatch(r"PX?0*(\d+)", point)
     return found is not None and is_placed(file, found[1], marks)
 

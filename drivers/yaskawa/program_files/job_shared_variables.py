@@ -58,5 +58,5 @@ def computed_elsewhere(file: str, job: str, number: int, marks: BatchReasons) ->
 
 
 def is_placed(file: str, number: str, marks: BatchReasons) -> bool:
-    """Tell whether a job of the folder states a variable and goes to it."""
+    """Return whether a job of the folder states a variable and goes to it."""
     return bool(marks.rests_behind(f"{PurePath(file).parent} places {number}"))

@@ -355,7 +355,7 @@ def iterate_instructions(job: YaskawaJob) -> Iterator[tuple[int, str, str]]:
 
 
 def shifts_in_blocks(words: Iterable[str]) -> bool:
-    """Tell whether a shift is switched in a branch or a loop, where the order of lines does not say if it is on."""
+    """Return whether a shift is switched in a branch or a loop, where the order of lines does not say if it is on."""
     depth = 0
     for word in words:
         if _OPENS.fullmatch(word):

@@ -268,7 +268,7 @@ def angles_untold(files: ControllerFiles, drives: GroupDrives) -> AngleCheck:
 
 
 def _is_sag(misses_deg: Sequence[float]) -> bool:
-    """Tell whether J2 and J3 alone are off, and by little."""
+    """Return whether J2 and J3 alone are off, and by little."""
     return all(
         abs(miss) <= (_MOST_SAG_DEG if axis in _SAGGING else TOLERANCE_DEG)
         for axis, miss in enumerate(misses_deg, 1)
@@ -276,7 +276,7 @@ def _is_sag(misses_deg: Sequence[float]) -> bool:
 
 
 def _expected_coupling(files: ControllerFiles, drives: GroupDrives) -> bool | None:
-    """Tell whether J3 is counted from J2 by the variables, else by the named model; None: neither tells."""
+    """Return whether J3 is counted from J2 by the variables, else by the named model; None: neither tells."""
     if drives.third_follows_second is not None or len(drives.reversed) < _SIX_AXES:
         return drives.third_follows_second
     robots = () if files.version is None else files.version.robots

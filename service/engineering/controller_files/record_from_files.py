@@ -221,7 +221,7 @@ def _list_checked(
 
 
 def _is_flicker(mastering: GroupMastering, pulses: tuple[int, ...]) -> bool:
-    """Tell whether two files hold the same counts but for the last digit of an encoder that stands."""
+    """Return whether two files hold the same counts but for the last digit of an encoder that stands."""
     pairs = zip(mastering.pulse_counts, pulses, strict=False)
     return bool(mastering.pulse_counts and pulses) and all(abs(a - b) <= _FLICKER_COUNTS for a, b in pairs)
 

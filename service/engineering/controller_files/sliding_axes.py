@@ -24,7 +24,7 @@ class SlidingAxis:
 
     @property
     def agrees(self) -> bool | None:
-        """Tell whether counts and display agree; None where one of them is missing."""
+        """Return whether counts and display agree; None where one of them is missing."""
         if self.counted_mm is None or self.shown_mm is None:
             return None
         return abs(self.counted_mm - self.shown_mm) <= _TOLERANCE_MM + _DIGITS * abs(self.counted_mm)

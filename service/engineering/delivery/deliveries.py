@@ -179,7 +179,7 @@ def _changed_since(
 
 
 def is_same_program(store: ProgramStore, sent: bytes | None, found: bytes | None) -> bool:
-    """Tell whether a program and what a controller gives back are one; None is a program that is not there."""
+    """Return whether a program and what a controller gives back are one; None is a program that is not there."""
     if sent is None or found is None:
         return sent is found
     return sent == found or store.is_same(sent, found)

@@ -85,7 +85,7 @@ class CellLayoutFile:
 
 
 def describes_a_cell(path: Path) -> bool:
-    """Tell whether a layout names readings of a cell, rather than the columns of one device."""
+    """Return whether a layout names readings of a cell, rather than the columns of one device."""
     return "reading" in layout_data(path)
 
 

@@ -207,7 +207,7 @@ def _measurement_remedy(names: Sequence[str], plain: Mapping[str, str], numeric:
 
 
 def _tells_no_role(plain: str) -> bool:
-    """Tell whether a heading leaves open that its column is a part of a measured place."""
+    """Return whether a heading leaves open that its column is a part of a measured place."""
     return not set(re.split(r"[_\d]+", plain)) & (CONTROLLER_WORDS | SPREAD_WORDS | _DIFFERENCE | _ATTITUDE)
 
 
@@ -279,7 +279,7 @@ def _key_words(key: tuple[str, str]) -> set[str]:
 
 
 def _is_place(key: tuple[str, str]) -> bool:
-    """Tell whether a triple of x, y, z may be a place: no deviation, no uncertainty, no part of an attitude."""
+    """Return whether a triple of x, y, z may be a place: no deviation, no uncertainty, no part of an attitude."""
     return not _key_words(key) & (SPREAD_WORDS | _DIFFERENCE | _ATTITUDE)
 
 

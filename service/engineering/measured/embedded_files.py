@@ -16,7 +16,7 @@ _MOST_NAME = 120
 
 
 def is_embedded(value: Any) -> bool:
-    """Tell whether a setting brings its file along, as ``{"name": …, "content_base64": …}``."""
+    """Return whether a setting brings its file along, as ``{"name": …, "content_base64": …}``."""
     return isinstance(value, dict) and "content_base64" in value
 
 

@@ -49,7 +49,7 @@ def _of_a_country(data: bytes) -> str:
 
 
 def _looks_like_gb(high: bytes) -> bool:
-    """Tell whether the bytes above ASCII come in pairs that are common Chinese characters."""
+    """Return whether the bytes above ASCII come in pairs that are common Chinese characters."""
     runs = bytes(byte if byte > 0x7F else 0x20 for byte in high).split()
     pairs = [(run[at], run[at + 1]) for run in runs if len(run) % 2 == 0 for at in range(0, len(run), 2)]
     if not runs or any(len(run) % 2 for run in runs):

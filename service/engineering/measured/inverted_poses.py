@@ -28,7 +28,7 @@ class InvertedPoses:
 
 
 def is_inverse_pose(convention: str) -> bool:
-    """Tell whether a convention says that whole poses are to be inverted."""
+    """Return whether a convention says that whole poses are to be inverted."""
     return convention.endswith(_INVERSE_POSE)
 
 

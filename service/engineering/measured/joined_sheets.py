@@ -126,7 +126,7 @@ def _are_words(texts: Sequence[str]) -> bool:
 
 
 def _counts_rows(texts: Sequence[str]) -> bool:
-    """Tell whether a column holds 1, 2, 3 … or 0, 1, 2 … and no more."""
+    """Return whether a column holds 1, 2, 3 … or 0, 1, 2 … and no more."""
     return any(list(texts) == [str(at + first) for at in range(len(texts))] for first in (0, 1))
 
 

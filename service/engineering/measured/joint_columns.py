@@ -132,7 +132,7 @@ def _surrounded_joints(
 
 
 def _leaves_place(names: Sequence[str], joints: Sequence[str], plain: Mapping[str, str]) -> bool:
-    """Tell whether joints that are called x, y or z leave the columns of a place."""
+    """Return whether joints that are called x, y or z leave the columns of a place."""
     if not _PLACE & {plain[name] for name in joints}:
         return True
     return {plain[name] for name in names if name not in joints} >= _PLACE

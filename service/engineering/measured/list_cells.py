@@ -47,7 +47,7 @@ class _Item:
 
 
 def has_lists(lines: Sequence[str]) -> bool:
-    """Tell whether most of the first lines of a file hold lists of numbers in brackets."""
+    """Return whether most of the first lines of a file hold lists of numbers in brackets."""
     filled = [line for line in lines if line.strip()]
     return bool(filled) and sum(bool(_take_lists(line)[1]) for line in filled) > _MOSTLY * len(filled)
 

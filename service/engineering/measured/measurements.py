@@ -227,7 +227,7 @@ def _joined_layouts(
 
 
 def _holds_both(table: MeasurementTable, model: RobotModel) -> bool:
-    """Tell whether a sheet is a series of its own."""
+    """Return whether a sheet is a series of its own."""
     try:
         _detect(table, model, {})
     except MeasurementError:

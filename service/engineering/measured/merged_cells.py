@@ -52,7 +52,7 @@ def fill_merged_joints(
 
 
 def _reads_on_the_way(readings: Array, starts: NDArray[np.intp], usual: int) -> bool:
-    """Tell whether the rows (N, c) between postures lie where the arm passes between them, not at the one above."""
+    """Return whether the rows (N, c) between postures lie where the arm passes between them, not at the one above."""
     whole = np.flatnonzero(np.diff(starts) == usual + 1)
     first, following = readings[starts[whole]], readings[starts[whole + 1]]
     to_first, to_way = [], []

@@ -61,7 +61,7 @@ def _fill_ins(values: Array, found: dict[int, str]) -> None:
 
 
 def _stands_out(few: Array, others: Array) -> bool:
-    """Tell whether numbers lie outside what the other rows hold."""
+    """Return whether numbers lie outside what the other rows hold."""
     return bool(few.min() > others.max() or few.max() < others.min())
 
 

@@ -21,7 +21,7 @@ Cells = list[float | str]
 
 
 def is_remark(row: Sequence[float | str]) -> bool:
-    """Tell whether a line is a remark: it begins with a mark that no number and no name does, or is a drawn rule."""
+    """Return whether a line is a remark: it begins with a mark that begins no number or name, or is a drawn rule."""
     filled = [cell for cell in row if cell != ""]
     if filled and all(isinstance(cell, str) and _RULE.fullmatch(cell) for cell in filled):
         return True
@@ -30,7 +30,7 @@ def is_remark(row: Sequence[float | str]) -> bool:
 
 
 def is_counting_heading(row: Cells, below: Cells) -> bool:
-    """Tell whether a row names some columns and counts the others: 1 to 6 below "Joint angles", and X, Y, Z."""
+    """Return whether a row names some columns and counts the others: 1 to 6 below "Joint angles", and X, Y, Z."""
     named = any(
         isinstance(cell, str) and cell and isinstance(under, float)
         for cell, under in zip(row, below, strict=False)
@@ -47,7 +47,7 @@ def is_counting_heading(row: Cells, below: Cells) -> bool:
 
 
 def only_counts(row: Cells) -> bool:
-    """Tell whether a row does nothing but count its columns from 0 or 1, as programs write that know no names."""
+    """Return whether a row does nothing but count its columns from 0 or 1, as programs write that know no names."""
     filled = [cell for cell in row if cell != ""]
     count = len(filled)
     return count >= _FEWEST_ONLY_COUNTED and filled in (
@@ -156,5 +156,5 @@ def _are_units(row: Sequence[str]) -> bool:
 
 
 def are_numbered(names: Sequence[str]) -> bool:
-    """Tell whether names only count the columns of a table without heading."""
+    """Return whether names only count the columns of a table without heading."""
     return any(re.fullmatch(r"column \d+( \[.*\])?", name) for name in names[:1])

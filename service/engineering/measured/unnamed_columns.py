@@ -42,7 +42,7 @@ class _Choice:
 
 
 def tell_nothing(names: Sequence[str]) -> bool:
-    """Tell whether headings only count the columns: none at all, Var1 to Var9, or 0 to 8."""
+    """Return whether headings only count the columns: none at all, Var1 to Var9, or 0 to 8."""
     return all(_TELLS_NOTHING.fullmatch(name.strip()) for name in names)
 
 

@@ -42,7 +42,7 @@ class WorkbookSheet:
 
 
 def holds_table(rows: Sequence[Cells]) -> bool:
-    """Tell whether at least two rows have numbers enough for a posture and a reading."""
+    """Return whether at least two rows have numbers enough for a posture and a reading."""
     return sum(sum(isinstance(c, float) for c in row) >= FEWEST_COLUMNS for row in rows) >= 2
 
 

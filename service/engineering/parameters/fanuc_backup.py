@@ -129,7 +129,7 @@ def _require_valid(backup: FanucBackup, group: int) -> tuple[GroupMastering, Gro
 
 
 def _is_named(serial: str, folder: Path) -> bool:
-    """Tell whether the backup's version report names this robot by its F number; refuse one that names another."""
+    """Return whether the backup's version report names this robot by its F number; refuse one that names another."""
     wanted = _plain_number(serial)
     report = read_report_in(folder, VERSION) if _F_NUMBER.fullmatch(wanted) else None
     if report is None:
@@ -163,7 +163,7 @@ def _refuse_other_axes(model: str, mastering: GroupMastering) -> None:
 
 
 def _third_follows_second(model: str, drives: GroupDrives) -> bool:
-    """Tell whether J3 is counted from J2: as the controller's variables say, else as the model does."""
+    """Return whether J3 is counted from J2: as the controller's variables say, else as the model does."""
     if drives.third_follows_second is not None:
         return drives.third_follows_second
     coupling = load_model(model).joint_coupling

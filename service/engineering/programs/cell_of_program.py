@@ -37,7 +37,7 @@ _FARTHEST = 3.0  # times the arm's length
 
 
 def bring_their_own(programs: Sequence[ProgramFile]) -> bool:
-    """Tell whether any program holds tools or frames itself."""
+    """Return whether any program holds tools or frames itself."""
     return any(tools or bases for p in programs for tools, bases in [_brought_frames(p, at_home=True)])
 
 
@@ -98,7 +98,7 @@ def name_in(project: Project, program: ProgramFile, name: str | None) -> str | N
 
 
 def in_no_frame(program: ProgramFile, name: str | None) -> bool:
-    """Tell whether a position names no user frame, or only the robot's base."""
+    """Return whether a position names no user frame, or only the robot's base."""
     return name is None or _is_same_name(name, base_of(program.brand), program.brand)
 
 

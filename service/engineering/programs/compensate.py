@@ -35,7 +35,7 @@ class CompensationRoute(OneCellRoute):
 
     @property
     def keeps_joint_points(self) -> bool:
-        """Tell whether points in joint angles are requested to stay."""
+        """Return whether points in joint angles are requested to stay."""
         return False
 
     def covers_frame(self, frame: str | None, *, bare_joints: bool, in_joints: bool = False) -> bool | str:

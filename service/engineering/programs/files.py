@@ -317,7 +317,7 @@ def _sources_below(folder: Path, out: Path | None, passed: list[Path]) -> list[P
 
 
 def is_log(path: Path) -> bool:
-    """Tell whether a file has a program's suffix and none inside, as the logs of a controller's whole backup."""
+    """Return whether a file has a program's suffix and none inside, as the logs of a controller's whole backup."""
     return path.suffix.lower() in _suffixes() and not _is_program(path)
 
 
@@ -326,7 +326,7 @@ def _suffixes() -> set[str]:
 
 
 def holds_unread_places(path: Path) -> bool:
-    """Tell whether a file that was passed over may hold places of the robot, in a form that is not read."""
+    """Return whether a file that was passed over may hold places of the robot, in a form that is not read."""
     return path.suffix.lower() in _UNREAD_SUFFIXES or path.name.lower() == _YASKAWA_VARIABLES
 
 
@@ -344,7 +344,7 @@ def _unread_below(folder: Path, listed: Set[Path]) -> list[Path]:
 
 
 def _is_program(path: Path) -> bool:
-    """Tell whether a brand takes a file.
+    """Return whether a brand takes a file.
 
     One that cannot be read, or that an editor saved in another encoding, is a source: it is refused by name.
     """
@@ -356,7 +356,7 @@ def _is_program(path: Path) -> bool:
 
 
 def _is_earlier_output(path: Path, folder: Path, out: Path | None) -> bool:
-    """Tell whether a file below a folder was written by an earlier run, to a folder inside it."""
+    """Return whether a file below a folder was written by an earlier run, to a folder inside it."""
     if out is None:
         return False
     there = out.resolve()

@@ -44,7 +44,7 @@ class MoveRoute(OneCellRoute):
 
     @property
     def keeps_joint_points(self) -> bool:
-        """Tell whether points in joint angles are requested to stay."""
+        """Return whether points in joint angles are requested to stay."""
         return self.joints == "keep"
 
     def covers_frame(self, frame: str | None, *, bare_joints: bool, in_joints: bool = False) -> bool | str:
@@ -161,7 +161,7 @@ def redefined_frame(project: Project, frame: str, base_change: Array) -> tuple[A
 
 
 def _stands_for_all_points(project: Project, frame: str) -> bool:
-    """Tell whether a user frame, entered anew, moves the points of every position of the external axes alike."""
+    """Return whether a user frame, entered anew, moves the points of every position of the external axes alike."""
     carriers = project.axes.carriers_of(frame, caseless=False)
     tracks = [axis for axis in project.axes.axes if axis.carries_robot]
     return all(project.axes.axes[n].coordinated for n in carriers) and all(
@@ -189,7 +189,7 @@ def instead_of_moving(project: Project, frame: str, base_change: Array) -> str:
 
 
 def _can_follow(project: Project, base_change: Array) -> bool:
-    """Tell whether the robot keeps a frame's points when the frame is entered anew: few joints follow few turns."""
+    """Return whether the robot keeps a frame's points when the frame is entered anew: few joints follow few turns."""
     other = project.other_arm
     if other is None or other.free_count >= _POSE:
         return True

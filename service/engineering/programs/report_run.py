@@ -59,7 +59,7 @@ class ReportOutputs:
 
     @property
     def fills_standard_output(self) -> bool:
-        """Tell whether a report goes to standard output, which then holds nothing else."""
+        """Return whether a report goes to standard output, which then holds nothing else."""
         return STANDARD_OUTPUT in self.report_paths
 
 

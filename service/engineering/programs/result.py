@@ -60,7 +60,7 @@ class ProgramResult:
 
     @property
     def is_complete(self) -> bool:
-        """Tell whether no point was left, and none of the others is off."""
+        """Return whether no point was left, and none of the others is off."""
         return LEFT not in self.status and not self.findings
 
     @property

@@ -40,7 +40,7 @@ _ACROSS, _PARALLEL = 0.1, 0.9  # cosines between axes
 
 
 def runs_programs_of(model: RobotModel, brand: str) -> bool:
-    """Tell whether a robot may run programs of a brand; one's own description may be of any make."""
+    """Return whether a robot may run programs of a brand; one's own description may be of any make."""
     make, maker = make_of(model), maker_of(model.name)
     if make is not None:
         return make.brand == brand
@@ -48,7 +48,7 @@ def runs_programs_of(model: RobotModel, brand: str) -> bool:
 
 
 def lacks_coupling(model: RobotModel, brand: str) -> bool:
-    """Tell whether joints of this brand's programs mean something else than those of the model.
+    """Return whether joints of this brand's programs mean something else than those of the model.
 
     FANUC's J3 is counted against the horizon, the joint of a description against the link before.
     """
@@ -56,7 +56,7 @@ def lacks_coupling(model: RobotModel, brand: str) -> bool:
 
 
 def _has_swung_forearm(model: RobotModel) -> bool:
-    """Tell whether joint 1 turns the arm, and joints 2 and 3 about parallel axes across it: no SCARA, no track."""
+    """Return whether joint 1 turns the arm, and joints 2 and 3 about parallel axes across it: no SCARA, no track."""
     if model.axis_count < 3 or (model.sliding is not None and model.sliding[:3].any()):
         return False
     first_second, second_third = model.placements[1, 2, 2], model.placements[2, 2, 2]

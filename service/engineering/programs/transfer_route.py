@@ -51,11 +51,11 @@ class TransferRoute(Protocol):
 
     @property
     def keeps_joint_points(self) -> bool:
-        """Tell whether points in joint angles are requested to stay, whatever a program does with them."""
+        """Return whether points in joint angles are requested to stay, whatever a program does with them."""
         ...
 
     def covers_frame(self, frame: str | None, *, bare_joints: bool, in_joints: bool = False) -> bool | str:
-        """Tell whether points of a user frame go this way, or why that is not known.
+        """Return whether points of a user frame go this way, or why that is not known.
 
         ``in_joints`` are joint angles, ``bare_joints`` those whose program names no frame but the base.
         """

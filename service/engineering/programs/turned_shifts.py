@@ -233,7 +233,7 @@ def _computed_finding(found: PointFinding, shift: ProgramShift, route: TransferR
 
 
 def _size_counts(shift: ProgramShift, turned: _TurnedChange) -> bool:
-    """Tell whether a part of the shift that is not readable costs something."""
+    """Return whether a part of the shift that is not readable costs something."""
     change = turned.change
     if shift.quaternion is None and (np.abs(change - np.eye(4)) > _LEAST_M).any():
         return True
@@ -244,7 +244,7 @@ def _size_counts(shift: ProgramShift, turned: _TurnedChange) -> bool:
 
 
 def _set_part_counts(shift: ProgramShift, seen: _TurnedChange) -> bool:
-    """Tell whether coordinates that get a value of their own would change with the point."""
+    """Return whether coordinates that get a value of their own would change with the point."""
     apart = np.abs(seen.change - np.eye(4))[:3]
     if not seen.exact:
         return bool((apart > _LEAST_M).any())

@@ -77,7 +77,7 @@ class ProgramInCell:
 
     @property
     def is_current(self) -> bool:
-        """Tell whether this cell runs what it should."""
+        """Return whether this cell runs what it should."""
         return self.state is CloneState.CURRENT
 
 

@@ -46,7 +46,7 @@ def run_in_processes(
 
 
 def is_worthwhile(sources: Sequence[ProgramSource]) -> bool:
-    """Tell whether sources are large enough, and the system able, to share them out."""
+    """Return whether sources are large enough, and the system able, to share them out."""
     large = sum(map(_file_size, sources)) >= _WORTH_BYTES
     return large and "fork" in multiprocessing.get_all_start_methods()
 

@@ -134,7 +134,7 @@ class ExternalAxis:
 
 
 def same_axis(one: str, other: str) -> bool:
-    """Tell whether two names mean one axis: case, blanks and colons do not count."""
+    """Return whether two names mean one axis: case, blanks and colons do not count."""
     return axis_key(one) == axis_key(other)
 
 

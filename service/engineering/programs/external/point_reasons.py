@@ -92,7 +92,7 @@ def _is_met(
 
 
 def _leader_is_stated(positions: Positions, row: int, axes: CellAxes, carriers: Sequence[int]) -> bool:
-    """Tell whether all axes of other groups at a position are stated, and one of them carries its work."""
+    """Return whether all axes of other groups at a position are stated, and one of them carries its work."""
     values = positions.all_external[row]
     others = [
         column.name

@@ -62,7 +62,7 @@ def has_unstated_axes(positions: Positions, axes: CellAxes) -> NDArray[np.bool_]
 
 
 def is_stated(name: str, axes: CellAxes) -> bool:
-    """Tell whether a project states the axis of a column."""
+    """Return whether a project states the axis of a column."""
     return any(same_axis(name, axis.axis) for axis in axes.axes)
 
 

@@ -22,7 +22,7 @@ class StandingTools:
     works: Mapping[str, ProjectTool] = field(default_factory=dict)  # poses on the flange
 
     def states(self, brand: str, tool: str | None, frame: str | None, *, held: bool) -> bool:
-        """Tell whether a project states what a position at a standing tool needs."""
+        """Return whether a project states what a position at a standing tool needs."""
         if not held:
             return frame is not None and frame in self.tools
         return self.of_position(brand, tool, frame) is not None
