@@ -10,7 +10,7 @@ Modelled
     ``advance``.
 Not modelled
     Clocks that differ from device to device. Link timers (heartbeats, cyclic telegrams, a program's cycle
-    counter, how long a link fault lasts) are real time: agreements with a client that lives in real time.
+    counter, how long a link fault lasts) are real time: agreements with a client that runs in real time.
 """
 
 import asyncio

@@ -1,7 +1,7 @@
 """A process that serves for weeks leaves what it loaded at its start out of the collector's rounds.
 
 A full collection looks at every object there is: with our libraries loaded it stopped the loop for 0.1 to 0.2 s,
-every few seconds where a thousand cells speak. What came with the start never goes: looking again finds nothing.
+every few seconds where a thousand cells send. What came with the start never goes: looking again finds nothing.
 """
 
 import gc

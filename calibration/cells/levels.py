@@ -25,7 +25,7 @@ from cellcal.calibration.identification.selection import (
 )
 from cellcal.calibration.message import make_message
 
-_FEWEST_VOTING = 12  # rows of a series: fewer are needed to place its device, and are always fitted
+_FEWEST_COMPARED = 12  # rows of a series: fewer are needed to place its device, and are always fitted
 _MOST_ROWS = 4000
 _FOLDS = 10
 
@@ -72,19 +72,19 @@ class CellTrial:
         return [chosen[(chosen >= a) & (chosen < b)] - a for a, b in pairwise(starts)]
 
     @cached_property
-    def is_voting(self) -> NDArray[np.bool_]:
+    def is_compared(self) -> NDArray[np.bool_]:
         """Whether a row may be held out (total,): rows of short series are needed to place their devices."""
         sizes = np.array([len(rows) for rows in self.rows])
-        may = (sizes >= _FEWEST_VOTING) | (sizes == sizes.max())
+        may = (sizes >= _FEWEST_COMPARED) | (sizes == sizes.max())
         return np.asarray(may[self.series_of])
 
     @cached_property
     def folds(self) -> Rows:
         """The fold of every row (total,), -1 for rows that are always fitted."""
         dealt = np.full(len(self.groups), -1)
-        voting = np.flatnonzero(self.is_voting)
-        groups = Grouping(self.groups, "").of_rows(voting)
-        dealt[voting] = assign_folds(groups, self.options.folds, self.options.seed)
+        compared = np.flatnonzero(self.is_compared)
+        groups = Grouping(self.groups, "").of_rows(compared)
+        dealt[compared] = assign_folds(groups, self.options.folds, self.options.seed)
         return dealt
 
     def layout_of(self, level: int) -> CellLayout:
@@ -116,7 +116,7 @@ class CellTrial:
         return np.concatenate([errors_m(series, fit.fit.state) for series in problem.series])
 
     def held_out(self, level: int) -> Array:
-        """Return the error of every row by a fit without its fold (total,) [m]; zero for rows that never vote."""
+        """Return the errors (total,) [m] by fits without the row's fold; zero for rows that are never left out."""
         errors = np.zeros(len(self.groups))
         for fold in range(int(self.folds.max()) + 1):
             held_rows = np.flatnonzero(self.folds == fold)
@@ -150,7 +150,7 @@ def choose_level(trial: CellTrial) -> tuple[int, tuple[str, ...]]:
     most = sum(len(rows) * of.channels for rows, of in zip(few.rows, observations, strict=True))
     possible, notes = possible_levels(sizes, most)
     level, reasons = best_level(
-        possible, lambda each: few.held_out(each) * few.weights, few.groups, few.is_voting
+        possible, lambda each: few.held_out(each) * few.weights, few.groups, few.is_compared
     )
     return level, (*notes, *reasons)
 

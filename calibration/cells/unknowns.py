@@ -9,7 +9,7 @@ from cellcal.calibration.identification.identifiability import NotIdentified, hi
 from cellcal.calibration.identification.parameters import Parameter
 from cellcal.calibration.message import join_messages, make_message
 
-_LEARNED = 0.5  # of the prior deviation: above, the prior speaks rather than the data
+_LEARNED = 0.5  # of the prior deviation: above, the value comes from the prior rather than from the data
 _FOUND_M, _FOUND_RAD = 0.05, 0.05  # an unknown place that stays vaguer than this has not been found
 _ARM_ROLES = ("offset", "geometry", "wire", "gravity", "gear")
 _PLACE_ROLES = ("base", "tool", "target", "device")

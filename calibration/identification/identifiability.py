@@ -59,7 +59,7 @@ class CorrelatedPair:
 
 
 def is_learnt(sigma: float, prior: float) -> bool:
-    """Whether the data determined a parameter: below half its prior deviation they speak, above it the prior does."""
+    """Whether the data determined a parameter: its deviation is below half of the prior one."""
     return sigma <= _LEARNED * prior
 
 

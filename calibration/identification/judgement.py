@@ -1,4 +1,4 @@
-"""The honest figure: every row predicted by a procedure that saw nothing of it, its choices included.
+"""The held-out figure: every row predicted by a procedure that saw nothing of it, its choices included.
 
 A fit that leaves rows out is not enough. If all rows have chosen the level, or told where the device was moved,
 the rows left out have had their say. Here breaks, level and fit are made anew without each fold.

@@ -29,7 +29,7 @@ def motion_of(model: RobotModel, observations: MeasuredRows) -> float:
 
 
 def fit_quickly(model: RobotModel, observations: Observations) -> MisfitScore:
-    """Fit base, tool and zeros to most of the rows; outliers do not speak."""
+    """Fit base, tool and zeros to most of the rows; outliers have no weight."""
     best = MisfitScore(float("inf"))
     plain = places_only(observations)
     try:

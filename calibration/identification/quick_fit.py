@@ -42,7 +42,7 @@ def point_scores(
 
 
 def trimmed_point_scores(base_flange: Array, positions_m: Array, mirrored: Array, rounds: int = 3) -> Array:
-    """Return the same after fits to the rows that fitted best: outliers do not speak (H,)."""
+    """Return the same after fits to the rows that fitted best: outliers have no weight (H,)."""
     weights = None
     for _ in range(rounds):
         sizes = np.linalg.norm(point_residuals(base_flange, positions_m, mirrored, weights), axis=2)

@@ -1,7 +1,7 @@
 """What an identified arm leaves over, as a smooth function of the joints: a Gaussian process, with its own doubt.
 
 Far from the rows that it has seen it says zero, and its uncertainty grows to the size of what it models: the
-parametric arm speaks alone there.
+parametric arm is used alone there.
 """
 
 from dataclasses import dataclass

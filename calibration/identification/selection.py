@@ -45,8 +45,8 @@ from cellcal.calibration.message import make_message
 LEVELS = (FRAMES, OFFSETS, GEOMETRY, GRAVITY, RIPPLE, GEAR)
 _QUICK_UNKNOWNS = 100
 _FOLDS = 10
-_BELIEVABLE = 8.0  # times the median error
-FEW_ROWS = 60  # up to here priors speak beside the rows
+_PLAUSIBLE = 8.0  # times the median error
+FEW_ROWS = 60  # up to here the priors still count beside the rows
 _FEW_GAIN = 0.75
 _MOST_ROWS = 4000  # are looked at to choose; the fit takes all
 
@@ -97,7 +97,7 @@ def select_level(
     Notes
     -----
     Levels are tried in order. A wider one replaces the best so far only if it predicts groups that it has not
-    seen better by 1 % and by more than the groups' own scatter. Rows that no level can believe do not vote.
+    seen better by 1 % and by more than the groups' own scatter. Rows that every level predicts badly do not count.
     """
     rows = evenly_spaced(len(observations), _MOST_ROWS)
     some, groups = observations.select_rows(rows), grouping.of_rows(rows)
@@ -202,7 +202,7 @@ def _choose_level(
     sizes = {level: trial.unknown_count(level) for level in LEVELS}
     few = len(trial.observations) <= FEW_ROWS and trial.options.start.is_nominal
     possible, notes = possible_levels(sizes, trial.observations.channels * len(trial.observations), few=few)
-    voting = np.ones(len(trial.observations), dtype=bool)
+    compared = np.ones(len(trial.observations), dtype=bool)
     runner.show_stage("comparing levels on rows left out")
 
     def start_folds(level: int, wait_for_whole: Callable[[], RobustFit]) -> Callable[[], Array]:
@@ -216,7 +216,7 @@ def _choose_level(
     whole = {level: start_whole(level) for level in possible if level != GEAR}
     begun = {level: start_folds(level, wait) for level, wait in whole.items()}
     held_out = cache(lambda level: (begun.get(level) or start_folds(level, start_whole(level)))())
-    level, reasons = best_level(possible, held_out, trial.grouping.groups, voting)
+    level, reasons = best_level(possible, held_out, trial.grouping.groups, compared)
     if few and level < GEOMETRY in possible:
         raised, why = _level_of_few(level, {each: held_out(each) for each in (level, GEOMETRY)})
         return raised, (*notes, *reasons, why), fits
@@ -245,8 +245,8 @@ def possible_levels(
 ) -> tuple[list[int], list[str]]:
     """Return the levels that so many readings can carry, given their numbers of unknowns, and why not the others.
 
-    More than a hundred unknowns with ripple need two readings each: with fewer, priors speak, and cost the more time
-    the less they say. The geometry of few rows is carried by its priors, however many unknowns it has.
+    More than a hundred unknowns with ripple need two readings each: with fewer, the priors decide, and the fit takes
+    more time for less information. The geometry of few rows is carried by its priors, however many unknowns it has.
     """
     most = {
         level: readings // 2 if level >= RIPPLE and size > _QUICK_UNKNOWNS else readings
@@ -269,17 +269,17 @@ def possible_levels(
 
 
 def best_level(
-    possible: Sequence[int], held_out: Callable[[int], Array], groups: Rows, voting: NDArray[np.bool_]
+    possible: Sequence[int], held_out: Callable[[int], Array], groups: Rows, compared: NDArray[np.bool_]
 ) -> tuple[int, tuple[str, ...]]:
     """Return the level whose held-out errors are surely the smallest, narrower ones first, and every comparison.
 
     Gear ratios are tried where ripple is worth its unknowns: what a ratio does, ripple shows as long waves.
     """
     errors = {level: held_out(level) for level in possible if level != GEAR}
-    best, notes = _compare_levels(errors, groups, voting)
+    best, notes = _compare_levels(errors, groups, compared)
     if GEAR in possible and best == RIPPLE:
         errors[GEAR] = held_out(GEAR)
-        best, notes = _compare_levels(errors, groups, voting)
+        best, notes = _compare_levels(errors, groups, compared)
     elif GEAR in possible:
         notes.append(
             make_message("{level}: not tried, because ripple does not help", level=_level_text(GEAR))
@@ -292,16 +292,16 @@ def _level_text(level: int) -> str:
 
 
 def _compare_levels(
-    errors: Mapping[int, Array], groups: Rows, voting: NDArray[np.bool_]
+    errors: Mapping[int, Array], groups: Rows, compared: NDArray[np.bool_]
 ) -> tuple[int, list[str]]:
-    # The same rows vote on all levels: those that at least one of them can believe.
+    # The same rows count for all levels: those that at least one of them predicts plausibly.
     smallest = np.min(list(errors.values()), axis=0)
-    believable = voting & (smallest < _BELIEVABLE * np.median(smallest[voting]))
+    plausible = compared & (smallest < _PLAUSIBLE * np.median(smallest[compared]))
     best, notes = FRAMES, []
     for level in [level for level in errors if level != FRAMES]:
-        narrow = (make_message("level {level}", level=best), errors[best][believable])
-        wide = (_level_text(level), errors[level][believable])
-        comparison = compare_models(narrow, wide, groups[believable])
+        narrow = (make_message("level {level}", level=best), errors[best][plausible])
+        wide = (_level_text(level), errors[level][plausible])
+        comparison = compare_models(narrow, wide, groups[plausible])
         notes.append(comparison.reason)
         if comparison.better:
             best = level

@@ -197,7 +197,7 @@ def _inverse_normal(columns: Array) -> Array:
 def change_between(before_m: Array, after_m: Array) -> int:
     """Return how many of some rows (N,) belong before a change, given their errors on either side of it [m]."""
     usual = max(float(np.median(np.minimum(before_m, after_m))), 1e-6)
-    # Capped: one wild row must not decide.
+    # Capped: one outlier must not decide.
     first, second = (np.minimum((errors / usual) ** 2, _CAPPED_COST) for errors in (before_m, after_m))
     cost = np.concatenate([[0.0], np.cumsum(first)]) + np.concatenate([[0.0], np.cumsum(second[::-1])])[::-1]
     return int(np.argmin(cost))

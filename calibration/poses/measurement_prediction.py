@@ -39,7 +39,7 @@ from cellcal.calibration.motion.motion_check import MotionLimits
 
 _LARGEST_LENGTH_M = 1e-2  # design scale of a place that is not known beforehand
 _LARGEST_ANGLE_RAD = float(np.deg2rad(0.5))
-LEARNT_SHARE = 0.5  # of the prior deviation: below, the data speak
+LEARNT_SHARE = 0.5  # of the prior deviation: below, the data determine the value
 _STRUCTURE_POSTURES = 200
 
 

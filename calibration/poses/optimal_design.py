@@ -14,7 +14,7 @@ from cellcal.calibration.errors import CalibrationError, DegenerateDataError
 from cellcal.calibration.geometry import Array
 
 _MOST_ROUNDS = 30
-_WORTHWHILE = 1e-9  # relative gain of an exchange; below, rounding speaks
+_WORTHWHILE = 1e-9  # relative gain of an exchange; below, it is rounding
 _LEAST_WEIGHT = 1e-12
 _LEAST_LEFT = 1e-5  # of the information in a direction, for a block to be removed by a rank-m change
 _BOUND_GAP = 2e-3  # of the criterion, where the search for the bound may stop

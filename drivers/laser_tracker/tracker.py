@@ -241,7 +241,7 @@ class LaserTracker:
         return (*station, *frame, *compensation)
 
     def _on_status_change(self, code: int) -> None:
-        """Hear an event; before the first reading there is nothing that could be mixed up."""
+        """Receive an event; before the first reading there is nothing that could be mixed up."""
         if self._readings and code in _MOVED:
             self._note_moved(_MOVED[StatusChange(code)])
 

@@ -217,7 +217,7 @@ class CellProgram:
             )
 
     async def _halt_quietly(self) -> None:
-        """Stop on the way out of a failure; the failure itself is what the caller must hear of."""
+        """Stop on the way out of a failure; the failure itself is raised to the caller."""
         try:
             async with asyncio.timeout(self._deadline_s):
                 await self.hold_arm()
@@ -253,7 +253,7 @@ class CellProgram:
 
 
 class _Heartbeat:
-    """Whether the program still lives, and when it must hear of us again."""
+    """Whether the program still runs, and when it needs the next heartbeat."""
 
     def __init__(self, stale_after_s: float, heartbeat_s: float) -> None:
         self._stale_after_s, self._heartbeat_s = stale_after_s, heartbeat_s

@@ -1,7 +1,7 @@
 """One session with an OPC UA server: made when it is needed, given up where it fails, made anew by the next request.
 
-The library asyncua encodes and decodes; its tasks for reconnecting and renewing are not used, so that a session lives
-and dies with the requests of this driver.
+The library asyncua encodes and decodes; its tasks for reconnecting and renewing are not used, so that a session
+begins and ends with the requests of this driver.
 """
 
 import asyncio

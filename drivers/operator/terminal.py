@@ -52,7 +52,7 @@ class TerminalOperator:
                     return Answer(self._person, line)
 
     def show_guidance(self, text: str, values: Mapping[str, Any]) -> None:
-        """Print what changed, a line each: the person looks at the robot and hears no cursor."""
+        """Print what changed, a line each: the person looks at the robot, not at the cursor."""
         advice = (
             values.get("advice"),
             values.get("other_axis"),

@@ -32,7 +32,7 @@ class _CouplerConfig(BaseModel):
     deadline_s: float = Field(default=1.0, gt=0, le=60)
     echo_output: int | None = Field(
         default=None, ge=1, le=16
-    )  # wired to echo_input: shows that the image lives
+    )  # wired to echo_input: shows that the image is updated
     echo_input: int | None = Field(default=None, ge=1, le=256)
     echo_ms: float = Field(default=100.0, gt=0, le=5000)
 

@@ -1,4 +1,4 @@
-"""The I/O coupler that a probe is wired to: its image of the inputs, and whether that image lives.
+"""The I/O coupler that a probe is wired to: its image of the inputs, and whether that image is updated.
 
 An image that stands still looks like a contact that stays open. One output is therefore wired back to one input:
 what is written there must come back, or the image is dead. Without that wire only the coupler's own registers tell.

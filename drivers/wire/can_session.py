@@ -1,4 +1,4 @@
-"""One connection to a CAN bus and one node on it, from opening to death. Lives in threads."""
+"""One connection to a CAN bus and one node on it, from opening to its end. Runs in threads."""
 
 import contextlib
 import struct
@@ -66,7 +66,7 @@ class Emergency:
 
 
 class CanSession:
-    """One open bus. When it dies it says why in ``dead`` and closes itself; it is never revived."""
+    """One open bus. When it fails, ``dead`` holds the reason and it closes itself; it is never opened again."""
 
     def __init__(self, device: str, node_id: int, trace: FrameTrace, *, answer_s: float) -> None:
         self.device, self._id, self._trace, self._answer_s = device, node_id, trace, answer_s

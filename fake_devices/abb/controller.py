@@ -212,7 +212,7 @@ class AbbController:
         self.mode, self.motors, self.program_runs = "AUTO", "motoron", True
 
     def lose_counters(self, axes: list[int]) -> None:
-        """Let the battery of the measuring board die: the revolution counters of these axes are gone."""
+        """Empty the battery of the measuring board: the revolution counters of these axes are gone."""
         for axis in axes:
             self.axis_states[axis] = "NotAMSSynchronized"
         self.counters.lose_turns(axes)

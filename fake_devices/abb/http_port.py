@@ -1,4 +1,4 @@
-"""HTTP/1.1 as the web servers of both generations speak it: requests in, answers out, and what can go wrong.
+"""HTTP/1.1 as the web servers of both generations use it: requests in, answers out, and what can go wrong.
 
 Imitates
     The web server of an ABB controller, without its authentication.

@@ -1,4 +1,4 @@
-"""A draw-wire whose encoder speaks Modbus TCP: registers over the wire's length.
+"""A draw-wire with a Modbus TCP encoder: registers over the wire's length.
 
 Imitates
     An absolute multi-turn encoder on the drum of a draw-wire, of the class of Lika EM58/HM58 MT or POSITAL LD0.

@@ -6,8 +6,8 @@ Source
     linux-can/socketcand doc/protocol.md; the python-can client's habits as collected in the project's wire
     facts: handshake answers must arrive each by itself, a frame without data needs two blanks before ``>``.
 Modelled
-    ``< hi >``, open, rawmode, echo, send, frame; several clients, who hear each other as on a real bus;
-    error frames; a daemon that dies or hangs.
+    ``< hi >``, open, rawmode, echo, send, frame; several clients, that receive each other's frames as on a real bus;
+    error frames; a daemon that ends or hangs.
 Not modelled
     Broadcast-manager and control mode (answered with an error), the UDP beacon, statistics, CAN FD, bit
     timing.

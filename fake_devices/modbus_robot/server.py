@@ -167,7 +167,7 @@ class ModbusServer(ListeningPort):
     async def _send_response(
         self, writer: asyncio.StreamWriter, tid: int, unit: int, request: bytes, response: bytes
     ) -> bool:
-        """Send one answer, or what a fault makes of it; return whether the connection lives on."""
+        """Send one answer, or what a fault makes of it; return whether the connection stays open."""
         if self.faults.use_once("lost_reply") is not None:
             return True
         if _is_write(request) and self.faults.use_once("act_then_cut") is not None:

@@ -1,7 +1,7 @@
 """What can happen to a fake controller, by name, at run time.
 
 Imitates
-    Stops, operators, other clients, cables and programs that die.
+    Stops, operators, other clients, cables and programs that fail.
 Source
     README of this package, faults; the fault table of the design.
 Modelled

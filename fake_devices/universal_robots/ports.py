@@ -69,7 +69,7 @@ class TcpPort:
             self._empty.set()
 
     def stall_connections(self, *, on: bool) -> None:
-        """Leave the sockets open without a byte in either direction, or let them speak again."""
+        """Leave the sockets open without a byte in either direction, or let them send again."""
         self.stalled = on
         for connection in self.connections:
             connection.set_reading(on=not on)

@@ -172,7 +172,7 @@ class YaskawaController:
         self._brake()
 
     def lose_positions(self, axes: Sequence[int]) -> None:
-        """Let the encoder battery die over a power-off: these axes come back some motor turns off."""
+        """Empty the encoder battery over a power-off: these axes come back some motor turns off."""
         self.homes.lose_turns(axes)
         self.lost_axes |= set(axes)
         self.raise_alarm(_LOST_CODE, LOST_TEXT, sum(1 << axis for axis in axes))

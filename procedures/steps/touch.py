@@ -51,7 +51,7 @@ class ProbeApproach:
     measure_m_s: float = 0.0005
     repeats: int = 3
     retreat_m: float = 0.001  # from the contact, before each repeat and at the end
-    segment_m: float = 0.005  # an arm that does not hear a stop goes no farther than this
+    segment_m: float = 0.005  # an arm that does not obey a stop goes no farther than this
     travel_rad_s: float = 0.1  # to the start
 
 

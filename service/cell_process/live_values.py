@@ -189,7 +189,7 @@ class LivePoller:
             shown.update_value(value, self._clock())
 
     def _on_reading(self, role: str, reading: Any) -> None:
-        """Hear what a run asks and reads."""
+        """Receive what a run asks and reads."""
         if reading is None:
             self._reads(role)
             return

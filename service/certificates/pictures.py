@@ -1,6 +1,6 @@
 """Small drawings for certificates: figures against their limits, errors point by point, before and after.
 
-Dots on linear axes that begin at zero: a bar on a logarithmic axis has no honest length. Shapes differ beside
+Dots on linear axes that begin at zero: the length of a bar on a logarithmic axis means nothing. Shapes differ beside
 colours, so that a copy in grey tells the same.
 """
 

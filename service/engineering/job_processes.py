@@ -1,6 +1,6 @@
 """The process of a job that a page has begun: how the service runs it, and how it ends with the service.
 
-The process writes one JSON object a line on its output. Its input is open for as long as the service lives.
+The process writes one JSON object a line on its output. Its input is open for as long as the service runs.
 """
 
 import asyncio

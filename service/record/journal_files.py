@@ -9,7 +9,7 @@ from cellcal.service.record.journal import Journal, StoreError
 
 
 def journal_path(config: CellConfig) -> Path:
-    """Return where the cell's journal lives."""
+    """Return the folder of the cell's journal."""
     return config.cell.data_dir / "journal.db"
 
 

@@ -1,4 +1,4 @@
-"""One run at a time per robot: a lock that the operating system takes back when its holder dies."""
+"""One run at a time per robot: a lock that the operating system releases when its process ends."""
 
 import fcntl
 import os

@@ -78,7 +78,7 @@ class SharedInstrument:
 
 
 def share_instruments(cell: Cell, tell: Tell) -> Cell:
-    """Return the cell with every instrument shared; ``tell`` hears what a run reads of them."""
+    """Return the cell with every instrument shared; ``tell`` receives what a run reads of them."""
 
     def share_role(role: str) -> Any:
         device = cell.measuring_devices.get(role)

@@ -17,7 +17,7 @@ ASKING = ["declare_subscriber", "query", "declare_liveliness_subscriber", "livel
 LEASE_MS = 2500  # a pulled cable closes no connection
 _RETRY = {"period_init_ms": 200, "period_max_ms": 1000, "period_increase_factor": 2}
 _MOST_SESSIONS = 10_000
-# a thousand cells speak at once, and all of it leaves through the monitor's one link: two batches and 1 ms, the
+# a thousand cells send at once, and all of it leaves through the monitor's one link: two batches and 1 ms, the
 # default, lose some on a busy computer
 _QUEUE = {"size": {"data": 16}, "congestion_control": {"drop": {"wait_before_drop": 20_000}}}
 # joints come ten times a second, on a busy computer unevenly; what comes sooner than this allows after the one before

@@ -1,4 +1,4 @@
-"""A monitor's end of the bus: hears all cells, keeps their events, asks for what is missing. It puts nothing.
+"""A monitor's end of the bus: receives all cells, stores their events, asks for what is missing. It puts nothing.
 
 One thread takes what came in, opens and stores it; another asks cells for what they still hold.
 """

@@ -35,7 +35,7 @@ class StoreFailsError(SiteError):
 
 
 class UnstoredEvents:
-    """The events received, in their order, until they are stored. Used by the thread that hears."""
+    """The events received, in their order, until they are stored. Used by the receiving thread."""
 
     def __init__(
         self,

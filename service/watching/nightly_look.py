@@ -58,7 +58,7 @@ def night_exit_code(found: Sequence[LookedAtRobot]) -> ExitCode:
 async def look_at_cell(
     config: CellConfig, *, accept: frozenset[str] = frozenset(), report: Callable[[LookedAtRobot], None]
 ) -> tuple[LookedAtRobot, ...]:
-    """Look at every robot; what a robot in ``accept`` shows is taken as right. ``report`` hears each as it comes."""
+    """Look at every robot; what a robot in ``accept`` shows is taken as right. ``report`` gets each as it comes."""
 
     async def look(entry: RobotConfig) -> LookedAtRobot:
         found = await _look_at(config, entry, accept=entry.name in accept)

@@ -117,7 +117,7 @@ def create_app(settings: ServiceSettings) -> FastAPI:
 
 @asynccontextmanager
 async def _run_background(context: AppContext, event_sinks: EventSinks) -> AsyncIterator[None]:
-    """Keep what lives as long as the service, and show what fails of it."""
+    """Keep the tasks that run as long as the service, and show which of them fail."""
     unlisten = SUPERVISOR.add_listener(partial(_show_troubles, context))
     keeping = [context.link.start_process(), *event_sinks.start_tasks()]
     yield

@@ -30,7 +30,7 @@ class ProcessState:
 
 
 class CellHangsError(CellError):
-    """The cell's process lives and does not answer."""
+    """The cell's process runs and does not answer."""
 
     code = "desk.hangs"
 

@@ -15,7 +15,7 @@ from fastapi import WebSocketDisconnect
 from cellcal.calibration.message_table import with_messages
 
 SLOW_S = 1.0
-TICK_S = 1.0  # a screen hears something at least this often, so that silence means a lost link
+TICK_S = 1.0  # a screen gets a message at least this often, so that silence means a lost link
 
 
 class ScreenSocket(Protocol):

@@ -30,7 +30,7 @@ class AbbWebServicesConfig(StepwiseRobotConfig):
 
     driver: Literal["abb_web_services"]
     port: int | None = Field(default=None, ge=1, le=65535)  # None: 80 and 443, as the generation asks for
-    certificate: Path | None = None  # of a controller that speaks TLS, in PEM form; None: not compared
+    certificate: Path | None = None  # of a controller with TLS, in PEM form; None: not compared
     user: str = Field(default="Default User", min_length=1, max_length=64)
     password: str = Field(default="robotics", max_length=64)  # both are the maker's defaults
     serial: str = Field(min_length=1)  # of the controller (ctrl-id); compared at every connect

@@ -1,4 +1,4 @@
-"""Variables of a KUKA controller over TCP: the frames of KUKAVARPROXY, which C3 Bridge speaks, too.
+"""Variables of a KUKA controller over TCP: the frames of KUKAVARPROXY, which C3 Bridge uses, too.
 
 Source: the C3 Bridge protocol description 1.5 and the source of KUKAVARPROXY. Header big endian: tag, length without
 these four octets, type; an answer ends with three octets of which only the last says success with both servers.

@@ -213,7 +213,7 @@ class ScriptShifts:
         return _FRAME_BEFORE.search(self.text, max(offset - _LONGEST_GAP, 0), offset) is not None
 
     def _follows_the_work(self, name: str) -> bool:
-        """Return whether what is assigned to a variable goes along with the poses of the program, or is a noted shift."""
+        """Return whether what is assigned to a variable goes along with the poses of the program, or is a shift."""
         values = list(self._assignments_of(name))
         return bool(values) and all(
             _FOLLOWS.match(self.text, value.start("value")) or _PLAIN.fullmatch(value["value"])

@@ -71,7 +71,7 @@ def alarm_meaning(alarm: ControllerAlarm) -> CodeEntry | None:
 
 
 def position_alarms(files: ControllerFiles) -> tuple[tuple[ControllerAlarm, CodeEntry], ...]:
-    """Return the active alarms that speak of a lost position or a failing encoder."""
+    """Return the active alarms that report a lost position or a failing encoder."""
     return tuple(pair for pair in _known_alarms(files) if pair[1].kind in _POSITION_KINDS)
 
 

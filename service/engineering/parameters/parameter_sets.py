@@ -113,7 +113,7 @@ class ParameterChange:
 
     @property
     def is_determined(self) -> bool:
-        """Whether a measurement speaks for what is in each of the two sets."""
+        """Whether a measurement confirms each of the two sets."""
         return all(value.determined for value in (self.before, self.after) if value is not None)
 
     @property

@@ -156,7 +156,7 @@ def _mark_breaks(panel: "Axes", evidence: PlottedResiduals, *, label: bool) -> N
 
 
 def _panel_top(*errors: Array) -> float:
-    """Return where a panel ends: a few wild rows shall not press all others flat."""
+    """Return where a panel ends: a few outliers must not compress all others."""
     largest = max(float(each.max()) for each in errors)
     usual = max(float(np.percentile(each, _SHOWN)) for each in errors)
     return 1.05 * max(largest if largest < 2 * usual else usual, 1e-6)

@@ -1,7 +1,7 @@
 """Drafts of files that are being written: hidden, and named after their process, which identifies their owner.
 
 A killed process leaves its drafts behind. The next run in the same folder removes them; those of a process that
-still lives, or of another computer, stay.
+still runs, or of another computer, stay.
 """
 
 import os

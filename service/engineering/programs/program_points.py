@@ -36,7 +36,7 @@ class ProgramPoints:
     tools: tuple[str | None, ...]
     user_frames: tuple[str | None, ...]
     stays: NDArray[np.bool_]  # (N,) not meant to change
-    reasons: list[str]  # (N,) why a point is left, "" while nothing speaks against it
+    reasons: list[str]  # (N,) why a point is left, "" while it can be moved
     held: NDArray[np.bool_]  # (N,) of a tool in the cell, seen from the work in the gripper
     hinted: NDArray[np.bool_]  # (N,) whose joints may only choose the posture of a pose
     axis_values: Array  # (N, A) of the cell's external axes
@@ -109,7 +109,7 @@ class ProgramPoints:
         return found
 
     def open_rows(self) -> Rows:
-        """Return the points that nothing speaks against."""
+        """Return the points that can be moved."""
         stays = self.stays.tolist()
         return np.array(
             [i for i, reason in enumerate(self.reasons) if not reason and not stays[i]], dtype=np.intp

@@ -37,7 +37,7 @@ NO_FRAME = "its program names no user frame, so nothing tells whether its work i
 class ExternalReasons:
     """Of N positions of one program."""
 
-    reasons: list[str]  # "" where nothing speaks against a point
+    reasons: list[str]  # "" where a point can be moved
     stays: NDArray[np.bool_]  # rows of groups whose axes are stated: they are no points of the robot
     point_axes: PointAxes
 

@@ -18,7 +18,7 @@ _UNCONFIRMED = {
 
 
 def unconfirmed_meanings(points: ProgramPoints) -> list[str]:
-    """Return what is taken for granted of points that nothing speaks against."""
+    """Return what is assumed about points that can be moved."""
     found: dict[str, None] = {}
     for i in points.open_rows().tolist():
         program = points.programs[points.of[i]]
