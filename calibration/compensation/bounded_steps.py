@@ -58,7 +58,7 @@ class BoundedSearch:
             self._search_beyond(reach, way)
 
     def find_pushes(self) -> tuple[Flags, Flags]:
-        """Tell which joints (n, N) rest at the lower, and at the upper side of the box and would go on."""
+        """Return which joints (n, N) rest at the lower, and at the upper side of the box and would go on."""
         pull = np.einsum("kin,in->kn", self.gap.tip_jacobian(self.arm), self.gap.error)
         return (self.joints <= self.lower) & (pull < 0), (self.joints >= self.upper) & (pull > 0)
 

@@ -125,7 +125,7 @@ class PoseGap:
         return cost
 
     def is_reached(self, position_m: float, angle_rad: float) -> Flags:
-        """Tell which poses are reached."""
+        """Return which poses are reached."""
         reached: Flags = (self.position_m <= position_m) & (self.angle_sine <= angle_rad) & (self.cosine > 0)
         return reached
 

@@ -70,7 +70,7 @@ class ModelError:
         return total
 
     def is_extrapolated(self, covariances: Array) -> NDArray[np.bool_]:
-        """Tell which postures (N,) the parameters know worse than any among the measured ones."""
+        """Return which postures (N,) the parameters know worse than any among the measured ones."""
         return np.asarray(np.einsum("nii->n", covariances) > self.near_m2)
 
     def expanded_m(self, covariances: Array, own_m2: Array, beyond: NDArray[np.bool_]) -> Array:

@@ -158,7 +158,7 @@ def rejection_limit(channels: int, rows: int, freedom: float = np.inf) -> float:
 
 
 def find_outliers(residuals: Array, limit: float) -> NDArray[np.bool_]:
-    """Tell which rows (channels, N) are beyond the limit, and not in the company of their neighbours.
+    """Return which rows (channels, N) are beyond the limit, and not in the company of their neighbours.
 
     A row that is as far off as the rows around it is no blunder but a drift, which a fit should see.
     Far beyond the limit no company helps.

@@ -120,7 +120,7 @@ def forecast_walk(
 
 
 def forecast_place_recovery(knowledge: Knowledge, room: MotionBounds, index_speed_rad_s: float) -> Forecast:
-    """Tell which places of the record's kit would be found again after a loss, and what they would tell."""
+    """Return which places of the record's kit would be found again after a loss, and what they would tell."""
     record = knowledge.record
     lacks = _missing_need_texts(knowledge)
     if record is None or record.kit is None or lacks:

@@ -57,7 +57,7 @@ class RecordPattern:
 
     @cached_property
     def is_fixed(self) -> Flags:
-        """Tell which characters are alike in all records: those of no coordinate, and its point."""
+        """Return which characters are alike in all records: those of no coordinate, and its point."""
         found = np.ones(len(self.text), dtype=bool)
         for first, width, point in self.fields:
             found[first : first + width] = False
@@ -124,7 +124,7 @@ class FixedRecords:
         self._match_records()
 
     def is_complete(self) -> Flags:
-        """Tell of each listing whether all its records are of fixed width."""
+        """Return for each listing whether all its records are of fixed width."""
         odd = np.bincount(self.of, self.pattern_of == NO_PATTERN, minlength=len(self.whole))
         keys = (self.of * 10 + self._of_patterns([p.group for p in self.patterns])) * 100_000 + self.numbers
         twice = np.ones(len(keys), dtype=bool)

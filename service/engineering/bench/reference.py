@@ -163,7 +163,7 @@ def _move_with_world(value: Array) -> Array:
 
 
 def _length_mask(key: str, value: Array) -> Array:
-    """Tell which of the numbers are lengths: by name, in poses the last column, in DH rows d and a."""
+    """Return which of the numbers are lengths: by name, in poses the last column, in DH rows d and a."""
     mask = np.zeros(value.shape, dtype=bool)
     if key.endswith("_m"):
         mask[...] = True

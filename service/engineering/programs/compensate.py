@@ -29,7 +29,7 @@ class CompensationRoute(OneCellRoute):
 
     @property
     def real_ends(self) -> tuple[bool, bool]:
-        """Tell which end is the real arm: the target of an upload, the source of a download."""
+        """Return which end is the real arm: the target of an upload, the source of a download."""
         upload = self.direction is ProgramDirection.UPLOAD
         return not upload, upload
 

@@ -97,7 +97,7 @@ class TransferChecks:
         return [_SHAPES_UNCHECKED]
 
     def _at_zero(self, points: ProgramPoints, rows: Rows) -> NDArray[np.bool_]:
-        """Tell at which points no external axis has moved anything: shapes are stated there."""
+        """Return at which points no external axis has moved anything: shapes are stated there."""
         zeros = np.array([axis.entered.zero for axis in self.axes.axes])
         if not len(zeros):
             return np.ones(len(rows), dtype=bool)

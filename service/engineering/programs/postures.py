@@ -188,7 +188,7 @@ class PostureSearch:
             found[i], why[i] = np.nan, make_message(OTHER_TURNS, text=texts[i])
 
     def _turns_agree(self, joints: Array, texts: Sequence[str]) -> NDArray[np.bool_]:
-        """Tell which joints have the turn numbers of their texts.
+        """Return which joints have the turn numbers of their texts.
 
         A joint taught on the border of two numbers comes back on either side of it, because the pose was rounded.
         """
