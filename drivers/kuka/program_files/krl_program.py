@@ -232,6 +232,7 @@ class KrlProgram(KrlMotions):
 
     def _take_value(self, name: NamedItem, line: KrlLine) -> None:
         upper = name.name.upper()
+        self.points.sets_root |= upper in patterns.ROOTS
         value = without_strings(self.found.source.text[name.value : line.end])
         if value[:1] == "{" or patterns.NAME_VALUE.match(value):
             self.points.set_data.add(upper)
@@ -301,6 +302,7 @@ class KrlProgram(KrlMotions):
         if name is not None and name.name.upper() in patterns.TABLES:
             self._take_table_setting(name, line)
         elif name is not None:
+            self.points.sets_root |= name.name.upper() in patterns.ROOTS
             self._take_overwrite(name, "{", line)
 
     def _take_table_setting(self, name: NamedItem, line: KrlLine) -> None:

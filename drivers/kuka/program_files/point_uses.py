@@ -60,6 +60,7 @@ class PointUses:
     set_tables: set[str] = field(
         default_factory=set
     )  # "BASE 16": BASE_DATA[16] is set; "BASE *": one of them
+    sets_root: bool = False  # it says anew where the robot stands in the world
     set_data: set[str] = field(default_factory=set)  # names that get a value, or a part of frame data
     calls: list[RoutineCall] = field(default_factory=list)  # that pass data with a name
     used_names: dict[str, list[str]] = field(default_factory=dict)  # by array, when all is read
