@@ -42,6 +42,7 @@ from cellcal.drivers.universal_robots.program_files.script_positions import (
 )
 from cellcal.drivers.universal_robots.program_files.script_remarks import list_remarks
 from cellcal.drivers.universal_robots.program_files.script_shifts import ScriptShifts
+from cellcal.drivers.universal_robots.program_files.script_steps import ScriptSteps
 from cellcal.drivers.universal_robots.program_files.script_text import ScriptLiteral, ScriptText
 from cellcal.drivers.universal_robots.program_files.script_tools import (
     PROGRAM,
@@ -79,7 +80,7 @@ class ScriptProgram:
         unread = [row for row, place in enumerate(places) if place.unread]
         columns["frame_tip"][unread], columns["joints"] = np.nan, _without_joints(joints, unread)
         shifts = ScriptShifts(text, finder, places)
-        columns["shifts"] = shifts.all_shifts()
+        columns["shifts"] = (*shifts.all_shifts(), *ScriptSteps(text, finder, places).list_shifts())
         columns["barred"] |= dict(shifts.barred_places())
         remarks = (*list_remarks(finder), *tools.list_remarks(places))
         frames = ProgramFrames(

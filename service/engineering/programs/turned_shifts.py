@@ -13,12 +13,13 @@ import numpy as np
 from cellcal.calibration.geometry import Array, inverse_transform, log_rotation
 from cellcal.calibration.message import make_message
 from cellcal.drivers.programs.positions import ProgramFile
-from cellcal.drivers.programs.shifts import UNKNOWN_FRAME, ProgramShift, ShiftAxes
+from cellcal.drivers.programs.shifts import ProgramShift, ShiftAxes
 from cellcal.service.engineering.programs.cell_of_program import frame_of, name_in
 from cellcal.service.engineering.programs.copies_in_other_frames import find_copy
 from cellcal.service.engineering.programs.external.carried_points import CarriedChanges
 from cellcal.service.engineering.programs.program_points import ProgramPoints
 from cellcal.service.engineering.programs.result import PointFinding
+from cellcal.service.engineering.programs.taken_places import find_taken
 from cellcal.service.engineering.programs.transfer_route import TransferRoute
 
 _LEAST_M, _LEAST_RAD = 1e-5, math.radians(0.005)  # what a pendant shows of a place and an orientation
@@ -63,11 +64,6 @@ _COMPUTED_PLACE = (
     "{what} goes to {point}, which the program computes while it runs: it is not corrected for the arm. Correct what "
     "computes it, or teach the point there."
 )
-_MEASURED = (
-    "{what} takes where the robot stands in the user frame {own}, and a motion takes these numbers in {frame}: with "
-    "this change it misses. Take the place in the frame of the motion, or teach a point there."
-)
-_ONE_THAT_IS_COMPUTED = "a computed one"
 _SETS_UNCORRECTED = (
     "{what} sets a part of {point} while the program runs: that part is not corrected for the arm. Set it to the "
     "value of the changed place, or teach the point there."
@@ -100,8 +96,9 @@ def _findings_of(
     by_frame: dict[str | None, _TurnedChange] = {}
     found: list[PointFinding] = []
     for shift in program.positions.shifts:
-        if not shift.rows and shift.other_frame:
-            found.append(_computed_finding(_measured_finding(shift, program, route), shift, route))
+        taken = find_taken(points, shift, (number, start), route)
+        if taken is not None:
+            found += [_computed_finding(one, shift, route) for one in taken]
             continue
         if not shift.rows:
             frame = name_in(route.source, program, shift.user_frame)
@@ -122,10 +119,10 @@ def _findings_of(
                 turned = _carried_change(carried, at, shift)
             pose = points.frame_tip[at] if points.cartesian[at] else None
             apart = carried is not None and not shift.other_tool
-            taken = None if apart else find_copy(points, (at, row), shift, route)
-            if taken is None and points.stays[at]:
+            copy = None if apart else find_copy(points, (at, row), shift, route)
+            if copy is None and points.stays[at]:
                 continue
-            one = taken or _shift_finding(shift, program.positions.names[row], row, pose, turned)
+            one = copy or _shift_finding(shift, program.positions.names[row], row, pose, turned)
             found.append(_computed_finding(one, shift, route))
     return [one for one in found if one.text]
 
@@ -223,26 +220,6 @@ def _absent_finding(shift: ProgramShift, turned: _TurnedChange, route: TransferR
         )
     else:
         text = ""
-    return PointFinding(shift.line, shift.point, shift.what, angle, math.nan, math.nan, text, -1)
-
-
-def _measured_finding(shift: ProgramShift, program: ProgramFile, route: TransferRoute) -> PointFinding:
-    """Return what becomes of a place that is measured in one frame and moved to in another; no text where nothing.
-
-    It stands at P, so that it is u1^-1 P there and the motion goes to X P with X = u2 u1^-1: changed to X E P, where
-    the work asks for E X P.
-    """
-    own, other = shift.user_frame, None if shift.other_frame == UNKNOWN_FRAME else shift.other_frame
-    named = [name_in(route.source, program, one) for one in (own, other)]
-    meant = [one is None or route.covers_frame(one, bare_joints=False) is True for one in named]
-    misses = any(meant) and bool((np.abs(route.change - np.eye(4)) > _LEAST_M).any())
-    before, after = (None if one is None else frame_of(route.source, program, one) for one in named)
-    if all(meant) and before is not None and after is not None:
-        across = after @ inverse_transform(before)
-        misses = bool((np.abs(across @ route.change - route.change @ across) > _LEAST_M).any())
-    angle = float(np.linalg.norm(log_rotation(route.change[:3, :3])))
-    names = (one or _ONE_THAT_IS_COMPUTED for one in (own, other))
-    text = make_message(_MEASURED, what=shift.what, own=next(names), frame=next(names)) if misses else ""
     return PointFinding(shift.line, shift.point, shift.what, angle, math.nan, math.nan, text, -1)
 
 
