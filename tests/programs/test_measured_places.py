@@ -87,3 +87,42 @@ def test_a_place_that_is_taken_in_another_work_object_is_a_finding(way: str, tmp
 def test_a_place_that_goes_along_is_none(way: str, frame: str, turn: float, tmp_path: Path) -> None:
     """In the same work object, or in one that is only shifted, which a shift does not turn."""
     assert not move_modules(tmp_path, WAYS[way], frame, turn)
+
+
+KUKA = """format = 1
+name = "cell"
+[robot]
+serial = "S1"
+model = "kuka_kr6_r900"
+[tools.1.entered]
+position_mm = [0, 0, 100]
+[frames.2]
+position_mm = [400, 100, 50]
+[frames.3]
+position_mm = [300, -200, 20]
+fanuc_wpr_deg = [0, 0, 35]
+"""
+
+
+@pytest.mark.parametrize(
+    ("lines", "is_finding"),
+    [
+        (("XH=$POS_ACT", "BAS(#BASE,3)", "LIN XH"), True),
+        (("XH[2]=$POS_INT", "$BASE=BASE_DATA[3]", "LIN XH[I]"), True),
+        (("XH=$POS_ACT:{X 0,Y 0,Z -50,A 0,B 0,C 0}", "XG=XH", "BAS(#BASE,3)", "LIN XG"), True),
+        (("XH=$POS_ACT", "LIN XH"), False),
+        (("XH=$POS_ACT", "BAS(#BASE,3)", "BAS(#BASE,2)", "LIN XH"), False),
+    ],
+)
+def test_a_point_taken_in_another_base_is_a_finding(
+    lines: tuple[str, ...], is_finding: bool, tmp_path: Path
+) -> None:
+    (tmp_path / "project.toml").write_text(KUKA)
+    program = ("DEF A( )", "BAS(#TOOL,1)", "BAS(#BASE,2)", *lines, "END", "")
+    (tmp_path / "a.src").write_text("\r\n".join(program), newline="")
+    report = tmp_path / "report.json"
+    words = ["move", tmp_path / "a.src", "--project", tmp_path / "project.toml", "--out", tmp_path / "out"]
+    code = run_command_line(["program", *map(str, words), "--offset", "20,0,0,0,0,0", "--json", str(report)])
+    (one,) = json.loads(report.read_text())["programs"]
+    assert [finding["text"][:8] for finding in one["findings"]] == ["$POS_ACT"] * is_finding
+    assert code == (ExitCode.REFUSED if is_finding else ExitCode.PASS)

@@ -33,6 +33,7 @@ from cellcal.drivers.kuka.program_files.lines import (
     without_strings,
 )
 from cellcal.drivers.kuka.program_files.literals import KrlLiteral
+from cellcal.drivers.kuka.program_files.measured_points import MEASURED
 from cellcal.drivers.kuka.program_files.passed_points import parameters_of
 from cellcal.drivers.kuka.program_files.point_uses import PointUses
 from cellcal.drivers.kuka.program_files.usual import TAUGHT_MOVE
@@ -282,6 +283,10 @@ class KrlProgram(KrlMotions):
         if ":" in value and name.name[0] != "$":
             self.shifts.note_operators(value, name.value or line.start, self.types, None)
         to = point_key(name.name, name.index)
+        if MEASURED.search(value) is not None:
+            key = f"$POS@{line.start}"
+            self.points.measured[key] = self.move_here(line.start)._replace(data=self.force.data)
+            self.points.copies[key] = {to}
         for source in patterns.WORD.finditer(without_field_names(value)):
             self.note_use(source[1], source[2], line.start, COPIED)
             self.points.copies.setdefault(point_key(source[1], source[2]), set()).add(to)

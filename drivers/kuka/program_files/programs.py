@@ -28,6 +28,7 @@ from cellcal.drivers.kuka.program_files.machine_data import (
     carried_bases,
     root_among,
 )
+from cellcal.drivers.kuka.program_files.measured_points import measured_shifts
 from cellcal.drivers.kuka.program_files.passed_points import (
     calls_of_file,
     copies_of_file,
@@ -246,7 +247,7 @@ def _read_src(source: ProgramText) -> _Read:
         _FileSummary(
             declarations,
             routines=routines,
-            shifts=program.shifts.to_shifts(points),
+            shifts=(*program.shifts.to_shifts(points), *measured_shifts(points)),
             set_data=points.set_data,
         ),
     )
