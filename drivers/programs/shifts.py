@@ -48,6 +48,7 @@ class ProgramShift:
     other_tool: str = (
         ""  # no shift: the motion takes the point's numbers with this tool, which is not its own
     )
+    goes_on: bool = False  # no shift: a step begins where the points leave the robot
     absent: str = ""  # no shift: the motion goes to a place that no file holds; what to do with it
 
     def to_matrix(self) -> Array:

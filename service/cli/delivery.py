@@ -116,6 +116,8 @@ def compare(address: str, /, *programs: Path, login: LoginOptions = _USUAL, as_j
         ComparedProgram,
         Difference,
         compare_programs,
+        folders_below,
+        folders_inside,
         read_programs,
     )
     from cellcal.service.engineering.delivery.store_addresses import store_at
@@ -124,17 +126,26 @@ def compare(address: str, /, *programs: Path, login: LoginOptions = _USUAL, as_j
     here = read_programs(programs)
     who = _login(login)
 
-    async def compare_all() -> tuple[ComparedProgram, ...]:
+    async def compare_all() -> tuple[tuple[ComparedProgram, ...], tuple[str, ...]]:
         async with store_at(address, who)() as store:
-            return await compare_programs(store, here)
+            return await compare_programs(store, here), await folders_below(store)
 
-    found = asyncio.run(compare_all())
+    found, below = asyncio.run(compare_all())
+    left_out = {"on the controller": list(below), "here": list(folders_inside(programs))}
     table = PlainTable("program", "compared")
     for each in found:
         table.add_row(each.name, str(each.difference))
     STDERR_CONSOLE.print(table)
+    for where, folders in left_out.items():
+        if folders:
+            STDERR_CONSOLE.print(
+                f"folders {where} that are not compared: {', '.join(folders)}; name each on both sides",
+                markup=False,
+                soft_wrap=True,
+            )
     if as_json:
-        print_json({"address": address, "programs": {each.name: str(each.difference) for each in found}})
+        programs_found = {each.name: str(each.difference) for each in found}
+        print_json({"address": address, "programs": programs_found, "not_compared": left_out})
     same = all(each.difference is Difference.SAME for each in found)
     return ExitCode.PASS if same else ExitCode.OUT_OF_TOLERANCE
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from cellcal.calibration.geometry import Pose
+from cellcal.drivers.kuka.program_files.machine_data import ROOT_SET
 from cellcal.drivers.programs.barred import TURNED_BASE
 from cellcal.drivers.programs.positions import ProgramFile
 from cellcal.service.engineering.programs.batches import read_batches
@@ -91,3 +92,39 @@ def test_a_robot_at_the_origin_changes_nothing(root: str, tmp_path: Path) -> Non
     found = read_cell(tmp_path, machines=MACHINES[-1:], root=root).frames
     assert found.base_frame.get("0", Pose((0.0, 0.0, 0.0))) == Pose((0.0, 0.0, 0.0))
     assert found.cell_base_frame["1"].position_m == pytest.approx((0.7, 0.0, 0.1))
+
+
+ROOT = "{X 0.0,Y 0.0,Z 50.0,A 0.0,B 0.0,C 0.0}"
+
+
+@pytest.mark.parametrize(
+    "statement",
+    [
+        f"$ROBROOT={ROOT}",
+        "$robroot.z=50.0",
+        "$ROBROOT=ROOT_OF[2]",
+        f"$WORLD={ROOT}",
+        "SHIFT_ROOT($ROBROOT)",
+        'CAST_FROM(DATA[],OFFSET,"%.4r",$ROBROOT)',
+    ],
+)
+@pytest.mark.parametrize("file", ["R1/Program/a.src", "R1/Program/cell/b.src", "R1/System/sps.sub"])
+def test_a_root_that_a_program_sets_leaves_every_place(statement: str, file: str, tmp_path: Path) -> None:
+    files = {
+        "R1/Program/a.dat": dat_file("A", *TAUGHT, "DECL E6AXIS XHOME={A1 0,A2 -90,A3 90,A4 0,A5 0,A6 0}"),
+        "R1/Program/a.src": src_file("A"),
+        "other/R1/Program/c.dat": dat_file("C", *TAUGHT),
+    }
+    files[file] = src_file(Path(file).stem, statement)
+    found = {Path(name).name: one.positions for name, one in read_programs(tmp_path, files).items()}
+    left = [
+        name for row, name in enumerate(found["a.dat"].names) if found["a.dat"].barred.get(row) == ROOT_SET
+    ]
+    assert left == ["XP0", "XP1", "XP2"]
+    assert not found["c.dat"].barred  # of another controller
+
+
+def test_a_root_that_is_only_read_leaves_nothing(tmp_path: Path) -> None:
+    lines = ("IF $ROBROOT.Z==50.0 THEN", "HEIGHT=$ROBROOT.Z", "ENDIF", "BASE_DATA[9]=$ROBROOT")
+    files = {"a.dat": dat_file("A", *TAUGHT), "a.src": src_file("A", *lines)}
+    assert not read_programs(tmp_path, files)["a.dat"].positions.barred

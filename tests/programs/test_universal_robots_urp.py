@@ -22,6 +22,8 @@ from cellcal.drivers.universal_robots.program_files.script_program import read_s
 from cellcal.drivers.universal_robots.program_files.urp_archive import MOST_XML_BYTES
 from cellcal.drivers.universal_robots.program_files.urp_kinematics import pose_distances
 from cellcal.drivers.universal_robots.program_files.urp_program import UrpProgram, read_urp
+from cellcal.service.engineering.programs.batches import read_batches
+from cellcal.service.engineering.programs.files import find_programs
 from tests.programs.fuzz import check_mutants
 from tests.programs.generate_universal_robots_urp import ARMS, consistent, generate, packed, unpacked
 
@@ -382,6 +384,40 @@ def test_waypoints_in_a_feature_that_the_program_may_set_are_left(node, feature,
     )
     assert program.positions.user_frames == ("base", feature)
     assert sorted(program.positions.barred) == [1] * is_left
+
+
+SETS = "<Assignment><variable name='Plane_1_var'/></Assignment>"
+CALLS = "<SubProgram reference='../a'/>"
+
+
+@pytest.mark.parametrize(
+    ("file", "text", "own", "is_left"),
+    [
+        ("b.urp", SETS, CALLS, True),
+        ("b.urp", SETS + CALLS, "", True),
+        ("b.urp", CALLS + f"<a>{_expression_xml('swap(Plane_1_var)')}</a>", "", True),
+        ("b.urp", SETS, "", False),  # neither calls the other
+        ("b.urp", SETS.replace("Plane_1", "Plane_2"), CALLS, False),
+        ("b.script", "def look():\n  global Plane_1_var = get_actual_tcp_pose()\nend\n", "", True),
+        ("b.script", "def look():\n  here = get_actual_tcp_pose()\nend\n", CALLS, False),
+    ],
+)
+def test_waypoints_in_a_feature_that_a_called_or_calling_program_sets_are_left(
+    file, text, own, is_left, tmp_path
+):
+    move = "<Move><feature class='GeomFeatureReference' referencedName='Plane_1'/><children>"
+    (tmp_path / "a.urp").write_bytes(
+        _urp_bytes(f"{_waypoint_xml()}</children></Move>{own}{move}{_waypoint_xml('W2')}")
+    )
+    other = _urp_bytes(f"{_waypoint_xml()}</children></Move>{text}<Move><children>")
+    (tmp_path / file).write_bytes(text.encode() if file.endswith("script") else other)
+    sources = find_programs([str(tmp_path)]).sources
+    found = {
+        one.source.place.name: one.program
+        for some in read_batches(sources, lambda _: None, [])
+        for one in some
+    }
+    assert sorted(found["a.urp"].positions.barred) == [1] * is_left
 
 
 def test_nodes_that_move_nothing_are_no_findings():

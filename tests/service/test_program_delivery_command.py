@@ -7,7 +7,10 @@ from pathlib import Path
 
 import pytest
 
+from cellcal.calibration.errors import CellError
+from cellcal.drivers.fanuc.controller_files.program_digests import groups_of
 from cellcal.service.cli.app import run_command_line
+from cellcal.service.engineering.delivery.comparison import read_programs
 
 CELL = """\
 [cell]
@@ -128,3 +131,39 @@ def test_a_program_that_was_changed_since_is_restored_only_on_request(
 def test_a_fetch_of_no_program_is_no_success(tmp_path: Path, run_cellcal: RunCommand) -> None:
     (tmp_path / "share" / "R1" / "Program").mkdir(parents=True)
     assert run_cellcal("program", "fetch", tmp_path / "share", "--out", tmp_path / "out")[0] != 0
+
+
+def test_a_comparison_names_what_it_does_not_look_at(
+    share: Path, tmp_path: Path, run_cellcal: RunCommand
+) -> None:
+    """Folders below, an odd name, a name that is not there, two that a controller takes for one."""
+    here = tmp_path / "here"
+    for folder in (here, share):
+        (folder / "cell 2").mkdir(parents=True)
+        (folder / "cell 2" / "deep.src").write_bytes(folder.name.encode())
+        (folder / "pick and place.src").write_bytes(b"DEF PICK( )")
+    for file in share.iterdir():
+        if file.is_file():
+            (here / file.name).write_bytes(file.read_bytes())
+    code, out = run_cellcal("program", "compare", share, here, "--json")
+    found = json.loads(out)
+    assert (code, set(found["programs"].values())) == (0, {"same"})
+    assert found["not_compared"] == {"on the controller": ["cell 2"], "here": ["cell 2"]}
+    (here / "MAIN.SRC").write_bytes(b"")
+    for paths, why in (
+        ((tmp_path / "nothere",), "cannot be read"),
+        ((), "no program"),
+        ((here,), "one name for"),
+    ):
+        with pytest.raises(CellError, match=why):
+            read_programs(paths)
+
+
+@pytest.mark.parametrize(
+    ("head", "is_same"),
+    [("1,*,*,*,*", True), ("1,*,*,*,*,*,*,*", True), ("1,1,*,*,*", False), ("*,1,*,*,*", False)],
+)
+def test_a_listing_of_another_motion_group_is_another_program(head: str, is_same: bool) -> None:
+    text = "/PROG  A\n/ATTR\nDEFAULT_GROUP\t= {};\n/MN\n   1:  ;\n/POS\n/END\n"
+    sent, read = (text.format(one).encode() for one in ("1,*,*,*,*", head))
+    assert (groups_of(sent) == groups_of(read)) is is_same

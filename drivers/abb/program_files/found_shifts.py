@@ -9,6 +9,7 @@ from cellcal.drivers.abb.program_files.collected_positions import RapidPositions
 from cellcal.drivers.abb.program_files.displacements import WORDS, ActiveDisplacement, Displacements
 from cellcal.drivers.abb.program_files.instructions import COMPUTED, MoveTarget, offset_of
 from cellcal.drivers.abb.program_files.literals import NAME, NUMBER, W, after_blanks, decode_name
+from cellcal.drivers.abb.program_files.measured_places import measured_shifts
 from cellcal.drivers.abb.program_files.target_uses import TargetUses
 from cellcal.drivers.programs.barred import OVERWRITTEN
 from cellcal.drivers.programs.file_declarations import COMPONENT_SET
@@ -134,6 +135,11 @@ class FoundShifts:
         named = [self._make_shift(one, collected, uses) for one in found]
         return (
             *named,
+            *(
+                shift
+                for (scope, name), frames in sorted(uses.frames_of_measured().items())
+                for shift in measured_shifts(collected.source, name, frames, uses.parameters_of(scope))
+            ),
             *(
                 shift
                 for displacement in self.displacements.active_displacements()

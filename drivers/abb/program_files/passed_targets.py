@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from cellcal.drivers.abb.program_files.displacements import WORDS
 from cellcal.drivers.abb.program_files.instructions import MOVES
 from cellcal.drivers.abb.program_files.literals import INDEX, NAME, OPENED, OPTION, W, decode_name
+from cellcal.drivers.abb.program_files.measured_places import measured_name
 from cellcal.drivers.abb.program_files.target_uses import TargetUses
 from cellcal.drivers.programs.routine_calls import (
     UNCERTAIN,
@@ -270,13 +271,13 @@ def _read_call(text: str, span: tuple[int, int], call: tuple[str, str]) -> Routi
         named = OPTION.match(part) if is_option else None
         if named is not None:
             option = decode_name(named[1]).lower()
-            options[option] = _passed_name(part[named.end() :])
+            options[option] = _passed_name(part[named.end() :], span[0])
             if option == _WORK_OBJECT:
                 stated = ParameterUse(
                     arguments[-1] or None if len(arguments) > 1 else None, options[option] or None
                 )
         elif not is_option:
-            arguments.append(_passed_name(part))
+            arguments.append(_passed_name(part, span[0]))
             component = _COMPONENT.fullmatch(part)
             parts.append(decode_name(component[1]) if component else "")
     if call[1] in _COMPUTING_JOINTS and stated is None and len(arguments) > 1:
@@ -284,8 +285,13 @@ def _read_call(text: str, span: tuple[int, int], call: tuple[str, str]) -> Routi
     return RoutineCall(*call, tuple(arguments), options, tuple(parts), stated)
 
 
-def _passed_name(part: str) -> str:
-    """Return the name of the data that an argument is, or Offs of it, or a component of a record; "" for else."""
+def _passed_name(part: str, at: int) -> str:
+    """Return the name of the data that an argument is, or Offs of it, or a component of a record; "" for else.
+
+    A place that is measured has the name under which it is followed, with ``at``.
+    """
+    if measured := measured_name(part, 0, at):
+        return measured
     place = _PLACE.fullmatch(part) or _RECORD.fullmatch(part)
     if place is None:
         return ""

@@ -16,6 +16,7 @@ from cellcal.drivers.abb.program_files.collected_positions import LEAST_ANGLE_DE
 from cellcal.drivers.abb.program_files.configuration import AbbConfigurations, numbers_of
 from cellcal.drivers.abb.program_files.instructions import MOVES
 from cellcal.drivers.abb.program_files.literals import AGGREGATES
+from cellcal.drivers.abb.program_files.measured_places import frames_abroad, is_measured, measured_shifts
 from cellcal.drivers.abb.program_files.motion_configuration import (
     LISTS,
     UNKNOWN_ROBOT,
@@ -202,7 +203,13 @@ class AbbFile:
         frames = seen_from_base(frames, base)
         standing = (standing_remark(base),) if base is not None and len(positions) else ()
         places = absent_places(self.source, external_uses.absent, MOVES, comment="!", statement_end=";")
-        positions = replace(positions, shifts=(*positions.shifts, *places))
+        measured = (
+            shift
+            for name, uses in external_uses.uses.items()
+            if is_measured(name)
+            for shift in measured_shifts(self.source, name, frames_abroad(uses))
+        )
+        positions = replace(positions, shifts=(*positions.shifts, *places, *measured))
         positions = _with_agreed_tools(positions, external_uses, self.keys)
         positions = _without_other_robots(positions, external_uses.other_task)
         if is_of_unknown_robot(external_uses):

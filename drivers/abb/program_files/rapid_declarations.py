@@ -17,6 +17,7 @@ from cellcal.drivers.abb.program_files.literals import (
     decode_name,
     end_of_element,
 )
+from cellcal.drivers.abb.program_files.measured_places import measured_inside, measured_name
 from cellcal.drivers.abb.program_files.target_uses import TargetUses
 from cellcal.drivers.abb.program_files.unread import INSIDE
 
@@ -161,11 +162,14 @@ class RapidDeclarations:
         if text.startswith("[", place):  # an array or a record of targets
             end = text.find(";", place, place + _LONGEST_LIST)
             elements = (decode_name(one[1]) for one in _ELEMENT.finditer(text, place, max(end, place)))
-            self.uses.copied |= {(self.uses.scope, name, to) for name in elements}
+            inside = measured_inside(text, place, max(end, place))
+            self.uses.copied |= {(self.uses.scope, name, to) for name in (*elements, *inside)}
             return False
         copied = _COPIED.match(text, place)
         if copied is not None:
             self.uses.copied.add((self.uses.scope, decode_name(copied[1]), to))
+        elif measured := measured_name(text, place):
+            self.uses.copied.add((self.uses.scope, measured, to))
         elif (called := _CALLED.match(text, place)) is not None:
             arguments = (decode_name(name) for name in _ARGUMENT.findall(called[1]))
             self.uses.returned |= {(self.uses.scope, name, to) for name in arguments}

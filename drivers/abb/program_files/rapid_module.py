@@ -11,6 +11,7 @@ from cellcal.drivers.abb.program_files.declared_frames import DeclaredFrames
 from cellcal.drivers.abb.program_files.displacements import USED, WORDS, Displacements, TargetMove
 from cellcal.drivers.abb.program_files.found_shifts import FoundShifts
 from cellcal.drivers.abb.program_files.instructions import (
+    COMPUTED,
     FINDS,
     MOVES,
     STAR,
@@ -25,6 +26,7 @@ from cellcal.drivers.abb.program_files.literals import (
     W,
     decode_name,
 )
+from cellcal.drivers.abb.program_files.measured_places import measured_name, name_of_found
 from cellcal.drivers.abb.program_files.passed_targets import (
     RoutineParameters,
     pass_targets,
@@ -249,7 +251,9 @@ class RapidModule(RapidDeclarations):
         for part, target in enumerate(instruction.targets):
             self._moved_to(instruction, part, target, start)
         if word in FINDS and instruction.targets:
-            self.assigned_here.append((instruction.targets[0].name.partition("{")[0], self.uses.scope))
+            found, scope = instruction.targets[0].name.partition("{")[0], self.uses.scope
+            self.assigned_here.append((found, scope))
+            self.uses.copied.add((scope, name_of_found(start, instruction.frame), found))
         return instruction.end
 
     def _moved_to(self, instruction: MoveInstruction, part: int, target: MoveTarget, start: int) -> None:
@@ -258,7 +262,7 @@ class RapidModule(RapidDeclarations):
         word = self.found.source.text[start : start + len(instruction.word)]
         line = self.found.source.line_of(target.place)
         name = f"{word}@{line}" + (f".{part + 1}" if part else "")
-        row = -1
+        row, measured = -1, measured_name(self.found.source.text, target.place)
         if target.literal is not None:
             row = len(self.found.names)
             add = self.found.add_jointtarget if target.axes else self.found.add_robtarget
@@ -266,11 +270,14 @@ class RapidModule(RapidDeclarations):
             self.uses.use_row(row, instruction.tool, instruction.frame)
         elif target.name:
             self.uses.note_use(target.name, instruction.tool, instruction.frame)
+        elif measured:
+            self.uses.note_use(measured, instruction.tool, instruction.frame)
         elif target.remark == STAR:
             self.found.add_unread(name, target.place, _STAR_UNKNOWN)
         if self.displaced:
             self._note_move(start, target.name, row, instruction.frame)
-        self.shifts.take_target(target, (name, row), self.uses.scope, instruction.frame)
+        if not (measured and target.remark == COMPUTED):
+            self.shifts.take_target(target, (name, row), self.uses.scope, instruction.frame)
 
     def _take_module(self, word: str, end: int) -> int:
         named = _NAME.match(self.found.source.text, end)

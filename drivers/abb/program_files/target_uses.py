@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from cellcal.calibration.message import make_message
 from cellcal.drivers.abb.program_files.collected_positions import RapidPositions
 from cellcal.drivers.abb.program_files.frame_facts import BARRED_COMPUTED, AgreedUse, FrameFacts, ToolAndFrame
+from cellcal.drivers.abb.program_files.measured_places import is_measured
 from cellcal.drivers.programs.barred import MOVED_BY_UNIT, ONLY_SEEN_THERE, SEEN_FROM_FLANGE
 from cellcal.drivers.programs.conditions import ConditionalBar, ProjectNeed
 from cellcal.drivers.programs.file_declarations import COPIED, MoveFrames
@@ -129,6 +130,8 @@ class TargetUses:
         """Return a name as other files' routines get it; "" for a place without numbers."""
         if (scope, name.partition("{")[0].lower()) in self.parameters:
             return PARAMETER + name.partition("{")[0].lower()
+        if is_measured(name):
+            return OWN + name
         where, bare = self._declared_at(name, scope)
         if where in ("", "?") or (where.endswith("/") and self.shown.get(bare, True)):
             return name
@@ -167,6 +170,8 @@ class TargetUses:
         """Return where the declaration stands that a scope sees, and the name; ``?`` for none in this file."""
         bare = name.partition("{")[0].lower()
         module = f"{scope.partition('/')[0]}/"
+        if is_measured(bare):
+            return module, bare
         for where in (scope, module):
             if (where, bare) in self.rows:
                 return where, bare
@@ -200,14 +205,9 @@ class TargetUses:
         """Count a move to a copy for the target that it was made of, where moves go there as well."""
         if not (self.copied or self.returned):
             return
-        of_copies: dict[tuple[str, str], set[ToolAndFrame]] = defaultdict(set)
-        for (scope, name), what_all in self.used.items():
-            of_copies[self._declared_at(name, scope)] |= what_all
+        of_copies = self._uses_of_places()
         made = self.copied | self.returned
-        copies: dict[tuple[str, str], set[tuple[str, str]]] = defaultdict(set)
-        copies |= {key: set(some) for key, some in self.passed.items()}
-        for scope, name, to in made:
-            copies[self._declared_at(name, scope)].add(self._declared_at(to, scope))
+        copies = self._copies_made()
         for scope, name in sorted({each[:2] for each in made}):
             its = _reachable_copies(copies, self._declared_at(name, scope))
             uses = {use for copy in its for use in of_copies.get(copy, ())}
@@ -217,6 +217,43 @@ class TargetUses:
             for row in self.rows_of(name, scope) if some else ():
                 if row in self.of_row:
                     self.of_row[row] += some
+
+    def _uses_of_places(self) -> dict[tuple[str, str], set[ToolAndFrame]]:
+        """Return the uses by where a place is declared, and its name."""
+        found: dict[tuple[str, str], set[ToolAndFrame]] = defaultdict(set)
+        for (scope, name), what_all in self.used.items():
+            found[self._declared_at(name, scope)] |= what_all
+        return found
+
+    def _copies_made(self) -> dict[tuple[str, str], set[tuple[str, str]]]:
+        """Return by where a place is declared, and its name, what gets its value, parameters among them."""
+        copies: dict[tuple[str, str], set[tuple[str, str]]] = defaultdict(set)
+        copies |= {key: set(some) for key, some in self.passed.items()}
+        for scope, name, to in self.copied | self.returned:
+            copies[self._declared_at(name, scope)].add(self._declared_at(to, scope))
+        return copies
+
+    def frames_of_measured(self) -> dict[tuple[str, str], set[str | None]]:
+        """Return the work objects in which moves go to places that are measured, by the scope and name of each.
+
+        A parameter that a routine sets so is data of its callers.
+        """
+        measured = {(scope, name) for scope, name, _ in self.copied if is_measured(name)}
+        measured |= {(scope, name) for scope, name in self.used if is_measured(name)}
+        if not measured:
+            return {}
+        uses, copies = self._uses_of_places(), self._copies_made()
+        for place, some in self.of_parameters.items():
+            uses[place] |= some
+        for passed, parameters in self.passed.items():
+            for parameter in parameters:
+                copies[parameter].add(passed)
+        found = {}
+        for scope, name in measured:
+            place = self._declared_at(name, scope)
+            its = {place} | _reachable_copies(copies, place)
+            found[scope, name] = {frame for one in its for _, frame in uses.get(one, ())}
+        return found
 
     def copies_abroad(self) -> tuple[tuple[str, str], ...]:
         """Return the targets of which copies are made that other files see: their name for others, and the copy's."""
@@ -328,6 +365,10 @@ class TargetUses:
             for (where, target), some in self.used.items():
                 self.of_open_places[self._declared_at(target, where)] |= some
         return self.of_open_places.get(place, set()) | self.of_parameters.get(place, set())
+
+    def parameters_of(self, scope: str) -> Set[str]:
+        """Return the names of a routine's parameters, in small letters."""
+        return {name for where, name in self.parameters if where == scope}
 
     def add_uses(self, scope: str, name: str, uses: set[ToolAndFrame]) -> bool:
         """Note more uses of a name; tell whether there are new ones."""

@@ -19,7 +19,7 @@ from cellcal.drivers.fanuc.controller_files.ftp_source import (
     FtpSource,
     ReadOnlyFtp,
 )
-from cellcal.drivers.fanuc.controller_files.program_digests import is_program_name, statements_of
+from cellcal.drivers.fanuc.controller_files.program_digests import groups_of, is_program_name, statements_of
 from cellcal.drivers.wire.cancellation import run_in_thread_to_end
 
 _NOT_THERE = "550"
@@ -122,4 +122,5 @@ class FtpProgramStore:
 
     def is_same(self, sent: bytes, read: bytes) -> bool:
         statements = statements_of(sent)
-        return statements is not None and statements == statements_of(read)
+        same = statements is not None and statements == statements_of(read)
+        return same and groups_of(sent) == groups_of(read)

@@ -12,6 +12,7 @@ from cellcal.drivers.fanuc.controller_files.ftp_replies import FileNotGivenError
 UNREAD_DIGEST = "not read"
 _PROGRAM = re.compile(rb"\A\s*/PROG\s+(\S+)", re.IGNORECASE)
 _STATEMENTS = re.compile(rb"^/MN\b.*?(?=^/END\b)", re.MULTILINE | re.DOTALL)
+_GROUPS = re.compile(rb"^DEFAULT_GROUP[ \t]*=([^;\n]*);", re.MULTILINE | re.IGNORECASE)
 _LISTS_OF_ALARMS = frozenset(
     f"{name}.ls"
     for name in (
@@ -36,6 +37,12 @@ def statements_of(content: bytes) -> bytes | None:
     """Return statements and positions of a listing, whatever its line ends; None of one that has no end."""
     found = _STATEMENTS.search(content.replace(b"\r\n", b"\n"))
     return None if found is None else found[0]
+
+
+def groups_of(content: bytes) -> bytes:
+    """Return the motion groups that a listing moves, as its head states them, without those at the end it has not."""
+    found = _GROUPS.search(content)
+    return b"" if found is None else re.sub(rb"(?:,\*)*$", b"", b"".join(found[1].split()))
 
 
 def is_program_name(name: str) -> bool:

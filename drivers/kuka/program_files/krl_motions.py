@@ -212,9 +212,12 @@ class KrlMotions:
                 self.points.calls.append(call)
 
     def _pass_frame(self, which: str, parameter: tuple[str, int], line: KrlLine) -> None:
-        """Take ``$BASE`` or ``$TOOL`` that a call passes: it comes back set, unless the parameter is ``:IN``."""
+        """Take ``$BASE`` or its like that a call passes: it comes back set, unless the parameter is ``:IN``."""
         if not is_by_value(self.found.source.text, *parameter):
             routine = self.points.routines[-1]
+            if f"${which}" in patterns.ROOTS:
+                self.points.sets_root = True
+                return
             use = routine.tool if which == "TOOL" else routine.base
             use.take_value(line.start, UNKNOWN, self.branches)
 
@@ -227,5 +230,7 @@ class KrlMotions:
         self.points.routines[-1].assigned.add(upper)
         if upper in patterns.TABLES:
             self.points.set_tables.add(f"{patterns.TABLES[upper]} {(found[2] or '').strip() or '*'}")
+        elif upper in patterns.ROOTS:
+            self.points.sets_root = True
         elif upper[0] != "$":
             self.note_use(found[1], found[2], line.start, OVERWRITTEN)

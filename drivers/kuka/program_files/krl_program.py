@@ -33,6 +33,7 @@ from cellcal.drivers.kuka.program_files.lines import (
     without_strings,
 )
 from cellcal.drivers.kuka.program_files.literals import KrlLiteral
+from cellcal.drivers.kuka.program_files.measured_points import MEASURED
 from cellcal.drivers.kuka.program_files.passed_points import parameters_of
 from cellcal.drivers.kuka.program_files.point_uses import PointUses
 from cellcal.drivers.kuka.program_files.usual import TAUGHT_MOVE
@@ -232,6 +233,7 @@ class KrlProgram(KrlMotions):
 
     def _take_value(self, name: NamedItem, line: KrlLine) -> None:
         upper = name.name.upper()
+        self.points.sets_root |= upper in patterns.ROOTS
         value = without_strings(self.found.source.text[name.value : line.end])
         if value[:1] == "{" or patterns.NAME_VALUE.match(value):
             self.points.set_data.add(upper)
@@ -281,6 +283,10 @@ class KrlProgram(KrlMotions):
         if ":" in value and name.name[0] != "$":
             self.shifts.note_operators(value, name.value or line.start, self.types, None)
         to = point_key(name.name, name.index)
+        if MEASURED.search(value) is not None:
+            key = f"$POS@{line.start}"
+            self.points.measured[key] = self.move_here(line.start)._replace(data=self.force.data)
+            self.points.copies[key] = {to}
         for source in patterns.WORD.finditer(without_field_names(value)):
             self.note_use(source[1], source[2], line.start, COPIED)
             self.points.copies.setdefault(point_key(source[1], source[2]), set()).add(to)
@@ -301,6 +307,7 @@ class KrlProgram(KrlMotions):
         if name is not None and name.name.upper() in patterns.TABLES:
             self._take_table_setting(name, line)
         elif name is not None:
+            self.points.sets_root |= name.name.upper() in patterns.ROOTS
             self._take_overwrite(name, "{", line)
 
     def _take_table_setting(self, name: NamedItem, line: KrlLine) -> None:

@@ -11,6 +11,8 @@ from cellcal.calibration.geometry import Pose
 from cellcal.drivers.kuka.program_files.patterns import B
 
 ROOT = "$robroot"  # among the bases that $MACHINE.DAT declares for all files of its cell
+ROOT_SET = "a program sets where the robot stands ($ROBROOT) while it runs"
+SET = "SET $ROBROOT"  # what a program says to all of its cell
 CARRIED = "CARRIED"  # before the number of a base that an external axis, a conveyor or another robot carries
 _ON_TRACK = re.compile(r"\bET\d\s+#ERSYS\b", re.IGNORECASE)
 _FRAME_OF = re.compile(

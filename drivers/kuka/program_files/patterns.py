@@ -13,7 +13,9 @@ INTERRUPT = re.compile(  # what it declares, whether also for callers, and the r
     rf"{B}*+(GLOBAL{B}++)?+INTERRUPT{B}++DECL\b[^\n]*\bDO{B}++([A-Za-z_]\w*+)", re.ASCII | re.IGNORECASE
 )
 FRAME_DATA_SET = re.compile(rf"{B}*+FDAT_ACT{B}*+={B}*+(\w++)", re.ASCII | re.IGNORECASE)
-FRAME_PASSED = re.compile(rf"{B}*+\$(TOOL|BASE){B}*+(?:\.{B}*+\w++{B}*+)?+", re.IGNORECASE)
+FRAME_PASSED = re.compile(
+    rf"{B}*+\$(TOOL|BASE|ROBROOT|WORLD|ERSYSROOT){B}*+(?:\.{B}*+\w++{B}*+)?+", re.IGNORECASE
+)
 FRAME_DATA_COMPONENT = re.compile(  # of frame data: the tool, the base, or which of them stands in the cell
     rf"{B}*+([A-Za-z_]\w*+){B}*+(?:\[[^\[\]\n]*+\]{B}*+)?+\.{B}*+(?:TOOL_NO|BASE_NO|IPO_FRAME){B}*+=(?!=)",
     re.ASCII | re.IGNORECASE,
@@ -50,6 +52,7 @@ FRAME_DATA_ACTIVE = "FDAT_ACT"
 MOTION_DATA = frozenset(
     (FRAME_DATA_ACTIVE, "LDAT_ACT", "PDAT_ACT")
 )  # of the controller's types: never positions
+ROOTS = frozenset(("$ROBROOT", "$WORLD", "$ERSYSROOT"))  # where the robot stands, and what its bases stand in
 TABLES = {"TOOL_DATA": "TOOL", "BASE_DATA": "BASE"}
 NAME_VALUE = re.compile(r"(?!(?:TRUE|FALSE)\b)[A-Za-z_$(]", re.IGNORECASE)  # no number, truth or choice
 NULL = re.compile(rf"\$?NULLFRAME{B}*+", re.IGNORECASE)

@@ -60,6 +60,8 @@ class PointUses:
     set_tables: set[str] = field(
         default_factory=set
     )  # "BASE 16": BASE_DATA[16] is set; "BASE *": one of them
+    measured: dict[str, PointMove] = field(default_factory=dict)  # by the name under which each is copied
+    sets_root: bool = False  # it says anew where the robot stands in the world
     set_data: set[str] = field(default_factory=set)  # names that get a value, or a part of frame data
     calls: list[RoutineCall] = field(default_factory=list)  # that pass data with a name
     used_names: dict[str, list[str]] = field(default_factory=dict)  # by array, when all is read
@@ -219,7 +221,7 @@ class PointUses:
         }
         if self.external_tool:
             move_frames = {each._replace(why=EXTERNAL_TOOL) for each in move_frames}
-        return frozenset(ParameterUse(*each) for each in move_frames | self._frames_of_copies(name))
+        return frozenset(ParameterUse(*each) for each in move_frames | self.frames_of_copies(name))
 
     def declared_uses(self) -> dict[str, frozenset[MoveFrames]]:
         """Return the moves to points that other files declare."""
@@ -235,7 +237,7 @@ class PointUses:
                 frames_of_moves = {move_frames._replace(why=EXTERNAL_TOOL) for move_frames in frames_of_moves}
             if frames_of_moves:
                 uses_by_name[name.removesuffix("[]")] = frozenset(
-                    frames_of_moves | self._frames_of_copies(name)
+                    frames_of_moves | self.frames_of_copies(name)
                 )
         return uses_by_name
 
@@ -250,7 +252,7 @@ class PointUses:
             return move_frames
         return move_frames._replace(tool=move_frames.tool or RESET, frame=move_frames.frame or RESET)
 
-    def _frames_of_copies(self, name: str) -> set[MoveFrames]:
+    def frames_of_copies(self, name: str) -> set[MoveFrames]:
         """Return the tools and bases that are set where a copy of a point, or a copy of that, is moved to."""
         waiting: list[tuple[str, int]] = [(name, _ANYWHERE)]
         copies = set[tuple[str, int]]()

@@ -23,9 +23,12 @@ from cellcal.drivers.kuka.program_files.krl_program import read_program
 from cellcal.drivers.kuka.program_files.machine_data import (
     CARRIED,
     ROOT,
+    ROOT_SET,
+    SET,
     carried_bases,
     root_among,
 )
+from cellcal.drivers.kuka.program_files.measured_points import measured_shifts
 from cellcal.drivers.kuka.program_files.passed_points import (
     calls_of_file,
     copies_of_file,
@@ -230,7 +233,7 @@ def _read_src(source: ProgramText) -> _Read:
         "",
         uses=points.declared_uses(),
         routines=points.routine_effects(),
-        doubtful=dict.fromkeys(points.set_tables, COMPUTED),
+        doubtful=dict.fromkeys(points.set_tables, COMPUTED) | ({SET: ROOT_SET} if points.sets_root else {}),
         imports=remark_imports(points.found),
         routine_targets=routine_targets_of(points),
         calls=calls_of_file(points),
@@ -244,7 +247,7 @@ def _read_src(source: ProgramText) -> _Read:
         _FileSummary(
             declarations,
             routines=routines,
-            shifts=program.shifts.to_shifts(points),
+            shifts=(*program.shifts.to_shifts(points), *measured_shifts(points)),
             set_data=points.set_data,
         ),
     )
@@ -337,13 +340,16 @@ def _without_mixed_work(positions: Positions, keys: Sequence[str], external_uses
 
 
 def _without_set_tables(positions: Positions, module: str, external_uses: ExternalUses) -> Positions:
-    """Return positions of which those are left whose tool or base a program sets in the tables.
+    """Return positions of which those are left whose tool or base a program sets in the tables, or the robot's root.
 
     Where an index is computed, that is said of the program's own points only.
     """
     if not external_uses.doubtful:  # as nearly always
         return positions
     whose = (module, *_cells_of(external_uses.file))  # a program counts for those below its folder
+    if any(f"{one} {SET}" in external_uses.doubtful for one in whose):
+        cartesian = {row: ROOT_SET for row, kind in enumerate(positions.kinds) if kind == CARTESIAN}
+        return replace(positions, barred={**cartesian, **positions.barred})
     barred = dict(positions.barred)
     remarks_by_frames: dict[tuple[str | None, str | None], str] = {}
     for row, row_frames in enumerate(zip(positions.tools, positions.user_frames, strict=True)):

@@ -2,6 +2,7 @@
 
 from cellcal.drivers.programs.brands import ProgramBrand
 from cellcal.drivers.programs.positions import ProgramFile
+from cellcal.drivers.universal_robots.program_files.feature_variables import says_nothing
 from cellcal.drivers.universal_robots.program_files.script_program import read_script
 from cellcal.drivers.universal_robots.program_files.urp_installation import read_installation
 from cellcal.drivers.universal_robots.program_files.urp_program import read_urp
@@ -18,4 +19,11 @@ def read_program_file(name: str, data: bytes) -> ProgramFile:
     return read_script(name, data)
 
 
-BRAND = ProgramBrand("universal_robots", (".script", ".urp", ".installation"), read_program_file, None)
+BRAND = ProgramBrand(
+    brand="universal_robots",
+    suffixes=(".script", ".urp", ".installation"),
+    read=read_program_file,
+    configurations=None,
+    tells=True,
+    says=says_nothing,
+)

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from cellcal.calibration.geometry import Array, Pose, is_rigid
 from cellcal.calibration.message import make_message
 from cellcal.drivers.programs.errors import ProgramFileError
+from cellcal.drivers.programs.file_declarations import ExternalUses, FileDeclarations
 from cellcal.drivers.programs.positions import (
     CARTESIAN,
     JOINTS,
@@ -20,6 +21,10 @@ from cellcal.drivers.programs.positions import (
     Positions,
     ProgramFrames,
     Remark,
+)
+from cellcal.drivers.universal_robots.program_files.feature_variables import (
+    FEATURE_VARIABLE,
+    declare_features,
 )
 from cellcal.drivers.universal_robots.program_files.script_numbers import (
     kept_steps,
@@ -37,6 +42,7 @@ from cellcal.drivers.universal_robots.program_files.script_positions import (
 )
 from cellcal.drivers.universal_robots.program_files.script_remarks import list_remarks
 from cellcal.drivers.universal_robots.program_files.script_shifts import ScriptShifts
+from cellcal.drivers.universal_robots.program_files.script_steps import ScriptSteps
 from cellcal.drivers.universal_robots.program_files.script_text import ScriptLiteral, ScriptText
 from cellcal.drivers.universal_robots.program_files.script_tools import (
     PROGRAM,
@@ -74,13 +80,22 @@ class ScriptProgram:
         unread = [row for row, place in enumerate(places) if place.unread]
         columns["frame_tip"][unread], columns["joints"] = np.nan, _without_joints(joints, unread)
         shifts = ScriptShifts(text, finder, places)
-        columns["shifts"] = shifts.all_shifts()
+        columns["shifts"] = (*shifts.all_shifts(), *ScriptSteps(text, finder, places).list_shifts())
         columns["barred"] |= dict(shifts.barred_places())
         remarks = (*list_remarks(finder), *tools.list_remarks(places))
         frames = ProgramFrames(
             frames_of(source, finder.frame_literals()) | {BASE: Pose((0.0, 0.0, 0.0))}, tools.flange_tip
         )
         return cls(file, text, tuple(places), pose, Positions(**columns), remarks, frames)
+
+    @cached_property
+    def declarations(self) -> FileDeclarations:
+        """Return what counts for other files, which may hold this one in a node."""
+        return declare_features(FEATURE_VARIABLE.findall(self.text), calls=True)
+
+    def with_external_uses(self, external_uses: ExternalUses) -> Self:
+        """Return the program itself: its places are in frames of its own."""
+        return self
 
     @property
     def brand(self) -> str:

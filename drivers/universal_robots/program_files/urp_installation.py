@@ -15,6 +15,7 @@ import numpy as np
 from cellcal.calibration.geometry import Pose
 from cellcal.calibration.message import make_message
 from cellcal.drivers.programs.errors import ProgramFileError
+from cellcal.drivers.programs.file_declarations import ExternalUses, FileDeclarations
 from cellcal.drivers.programs.positions import PositionChange, Positions, ProgramFrames, Remark
 from cellcal.drivers.universal_robots.program_files.script_numbers import LONGEST_M, poses_of
 from cellcal.drivers.universal_robots.program_files.script_text import SIX_NUMBERS
@@ -37,6 +38,15 @@ class InstallationFile:
     base_frame: dict[str, Pose]
     flange_tip: dict[str, Pose]
     remarks: tuple[Remark, ...]
+
+    @property
+    def declarations(self) -> FileDeclarations:
+        """Return what counts for other files: nothing, a program names its features itself."""
+        return FileDeclarations("")
+
+    def with_external_uses(self, external_uses: ExternalUses) -> Self:
+        """Return the installation itself."""
+        return self
 
     @property
     def brand(self) -> str:

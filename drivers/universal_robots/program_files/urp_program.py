@@ -13,7 +13,13 @@ from cellcal.calibration.geometry import Array, Pose, inverse_transform, is_rigi
 from cellcal.calibration.message import make_message
 from cellcal.drivers.programs.barred import COMPUTED
 from cellcal.drivers.programs.errors import ProgramFileError
+from cellcal.drivers.programs.file_declarations import ExternalUses, FileDeclarations
 from cellcal.drivers.programs.positions import PositionChange, Positions, ProgramFrames, Remark, with_unread
+from cellcal.drivers.universal_robots.program_files.feature_variables import (
+    declare_features,
+    feature_of,
+    features_set_abroad,
+)
 from cellcal.drivers.universal_robots.program_files.script_numbers import (
     DOUBLE_STEP,
     java_text,
@@ -24,6 +30,7 @@ from cellcal.drivers.universal_robots.program_files.urp_archive import pack_file
 from cellcal.drivers.universal_robots.program_files.urp_columns import WaypointColumns, columns_of
 from cellcal.drivers.universal_robots.program_files.urp_kinematics import DhChain, joints_for, pose_distances
 from cellcal.drivers.universal_robots.program_files.urp_shifts import (
+    calls_others,
     features_set_by,
     shifts_of,
     unread_positions_of,
@@ -38,7 +45,6 @@ from cellcal.drivers.universal_robots.program_files.urp_xml import XmlText
 
 AGREES_M, AGREES_RAD = 1e-6, 1e-6
 _SAME = 1e-12
-_VARIABLE = "_var"  # behind the name of a feature: what programs set of it
 _UNTOUCHED = "Nothing was changed; check what computed it."
 
 
@@ -54,6 +60,7 @@ class UrpProgram:
     waypoints: tuple[Waypoint, ...]
     columns: WaypointColumns
     remarks: tuple[Remark, ...]
+    set_abroad: frozenset[str] = frozenset()  # features that other programs may set
 
     @classmethod
     def from_bytes(cls, file: str, data: bytes) -> Self:
@@ -70,6 +77,21 @@ class UrpProgram:
         waypoints = list(reader.read_waypoints())
         remarks = tuple(reader.list_remarks(waypoints))
         return cls(file, data, header, xml, reader, tuple(waypoints), columns_of(xml, waypoints), remarks)
+
+    @cached_property
+    def declarations(self) -> FileDeclarations:
+        """Return what counts for other files."""
+        return declare_features(self._own_features, calls=calls_others(self.reader))
+
+    def with_external_uses(self, external_uses: ExternalUses) -> Self:
+        """Return the program with the features that others set."""
+        names = {feature_of(waypoint.feature_name) for waypoint in self.waypoints}
+        found = features_set_abroad(external_uses, names, calls=calls_others(self.reader))
+        return replace(self, set_abroad=found) if found else self
+
+    @cached_property
+    def _own_features(self) -> frozenset[str]:
+        return features_set_by(self.xml, self.reader)
 
     @property
     def brand(self) -> str:
@@ -89,11 +111,11 @@ class UrpProgram:
     @cached_property
     def _all_positions(self) -> Positions:
         found = with_unread(self.columns.positions, unread_positions_of(self.xml, self.reader))
-        in_variables = features_set_by(self.xml, self.reader)
+        in_variables = self._own_features | self.set_abroad
         turned = {
             row: COMPUTED
             for row, waypoint in enumerate(self.waypoints)
-            if waypoint.feature_name.removesuffix(_VARIABLE) in in_variables
+            if feature_of(waypoint.feature_name) in in_variables
         }
         return replace(found, shifts=shifts_of(self.xml, self.reader), barred={**turned, **found.barred})
 

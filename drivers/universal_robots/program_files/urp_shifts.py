@@ -4,6 +4,7 @@ import re
 from collections.abc import Iterator
 
 from cellcal.drivers.programs.shifts import NO_TURN, UNREADABLE, ProgramShift, ShiftAxes
+from cellcal.drivers.universal_robots.program_files.feature_variables import FEATURE_VARIABLE
 from cellcal.drivers.universal_robots.program_files.script_text import SIX, SIX_NUMBERS
 from cellcal.drivers.universal_robots.program_files.urp_waypoints import BASE, WaypointReader
 from cellcal.drivers.universal_robots.program_files.urp_xml import XmlText
@@ -15,7 +16,6 @@ _LITERAL = re.compile(rf"p?\[{SIX}\]", re.ASCII)
 _COMPUTES = re.compile(r"pose_\w+|interpolate_pose|\w+_kin\(|p\[|\bspeedl\b|\bforce_mode\b", re.ASCII)
 # A move of a script: where to is a variable or a call; what is written out is a position that is not read.
 _MOVES = re.compile(r"\b(?:(?:opti)?move[jl]|move[cp]|servo[jlc])\s*\(\s*(?P<target>\w*)", re.ASCII)
-_FEATURE_VARIABLE = re.compile(r"\b(\w+)_var\b", re.ASCII)
 _COMPUTED_PLACE = "a computed place"
 _KNOWN_NODES = frozenset(  # those of public programs: read here, or they move nothing, or what is inside is read
     (
@@ -81,7 +81,12 @@ def _unread_nodes(xml: XmlText, reader: WaypointReader) -> Iterator[ProgramShift
 def features_set_by(xml: XmlText, reader: WaypointReader) -> frozenset[str]:
     """Return the features whose variable, which PolyScope calls NAME_var, the program names: it may set them."""
     texts = [xml.text, *(text for _, text in _script_texts(xml, reader))]
-    return frozenset(name for text in texts for name in _FEATURE_VARIABLE.findall(text))
+    return frozenset(name for text in texts for name in FEATURE_VARIABLE.findall(text))
+
+
+def calls_others(reader: WaypointReader) -> bool:
+    """Tell whether a program calls others, which then see its variables, and it theirs."""
+    return any(tag in reader.tags for tag in ("SubProgram", "CallSubProgram", "Script"))
 
 
 def unread_positions_of(xml: XmlText, reader: WaypointReader) -> list[tuple[str, int, str]]:

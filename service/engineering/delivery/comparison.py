@@ -12,7 +12,7 @@ from cellcal.calibration.errors import CellError
 from cellcal.calibration.message import make_message
 from cellcal.drivers.errors import RefusedError
 from cellcal.drivers.interfaces.program_store import ProgramStore, StoreOfFolders
-from cellcal.service.engineering.delivery.deliveries import check_names, is_same_program
+from cellcal.service.engineering.delivery.deliveries import check_each_once, is_same_program
 from cellcal.service.files import make_private_folder, replace_file
 
 _LOG = logging.getLogger(__name__)
@@ -54,8 +54,20 @@ def read_programs(paths: tuple[Path, ...]) -> dict[str, bytes]:
             else [path]
         )
     ]
-    check_names([file.name for file in files])
+    check_each_once([file.name for file in files])
     return {file.name: _read_whole(file) for file in files}
+
+
+def folders_inside(paths: tuple[Path, ...]) -> tuple[str, ...]:
+    """Return the folders in which `read_programs` does not look."""
+    found = (
+        entry.name
+        for path in paths
+        if path.is_dir()
+        for entry in path.iterdir()
+        if entry.is_dir() and not entry.name.startswith(".")
+    )
+    return tuple(sorted(found))
 
 
 async def fetch_programs(store: ProgramStore, folder: Path) -> dict[str, bytes]:

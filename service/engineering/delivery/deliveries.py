@@ -68,8 +68,29 @@ def check_names(names: Sequence[str]) -> None:
                 remedy="Use letters, digits, _ and one ending.",
                 code="usage",
             )
-    if len({name.lower() for name in names}) != len(names) or not names:
-        raise CellError("no program is named, or two have one name.", code="usage")
+    check_each_once(names)
+
+
+def check_each_once(names: Sequence[str]) -> None:
+    """Refuse no names at all, and names that differ in the case of letters only.
+
+    Raises
+    ------
+    CellError
+        With the cure.
+    """
+    if not names:
+        raise CellError(
+            "no program is named.", remedy="Name files, or a folder that holds some.", code="usage"
+        )
+    seen: dict[str, str] = {}
+    for name in names:
+        if (other := seen.setdefault(name.lower(), name)) is not name:
+            raise CellError(
+                make_message("{one} and {other} have one name for a controller.", one=other, other=name),
+                remedy="Name one of them.",
+                code="usage",
+            )
 
 
 async def deliver_programs(

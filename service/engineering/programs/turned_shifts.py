@@ -19,6 +19,7 @@ from cellcal.service.engineering.programs.copies_in_other_frames import find_cop
 from cellcal.service.engineering.programs.external.carried_points import CarriedChanges
 from cellcal.service.engineering.programs.program_points import ProgramPoints
 from cellcal.service.engineering.programs.result import PointFinding
+from cellcal.service.engineering.programs.taken_places import find_taken
 from cellcal.service.engineering.programs.transfer_route import TransferRoute
 
 _LEAST_M, _LEAST_RAD = 1e-5, math.radians(0.005)  # what a pendant shows of a place and an orientation
@@ -95,6 +96,10 @@ def _findings_of(
     by_frame: dict[str | None, _TurnedChange] = {}
     found: list[PointFinding] = []
     for shift in program.positions.shifts:
+        taken = find_taken(points, shift, (number, start), route)
+        if taken is not None:
+            found += [_computed_finding(one, shift, route) for one in taken]
+            continue
         if not shift.rows:
             frame = name_in(route.source, program, shift.user_frame)
             if frame is None or route.covers_frame(frame, bare_joints=False) is True:
@@ -114,10 +119,10 @@ def _findings_of(
                 turned = _carried_change(carried, at, shift)
             pose = points.frame_tip[at] if points.cartesian[at] else None
             apart = carried is not None and not shift.other_tool
-            taken = None if apart else find_copy(points, (at, row), shift, route)
-            if taken is None and points.stays[at]:
+            copy = None if apart else find_copy(points, (at, row), shift, route)
+            if copy is None and points.stays[at]:
                 continue
-            one = taken or _shift_finding(shift, program.positions.names[row], row, pose, turned)
+            one = copy or _shift_finding(shift, program.positions.names[row], row, pose, turned)
             found.append(_computed_finding(one, shift, route))
     return [one for one in found if one.text]
 
