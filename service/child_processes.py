@@ -46,20 +46,22 @@ class StderrTail:
         return next((line.strip()[:300] for line in reversed(lines) if line.strip()), "")
 
 
-async def end_child(process: asyncio.subprocess.Process) -> None:
-    """Close a child's standard input, at which it ends by itself; kill one that does not.
+async def end_child(process: asyncio.subprocess.Process) -> bool:
+    """Close a child's standard input, at which it ends by itself; kill one that does not, and return True.
 
     One that waits for a disk for ever cannot even be killed: it is left running, and the caller continues.
     """
     if process.returncode is not None:
-        return
+        return False
     if process.stdin is not None:
         process.stdin.close()
     try:
         async with asyncio.timeout(_LEAVE_S):
             await process.wait()
+        return False
     except TimeoutError:
         process.kill()
         with contextlib.suppress(TimeoutError):
             async with asyncio.timeout(_LEAVE_S):
                 await process.wait()
+        return True

@@ -153,9 +153,10 @@ class GrowingFile:
     async def check_source(self) -> None:
         """See that the file can be read, or that its folder is there to write it to."""
         if not self._file.options.path.parent.is_dir():
-            folder = self._file.options.path.parent
             raise UnreachableError(
-                self._file.device, f"there is no folder {folder}.", remedy="Check the path in cell.toml."
+                self._file.device,
+                make_message("there is no folder {path}.", path=self._file.options.path.parent),
+                remedy="Check the path in cell.toml.",
             )
         self._file.parse_rows(await self._file.read_content())
 

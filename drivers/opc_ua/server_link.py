@@ -17,6 +17,7 @@ from asyncua.ua import ua_binary
 
 from cellcal.calibration.message import make_message
 from cellcal.drivers.errors import DeviceError, RefusedError, UnreachableError, WireProtocolError
+from cellcal.drivers.opc_ua.bounded_protocol import BoundedProtocol, bound_answers
 from cellcal.drivers.opc_ua.server_access import ServerAccess, prepare_client
 from cellcal.drivers.wire.backoff import Backoff
 from cellcal.drivers.wire.deadline import timeout_error
@@ -74,6 +75,7 @@ class _RefusedArray:
         raise ValueError("an array of empty values")
 
 
+bound_answers()
 ua_binary.Primitives1.Null = _RefusedArray  # found there by the library's reader of arrays
 
 
@@ -111,6 +113,8 @@ class ServerLink:
         await self.connect()
         client = self._client
         assert client is not None
+        assert isinstance(client.uaclient.protocol, BoundedProtocol)
+        client.uaclient.protocol.note_request()
         return await self._ask_server(lambda: request(client.uaclient.session), asking)
 
     async def close(self) -> None:

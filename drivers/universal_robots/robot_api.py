@@ -15,6 +15,7 @@ from cellcal.calibration.documents.json_text import parse_json
 from cellcal.calibration.message import make_message
 from cellcal.drivers.errors import DeviceTimeoutError, RefusedError, UnreachableError, WireProtocolError
 from cellcal.drivers.wire.deadline import answer_deadline
+from cellcal.drivers.wire.http_answers import STEP_SHARE, BoundedTransport, OversizedAnswerError
 from cellcal.drivers.wire.trace import FrameTrace
 
 _BASE = "/universal-robots/robot-api"
@@ -37,11 +38,16 @@ class RobotApiClient:
         self._version: tuple[int, ...] = ()
         self._client = httpx.AsyncClient(
             base_url=f"http://{address}:{port}{_BASE}",
-            timeout=deadline_s,
+            timeout=deadline_s * STEP_SHARE,
             trust_env=False,
-            verify=False,  # plain HTTP; with it every client loads certificates
             follow_redirects=True,  # the maker moves paths from version to version
-            limits=httpx.Limits(max_keepalive_connections=0),  # an answer too many ends with its connection
+            transport=BoundedTransport(
+                _MOST_OCTETS,
+                verify=False,  # plain HTTP; with it every client loads certificates
+                limits=httpx.Limits(
+                    max_keepalive_connections=0
+                ),  # an answer too many ends with its connection
+            ),
         )
         self._host = self._client.base_url.host
         self.trace = FrameTrace(device)
@@ -100,6 +106,8 @@ class RobotApiClient:
         try:
             async with answer_deadline(self._device, self._deadline_s, "waiting for an answer"):
                 response = await self._client.request(method, path, json=fields)
+        except OversizedAnswerError as error:
+            raise self._unreadable(str(error)) from error
         except (httpx.TimeoutException, DeviceTimeoutError) as error:
             what = make_message("did not answer within {deadline_s:g} s", deadline_s=self._deadline_s)
             raise self._unreachable_error(what) from error
@@ -115,8 +123,6 @@ class RobotApiClient:
 
     def decode_answer(self, content: bytes) -> dict[str, Any]:
         """Return the JSON object of an answer; raise WireProtocolError where it is none."""
-        if len(content) > _MOST_OCTETS:
-            raise self._unreadable("it is too long")
         try:
             reply = parse_json(content)
         except (DocumentError, ValueError) as error:

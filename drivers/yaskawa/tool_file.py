@@ -1,6 +1,5 @@
 """TOOL.CND: the tools of a controller. Five rows follow each name: pose, centre of mass, mass, inertia, a list."""
 
-import math
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -9,6 +8,7 @@ import numpy as np
 
 from cellcal.calibration.geometry import Pose, homogeneous_matrix
 from cellcal.calibration.orientation import rotation_from
+from cellcal.drivers.wire.wire_numbers import parse_number
 
 _TOOL = re.compile(r"^//TOOL\s+(\d{1,3})\s*$")
 
@@ -40,11 +40,11 @@ def read_tools(text: str) -> dict[int, ToolData]:
 
 def _tool_of(rows: list[str]) -> ToolData | None:
     try:
-        pose = [float(value) for value in rows[0].split(",")]
-        mass = float(rows[2].split(",")[0])
+        pose = [parse_number(value) for value in rows[0].split(",")]
+        mass = parse_number(rows[2].split(",")[0])
     except (IndexError, ValueError):
         return None
-    if len(pose) != 6 or not all(map(math.isfinite, (*pose, mass))):
+    if len(pose) != 6:
         return None
     return ToolData(pose_of([value * 1e-3 for value in pose[:3]], pose[3:]), mass)
 

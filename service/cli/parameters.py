@@ -44,6 +44,7 @@ def list_sets(robot_serial: str | None = None, /, *, folder: Folder = _HERE, as_
 
     from cellcal.service.cli.printing import PlainTable, print_json
 
+    _must_be_folder(folder.expanduser())
     sets = _open_sets(folder)
     found = (
         [sets.load_set(serial) for serial in sets.robot_serials()]
@@ -347,6 +348,17 @@ def _must_exist(path: Path) -> None:
     if not path.is_file():
         why, remedy = missing_file_words(path)
         raise ParameterSetError(why, remedy=remedy, code="usage")
+
+
+def _must_be_folder(path: Path) -> None:
+    from cellcal.service.engineering.parameters.parameter_sets import ParameterSetError
+
+    if not path.is_dir():
+        raise ParameterSetError(
+            make_message("there is no folder {path}.", path=path),
+            remedy="Name the folder with the sets: --folder FOLDER.",
+            code="usage",
+        )
 
 
 def _print_saved(saved: "ParameterSet", notes: tuple[str, ...], *, as_json: bool) -> int:

@@ -129,19 +129,22 @@ def runs(*, cell: Path, as_json: Json = False) -> int:
     with _journal(cell) as (journal, store):
         views = store.list_runs()
         config = read_cell_file(cell)
-        damage = journal_flaw(config, journal)
+        damage, states = journal_flaw(config, journal), _states_seen(config, *views)
         pending = () if journal.damage else _list_unconfirmed(store, config)
     if as_json:
-        keys = ("run_id", "procedure", "started_utc", "begun_by", "begun_as", "state", "reason")
-        rows = [{key: getattr(view, key) for key in keys} for view in views]
+        keys = ("run_id", "procedure", "started_utc", "begun_by", "begun_as", "reason")
+        rows = [
+            {**{key: getattr(view, key) for key in keys}, "state": state}
+            for view, state in zip(views, states, strict=True)
+        ]
         print_json({"runs": rows, "unconfirmed": [run_id for _, run_id in pending]})
         return _print_damage(damage)
     table = PlainTable(
         Column("run", no_wrap=True), Column("started (UTC)", min_width=10), "by", "ended", "reason"
     )
-    for view in views:
+    for view, state in zip(views, states, strict=True):
         started = view.started_utc[:19].replace("T", " ")
-        ended, by = view.state.replace("_", " "), _begun_by(view)
+        ended, by = state.replace("_", " "), _begun_by(view)
         table.add_row(view.run_id, started, by, ended, view.reason)
     if views or not damage:
         Console(emoji=False).print(
@@ -182,7 +185,8 @@ def show(run_id: str, /, *, cell: Path, as_json: Json = False) -> int:
         print_json(
             {
                 "run_id": view.run_id, "procedure": view.procedure, "begun_by": view.begun_by,
-                "begun_as": view.begun_as, "state": view.state, "reason": view.reason, "spec": view.spec,
+                "begun_as": view.begun_as, "state": _states_seen(config, view)[0], "reason": view.reason,
+                "spec": view.spec,
                 "findings": findings, "result": view.result,
                 "judgement": view.judgement, "unconfirmed": bool(pending), "in_doubt": view.past.in_doubt or "",
                 "journal": damage or "unchanged",
@@ -190,9 +194,7 @@ def show(run_id: str, /, *, cell: Path, as_json: Json = False) -> int:
         )  # fmt: skip
         return _print_damage(damage)
     console = Console(emoji=False)
-    console.print(f"[bold]{view.procedure}[/] run {view.run_id}: {view.state} {escape(view.reason)}")
-    roles = f" ({' and '.join(view.begun_as)})" if view.begun_as else ""
-    console.print(f"begun: {escape(_begun_by(view) + roles)}, {view.started_utc[:19].replace('T', ' ')} UTC")
+    _print_beginning(console, view, _states_seen(config, view)[0])
     console.print(_events_table(events))
     if isinstance(view.result, dict):
         tree = Tree("result")
@@ -207,6 +209,22 @@ def show(run_id: str, /, *, cell: Path, as_json: Json = False) -> int:
     if not damage:
         console.print("journal: unchanged")
     return _print_damage(damage)
+
+
+def _print_beginning(console: Any, view: Any, state: str) -> None:
+    from rich.markup import escape
+
+    console.print(f"[bold]{view.procedure}[/] run {view.run_id}: {state} {escape(view.reason)}")
+    roles = f" ({' and '.join(view.begun_as)})" if view.begun_as else ""
+    console.print(f"begun: {escape(_begun_by(view) + roles)}, {view.started_utc[:19].replace('T', ' ')} UTC")
+
+
+def _states_seen(config: "CellConfig", *views: Any) -> list[str]:
+    from cellcal.service.record.journal_files import lease_folder
+    from cellcal.service.record.robot_lock import runs_under_way
+
+    under_way = runs_under_way(lease_folder(config))
+    return [view.state_seen(under_way) for view in views]
 
 
 def _begun_by(view: Any) -> str:

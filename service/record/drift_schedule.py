@@ -21,7 +21,8 @@ _RUNS = f"SELECT {EVENT_COLUMNS} FROM event WHERE run_id GLOB '{PROCEDURE}-*' AN
 def next_drift_checks(config: CellConfig, today: date | None = None) -> dict[str, date]:
     """Return the date of each robot's next drift check by the robot's name; empty where the cell file wants none.
 
-    A robot that was never checked is to be checked today.
+    A robot that was never checked is to be checked today, and so is one whose last check is of a day to come: a clock
+    stood wrong then or stands wrong now, and nobody can tell when it was.
 
     Raises
     ------
@@ -34,7 +35,7 @@ def next_drift_checks(config: CellConfig, today: date | None = None) -> dict[str
     checked = _last_checks(journal_path(config))
     now = today or datetime.now(UTC).date()
     return {
-        robot.name: checked[robot.serial] + timedelta(days) if robot.serial in checked else now
+        robot.name: last + timedelta(days) if (last := checked.get(robot.serial)) and last <= now else now
         for robot in config.robots
     }
 

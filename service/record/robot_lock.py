@@ -3,6 +3,7 @@
 import fcntl
 import os
 import re
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -11,6 +12,9 @@ from pathlib import Path
 from cellcal.calibration.errors import CellError
 from cellcal.calibration.message import make_message
 from cellcal.service.files import make_private_folder
+
+_RUN_AT_END = re.compile(r" \(([^()]+)\)$")
+_LOOKS, _LOOK_S = 5, 0.01
 
 
 class LeaseHeldError(CellError):
@@ -66,7 +70,7 @@ def acquire_lease(directory: Path, robot: str, holder: str, right: str = "") -> 
     descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
     try:
         try:
-            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            _lock_alone(descriptor)
         except OSError as error:
             other = os.read(descriptor, 200).decode(errors="replace").partition("\n")[0] or "another process"
             raise LeaseHeldError(
@@ -83,17 +87,40 @@ def acquire_lease(directory: Path, robot: str, holder: str, right: str = "") -> 
 
 def is_held(directory: Path, robot: str, right: str = "") -> bool:
     """Return whether a process runs a procedure on a robot now, or is connected to it (``DEVICES``)."""
+    return _holder_of(_lease_path(directory, robot + right)) is not None
+
+
+def runs_under_way(directory: Path) -> frozenset[str]:
+    """Return the identifiers of the runs that go on in any process of this computer."""
+    holders = [_holder_of(path) for path in directory.glob("*.lock")]
+    return frozenset(found[1] for each in holders if each and (found := _RUN_AT_END.search(each)))
+
+
+def _holder_of(path: Path) -> str | None:
+    """Return who holds a lease; None where nobody does."""
     try:
-        descriptor = os.open(_lease_path(directory, robot + right), os.O_RDWR | os.O_CLOEXEC)
+        descriptor = os.open(path, os.O_RDWR | os.O_CLOEXEC)
     except FileNotFoundError:
-        return False
+        return None
     try:
         fcntl.flock(descriptor, fcntl.LOCK_SH | fcntl.LOCK_NB)
     except BlockingIOError:
-        return True
+        return os.read(descriptor, 200).decode(errors="replace").partition("\n")[0]
     finally:
         os.close(descriptor)
-    return False
+    return None
+
+
+def _lock_alone(descriptor: int) -> None:
+    """Take the lock; who only looks whether it is held (``is_held``) has it for a moment."""
+    for _ in range(_LOOKS):
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            time.sleep(_LOOK_S)
+        else:
+            return
+    fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
 
 
 def _read_token(descriptor: int) -> int:

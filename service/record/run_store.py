@@ -1,6 +1,6 @@
 """What the journal says: runs, their findings and results, mastering records. Nothing is stored twice."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, replace
 from typing import Any, TypedDict
 
@@ -55,6 +55,10 @@ class RunView:
     controller_mode: str | None = None  # at the start, as the maker calls it; None: not reported
     software: tuple[Mapping[str, str], ...] = ()  # that began the run, and any other that went on with it
     has_templates: bool = True  # False: recorded with English texts alone
+
+    def state_seen(self, under_way: Collection[str]) -> str:
+        """Return the state, "running" where the run is one of those that go on in some process."""
+        return "running" if self.state == "interrupted" and self.run_id in under_way else self.state
 
 
 class RunStore:

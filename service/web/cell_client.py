@@ -19,7 +19,9 @@ from cellcal.calibration.message_table import remember_table
 from cellcal.drivers.supervision import SUPERVISOR, log_failures, start_task
 from cellcal.service.cell_process.lines import LineTooLongError, whole_lines
 from cellcal.service.cell_process.messages import ALIVE, BROKEN_OFF, LONGEST_LINE
+from cellcal.service.cell_process.run_in_progress import RunInProgress
 from cellcal.service.child_processes import ChildEndedError, StderrTail, end_child
+from cellcal.service.configuration.cell_file import read_cell_file
 from cellcal.service.session_documents import (
     CommandDocument,
     LiveDocument,
@@ -39,6 +41,8 @@ ANSWER_S = 10.0
 STOP_ANSWER_S = 2.0  # where the cell process sends nothing at all: a person must not wait for the answer
 TASK = "process of the cell"
 _LINES = "words of the cell's process"
+_NOTE = "note that no run goes on by itself"
+_NOTED_S = 5.0  # a disk that takes longer is not waited for
 _MOST_UNREAD = 4 * LONGEST_LINE
 _JUST_NOW_S = 0.25  # live values come ten times a second; older ones say nothing of now
 
@@ -115,6 +119,7 @@ class CellProcessClient:
         self._lines_heard = 0
         self._broken_off = False  # the run under way waits for a person: it was to stop, or the process hung
         self._begun_broken_off = False
+        self._noting: asyncio.Task[None] | None = None
         self._numbers = itertools.count(1)
         self._waiting: dict[int, asyncio.Future[OrderReply]] = {}
         self._process: asyncio.subprocess.Process | None = None
@@ -146,8 +151,20 @@ class CellProcessClient:
         try:
             return await self._request_reply({"command": command}, is_stop=True)
         except CellProcessGoneError as error:
-            self._broken_off = True
+            self._break_off()
             raise StopUnconfirmedError from error
+
+    def _break_off(self) -> None:
+        """Let the run under way wait for a person: in the next cell process, and in the next service."""
+        self._broken_off = True
+        self._noting = asyncio.create_task(self._note_broken_off(), name=_NOTE)
+
+    async def _note_broken_off(self) -> None:
+        with log_failures(_NOTE):
+            await asyncio.to_thread(self._clear_run_under_way)
+
+    def _clear_run_under_way(self) -> None:
+        RunInProgress(read_cell_file(self._cell_file).cell.data_dir).clear_run()
 
     async def _request_reply(self, message: Mapping[str, object], *, is_stop: bool = False) -> OrderReply:
         number, answer = self._send(message)
@@ -246,7 +263,7 @@ class CellProcessClient:
             if not answer.done():
                 self._unanswered.count(read_process_state(process.pid))
             if self._unanswered.hangs:
-                self._broken_off = True
+                self._break_off()
                 with contextlib.suppress(ProcessLookupError):
                     process.kill()
                 raise CellHangsError(self._unanswered.does)
@@ -284,8 +301,10 @@ class CellProcessClient:
             answer.set_result(message["reply"])
 
     async def _stop_process(self) -> None:
-        if self._process is not None:
-            await end_child(self._process)
+        if self._process is not None and await end_child(self._process):
+            self._break_off()
+        if self._noting is not None:
+            await asyncio.wait({self._noting}, timeout=_NOTED_S)
 
 
 def _name_long_line() -> None:

@@ -1,6 +1,7 @@
 """What was done: runs, and their certificates. There is no way to delete anything here."""
 
 import asyncio
+from collections.abc import Collection
 from typing import TYPE_CHECKING
 
 from fastapi import APIRouter, Request
@@ -8,6 +9,8 @@ from fastapi.responses import FileResponse
 
 from cellcal.service.configuration.cell_file import CellConfig
 from cellcal.service.legacy_texts import remember_recorded_texts
+from cellcal.service.record.journal_files import lease_folder
+from cellcal.service.record.robot_lock import runs_under_way
 from cellcal.service.web import certificates, overlays, parameters, pictures, residuals, rollback, trends
 from cellcal.service.web.dependencies import Who, app_context
 from cellcal.service.web.response_models import RunDetail, RunLine, SignedDocument, response_options
@@ -49,7 +52,9 @@ async def get_certificate(run_id: str, request: Request, who: Who) -> FileRespon
 
 def _load_runs(config: CellConfig) -> list[dict[str, object]]:
     with open_journal(config) as journal:
-        return [_run_line(view) for view in reversed(store_of(journal).list_runs())]
+        views = store_of(journal).list_runs()
+    under_way = runs_under_way(lease_folder(config))
+    return [_run_line(view, under_way) for view in reversed(views)]
 
 
 def _load_run(config: CellConfig, run_id: str) -> dict[str, object]:
@@ -57,7 +62,7 @@ def _load_run(config: CellConfig, run_id: str) -> dict[str, object]:
         store = store_of(journal)
         view = store.find_run(store.resolve_run_id(run_id))
     document = {
-        **_run_line(view),
+        **_run_line(view, runs_under_way(lease_folder(config))),
         "spec": view.spec,
         "findings": [{"step": found.step, "value": found.value} for found in view.past.findings],
         "result": view.result,
@@ -68,11 +73,12 @@ def _load_run(config: CellConfig, run_id: str) -> dict[str, object]:
     return document
 
 
-def _run_line(view: "RunView") -> dict[str, object]:
-    keys = ("run_id", "procedure", "started_utc", "state", "reason", "begun_by", "begun_as")
+def _run_line(view: "RunView", under_way: Collection[str]) -> dict[str, object]:
+    keys = ("run_id", "procedure", "started_utc", "reason", "begun_by", "begun_as")
     fields = {key: getattr(view, key) for key in keys}
     if not view.has_templates:
         remember_recorded_texts(view.reason)
     devices, word = view.cell["devices"], (view.judgement or {}).get("word", "")
     serial = devices[0]["identity"]["serial"] if devices else ""
+    fields["state"] = view.state_seen(under_way)
     return {**fields, "word": word, "robot_serial": serial, "in_doubt": view.past.in_doubt or ""}

@@ -87,7 +87,10 @@ def compare_runs(config: CellConfig, run_id: str, other_id: str) -> RunsCompared
     with open_journal(config) as journal:
         store = store_of(journal)
         views = [store.find_run(store.resolve_run_id(name)) for name in (run_id, other_id)]
-    before, after = sorted(views, key=lambda view: view.started_utc)
+        order = [
+            event.run_id for event in journal.list_events()
+        ]  # and not by time: a clock may have been set
+    before, after = sorted(views, key=lambda view: order.index(view.run_id))
     return RunsCompared(
         before=_run_head(before),
         after=_run_head(after),

@@ -1,7 +1,9 @@
 """Conducting a run: the journal, the lease, the header, and what each end is called."""
 
 import asyncio
+import fcntl
 import json
+import threading
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,7 +15,7 @@ from cellcal.procedures.run import NeedsUnmetError, ReplayMismatchError
 from cellcal.procedures.run_history import EventKind
 from cellcal.procedures.three_point_frame import FrameSetup
 from cellcal.service.record.journal import Journal, StoreError
-from cellcal.service.record.robot_lock import LeaseHeldError, acquire_lease
+from cellcal.service.record.robot_lock import LeaseHeldError, acquire_lease, runs_under_way
 from cellcal.service.record.run_outcome import RunVerdict
 from cellcal.service.record.run_store import RunStore
 from cellcal.service.runs.journal_ledger import forget_from
@@ -191,6 +193,31 @@ async def test_one_robot_takes_one_run_at_a_time(journal: Journal) -> None:
         await run_procedure(made.cell, NAME, made.spec, journal, how=HOW)
     assert journal.list_events() == []
     assert (await run_procedure(made.cell, NAME, made.spec, journal, how=HOW)).verdict is RunVerdict.PASSED
+
+
+async def test_a_run_of_another_process_is_seen_to_go_on_and_nobody_who_looks_is_in_its_way(
+    journal: Journal,
+) -> None:
+    made, leases, seen = user_frame_scene(), journal.path.parent / "leases", []
+
+    def look(_progress: StepProgress) -> None:
+        (view,) = RunStore(journal).list_runs()
+        seen.append(view.state_seen(runs_under_way(leases)))
+
+    await run_procedure(made.cell, NAME, made.spec, journal, how=replace(HOW, on_event=look))
+    assert "running" in seen
+    (view,) = RunStore(journal).list_runs()
+    assert view.state_seen(runs_under_way(leases)) == "passed"
+    assert runs_under_way(leases) == frozenset()
+    with acquire_lease(leases, "F-1", "anna (run-1)"), acquire_lease(leases, "F-2", "bert (run (2))"):
+        assert runs_under_way(leases) == {"run-1"}  # no run is called so
+    looked = threading.Event()
+    with (leases / "F-1.lock").open() as descriptor:
+        fcntl.flock(descriptor, fcntl.LOCK_SH)  # somebody looks just now
+        threading.Timer(0.02, lambda: (fcntl.flock(descriptor, fcntl.LOCK_UN), looked.set())).start()
+        with acquire_lease(leases, "F-1", "anna (run-3)"):
+            assert runs_under_way(leases) == {"run-3"}
+        looked.wait()
 
 
 async def test_a_cell_that_lacks_something_starts_nothing(journal: Journal) -> None:

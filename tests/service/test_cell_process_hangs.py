@@ -15,6 +15,7 @@ import orjson
 import pytest
 
 from cellcal.drivers.supervision import SUPERVISOR
+from cellcal.service import child_processes
 from cellcal.service.cell_process.lines import LineWriter, whole_lines
 from cellcal.service.cell_process.messages import LONGEST_LINE
 from cellcal.service.configuration.cell_file import read_cell_file
@@ -89,6 +90,30 @@ async def test_one_that_is_stopped_by_a_signal_is_killed_and_a_stop_meanwhile_is
         assert "stopped by a signal" in caplog.text
         assert session_of(link)["run"] is None, "a person wanted it to stop"
         assert not under_way.exists()
+
+
+@pytest.mark.parametrize("how", ["a stop without an answer", "the end of the service"])
+async def test_after_a_hang_no_run_goes_on_by_itself_in_the_next_service_either(
+    tmp_path: Path, how: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(child_processes, "_LEAVE_S", 0.5)
+    async with a_cell(tmp_path) as (path, _):
+        under_way = read_cell_file(path).cell.data_dir / "under_way.json"
+        async with linked(CellProcessClient(path, lambda *_: None)) as link:
+            await comes(lambda: session_of(link).get("connection", {}).get("connected"))
+            await link.send_order(ORDER | {"rev": session_of(link)["rev"], "order": RECORD})
+            await comes(lambda: session_of(link).get("prompt") and under_way.exists())
+            process = link._process
+            assert process is not None
+            os.kill(process.pid, signal.SIGSTOP)
+            if how == "a stop without an answer":
+                with pytest.raises(StopUnconfirmedError):
+                    await link.send_order(ORDER | {"order": {"op": "stop"}})
+                await comes(lambda: not under_way.exists())
+        assert not under_way.exists()
+        async with linked(CellProcessClient(path, lambda *_: None)) as link:
+            await comes(lambda: session_of(link).get("connection", {}).get("connected"))
+            assert session_of(link)["run"] is None
 
 
 class Played(CellProcessClient):

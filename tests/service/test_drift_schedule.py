@@ -2,7 +2,7 @@
 
 import sqlite3
 from contextlib import closing
-from datetime import UTC, date, datetime, timedelta
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 import pytest
@@ -19,7 +19,7 @@ from cellcal.service.site.controller_tap import ControllerTap
 from tests.procedures.certified_runs import cell_config, run_in
 from tests.procedures.procedure_scenes import scene_for
 
-TODAY = date(2026, 11, 23)
+TODAY = datetime.now(UTC).date()
 
 
 def weekly_check_config(folder: Path, days: str = "7") -> CellConfig:
@@ -43,10 +43,6 @@ def add_ended_run(
         journal.append_all(run_id, events)
 
 
-def today_date() -> date:
-    return datetime.now(UTC).date()
-
-
 def test_a_damaged_journal_tells_of_the_checks_before_the_damage(tmp_path: Path) -> None:
     config = weekly_check_config(tmp_path)
     robot = config.robots[0]
@@ -54,11 +50,19 @@ def test_a_damaged_journal_tells_of_the_checks_before_the_damage(tmp_path: Path)
         add_ended_run(config, number, "passed", serial=robot.serial)
     with closing(sqlite3.connect(journal_path(config))) as database, database:
         database.execute("UPDATE event SET body = '{' WHERE seq = 3")
-    assert next_drift_checks(config, TODAY)[robot.name] == today_date() + timedelta(7)
+    assert next_drift_checks(config, TODAY)[robot.name] == TODAY + timedelta(7)
     with closing(sqlite3.connect(journal_path(config))) as database, database:
         database.execute("DELETE FROM event WHERE seq = 1")
         database.execute("UPDATE event SET body = '{' WHERE seq = 3")
     assert next_drift_checks(config, TODAY)[robot.name] == TODAY
+
+
+@pytest.mark.parametrize("days_back", [1, 400, 20_000])
+def test_a_check_of_a_day_to_come_does_not_put_off_the_next_for_years(tmp_path: Path, days_back: int) -> None:
+    config = weekly_check_config(tmp_path)
+    add_ended_run(config, 1, "passed")
+    clock_set_back = TODAY - timedelta(days_back)
+    assert next_drift_checks(config, clock_set_back)[config.robots[0].name] == clock_set_back
 
 
 async def test_a_week_after_the_last_check_the_next_is_reported_as_due(tmp_path: Path) -> None:
@@ -69,7 +73,7 @@ async def test_a_week_after_the_last_check_the_next_is_reported_as_due(tmp_path:
     journal_path(config).touch()  # opened for the first time
     assert next_drift_checks(config, TODAY) == {robot: TODAY, other: TODAY}
     await run_in(config, await scene_for("drift_check"), "drift_check")
-    due = today_date() + timedelta(7)
+    due = TODAY + timedelta(7)
     assert next_drift_checks(config, TODAY) == {robot: due, other: TODAY}
     assert {row.name: row.due for row in list_procedures(config) if row.due} == {"drift_check": due}
     assert {"what": f"drift check of {robot}", "due": due.isoformat()} in DueDates(config).due_items(0.0)
@@ -99,7 +103,7 @@ def test_only_a_check_of_this_robot_that_ended_well_counts(tmp_path: Path) -> No
     assert next_drift_checks(config, TODAY)[robot] == TODAY
     add_ended_run(config, 4, "passed")
     add_ended_run(config, 5, "cancelled")
-    assert next_drift_checks(config, TODAY)[robot] == today_date() + timedelta(7)
+    assert next_drift_checks(config, TODAY)[robot] == TODAY + timedelta(7)
 
 
 def test_a_reminder_looks_again_after_a_while_and_keeps_what_it_knew(tmp_path: Path) -> None:
@@ -121,7 +125,7 @@ def test_an_overdue_check_is_an_alarm_until_it_is_done(
 ) -> None:
     config = weekly_check_config(tmp_path)
     add_ended_run(config, 1, "passed")
-    late = today_date() + timedelta(30)
+    late = TODAY + timedelta(30)
 
     class LaterClock(datetime):
         @classmethod

@@ -2,6 +2,7 @@
 
 import os
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ from hypothesis import strategies as st
 
 from cellcal.calibration.arm.kinematics import load_model
 from cellcal.calibration.arm.ur_factory import factory_model
+from cellcal.service.cli.parameters import list_sets
 from cellcal.service.engineering.parameters.calibrated_models import (
     calibrated_model,
     nominal_sha256,
@@ -253,3 +255,10 @@ def test_a_set_of_another_nominal_model_is_refused():
         calibrated_model(load_model("ur10"), item)
     with pytest.raises(ParameterSetError, match="nominal"):
         calibrated_model(UR, replace(item, nominal_sha256="0" * 64))
+
+
+def test_a_folder_that_is_not_there_is_not_listed_as_an_empty_one(tmp_path: Path) -> None:
+    with pytest.raises(ParameterSetError, match="there is no folder") as told:
+        list_sets(folder=tmp_path / "nowhere")
+    assert told.value.code == "usage"
+    assert list_sets(folder=tmp_path) == 0

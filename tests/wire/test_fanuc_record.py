@@ -5,6 +5,7 @@ import json
 import subprocess
 import sys
 from collections.abc import Iterator
+from datetime import datetime, timedelta
 from pathlib import Path
 
 import numpy as np
@@ -22,6 +23,7 @@ from cellcal.fake_devices.fanuc_files.cabinet import FanucCabinet
 from cellcal.fake_devices.fanuc_files.ftp_server import FanucFtpServer
 from cellcal.procedures.recovery.record_seal import seal_of
 from cellcal.service.cli.app import run_command_line
+from cellcal.service.engineering.controller_files import stored_records
 from cellcal.service.engineering.controller_files.stored_records import list_records
 from cellcal.service.engineering.parameters.mastering_files import import_record, in_force
 from cellcal.service.exit_codes import ExitCode
@@ -187,6 +189,21 @@ def test_a_robot_that_is_not_healthy_or_not_still_gets_no_record(
     for word in (address_of(served), "What to do:", *words):
         assert word in text
     assert not list(tmp_path.glob("*.json"))
+
+
+def test_after_the_clock_was_set_back_no_record_is_stored_that_would_not_count(
+    served: FanucFtpServer, tmp_path: Path, capsys, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    class SetBack(datetime):
+        @classmethod
+        def now(cls, tz=None) -> datetime:
+            return datetime.now(tz) - timedelta(hours=1)
+
+    assert take_record(address_of(served), tmp_path) == ExitCode.PASS
+    monkeypatch.setattr(stored_records, "datetime", SetBack)
+    assert take_record(address_of(served), tmp_path) == ExitCode.USAGE
+    assert "Set the clock" in capsys.readouterr().err
+    assert len(list_records(tmp_path)) == 1
 
 
 def test_a_motor_that_flickers_by_a_count_is_read_again(served: FanucFtpServer, tmp_path: Path) -> None:

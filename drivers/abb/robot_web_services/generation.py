@@ -5,6 +5,7 @@ TLS. Plain HTTP is asked first: an answer over it that is no digest challenge is
 password of a basic authentication never goes out without TLS.
 """
 
+import asyncio
 import logging
 import ssl
 from dataclasses import dataclass
@@ -15,11 +16,13 @@ import httpx
 from cellcal.calibration.message import make_message
 from cellcal.drivers.abb.robot_web_services.dialects import Dialect, FirstDialect, SecondDialect
 from cellcal.drivers.errors import RefusedError, UnreachableError
+from cellcal.drivers.wire.http_answers import STEP_SHARE, BoundedTransport
 from cellcal.drivers.wire.link_errors import bracket_host, find_reason
 
 _LOG = logging.getLogger(__name__)
 _HTTP, _HTTPS = 80, 443
 _ATTEMPTS = 2
+_MOST_OCTETS = 100_000  # of a refusal
 NO_SESSION = (
     "the controller has no session left.",
     "End other clients of Robot Web Services, or wait ten minutes.",
@@ -99,8 +102,13 @@ async def find_service(address: ServiceAddress, limit_s: float) -> FoundService:
 async def _ask_challenge(url: str, tls: ssl.SSLContext, limit_s: float, device: str = "") -> _Answer:
     """Return the first word of the challenge in lower case, or why there is none."""
     accept = SecondDialect.accept if url.startswith("https") else FirstDialect.accept
+    limit_s /= _ATTEMPTS
+    transport = BoundedTransport(_MOST_OCTETS, verify=tls)
     try:
-        async with httpx.AsyncClient(verify=tls, timeout=limit_s / _ATTEMPTS, trust_env=False) as client:
+        async with (
+            asyncio.timeout(limit_s),
+            httpx.AsyncClient(transport=transport, timeout=limit_s * STEP_SHARE) as client,
+        ):
             response = await client.get(f"{url}/rw/system", headers={"Accept": accept})
     except httpx.ConnectError as error:
         if device and "CERTIFICATE_VERIFY_FAILED" in str(error):
@@ -110,8 +118,8 @@ async def _ask_challenge(url: str, tls: ssl.SSLContext, limit_s: float, device: 
                 remedy="Check the address; after a change of the certificate save the new one and name it.",
             ) from error
         return _Answer(reason=find_reason(error))
-    except httpx.TimeoutException:
-        return _Answer(reason=make_message("no answer within {limit_s:.1f} s", limit_s=limit_s / _ATTEMPTS))
+    except (TimeoutError, httpx.TimeoutException):
+        return _Answer(reason=make_message("no answer within {limit_s:.1f} s", limit_s=limit_s))
     except httpx.RemoteProtocolError as error:
         return _Answer(reason=make_message("what answers is no web server ({error})", error=error))
     except (httpx.HTTPError, httpx.InvalidURL) as error:

@@ -1,10 +1,11 @@
 """The handshake with the RAPID module CellcalServer (deploy/controller_setup/abb)."""
 
-from cellcal.drivers.abb.robot_web_services.rapid_values import read_numbers, write_joint_target
+from cellcal.drivers.abb.robot_web_services.rapid_values import write_joint_target
 from cellcal.drivers.abb.robot_web_services.state import converted
 from cellcal.drivers.abb.robot_web_services.web_link import WebLink
 from cellcal.drivers.errors import MotionStoppedError, RefusedError
 from cellcal.drivers.wire.program_handshake import ProgramHandshake, ProgramState
+from cellcal.drivers.wire.wire_numbers import parse_whole
 
 _MODULE = "CellcalServer"
 _START = "Load the module CellcalServer, move the program pointer to main, and start it in AUTO."
@@ -67,7 +68,7 @@ class MotionServer(ProgramHandshake):
 
     async def _read(self, name: str) -> int:
         text = await self._link.read_symbol(f"{_MODULE}/{name}")
-        return int(converted(self._link, lambda: read_numbers(text)[0]))
+        return converted(self._link, lambda: parse_whole(text))
 
     async def _write(self, name: str, value: int) -> None:
         await self._link.write_symbol(f"{_MODULE}/{name}", str(value))

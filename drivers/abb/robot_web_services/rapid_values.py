@@ -5,21 +5,19 @@ import re
 
 from cellcal.calibration.geometry import Pose
 from cellcal.calibration.message import make_message
+from cellcal.drivers.wire.wire_numbers import parse_number
 
-_NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
-_ALLOWED = re.compile(r"[\s\[\],\d.eE+\-]*|.*\b(?:TRUE|FALSE)\b.*", re.DOTALL)
+_BRACKETS = re.compile(r"[\[\]]")
 NO_AXIS = 9e9
 AXES = 6
 
 
 def read_numbers(text: str) -> list[float]:
     """Return all numbers of a value in their order; raise ValueError where it holds anything else."""
-    if not _ALLOWED.fullmatch(text):
-        raise ValueError(make_message("{text!r} is no RAPID value of numbers", text=text[:60]))
-    found = [float(word) for word in _NUMBER.findall(text)]
-    if not found or not all(map(math.isfinite, found)):
-        raise ValueError(make_message("{text!r} holds no finite numbers", text=text[:60]))
-    return found
+    try:
+        return [parse_number(word) for word in _BRACKETS.sub("", text).split(",")]
+    except ValueError as error:
+        raise ValueError(make_message("{text!r} is no RAPID value of numbers", text=text[:60])) from error
 
 
 def read_tool(text: str) -> tuple[bool, Pose, float]:

@@ -14,6 +14,7 @@ from cellcal.drivers.abb.robot_web_services.web_link import WebLink
 from cellcal.drivers.errors import RefusedError, WireProtocolError
 from cellcal.drivers.interfaces import Alarm, AlarmKind, Condition, Readiness
 from cellcal.drivers.wire.link_errors import unreadable_answer_error
+from cellcal.drivers.wire.wire_numbers import parse_number
 
 T = TypeVar("T")
 _UNIT = "/rw/motionsystem/mechunits/ROB_1"
@@ -175,13 +176,11 @@ def converted(link: WebLink, convert: Callable[[], T]) -> T:
 def number_of(link: WebLink, state: Mapping[str, Any], key: str) -> float:
     """Return a number of a state, which the controller writes as text."""
     value = state.get(key)
+    is_number = isinstance(value, str | int | float) and not isinstance(value, bool)
     try:
-        number = float(value) if isinstance(value, str | int | float) else math.nan
-    except ValueError:
-        number = math.nan
-    if not math.isfinite(number):
-        raise unreadable(link, f"{key} is no finite number")
-    return number
+        return parse_number(str(value) if is_number else "")
+    except ValueError as error:
+        raise unreadable(link, f"{key} is no finite number") from error
 
 
 def unreadable(link: WebLink, what: str) -> WireProtocolError:

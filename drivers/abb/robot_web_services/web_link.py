@@ -31,6 +31,7 @@ from cellcal.drivers.errors import (
     WireProtocolError,
 )
 from cellcal.drivers.wire.deadline import answer_deadline, timeout_error
+from cellcal.drivers.wire.http_answers import STEP_SHARE, BoundedTransport, OversizedAnswerError
 from cellcal.drivers.wire.link_errors import find_reason, unreadable_answer_error
 from cellcal.drivers.wire.trace import FrameTrace
 
@@ -88,11 +89,12 @@ class WebLink:
             base_url=found.base_url,
             cookies=cookies,
             auth=self._login,
-            verify=found.tls,
             headers={"Accept": found.dialect.accept},
-            timeout=self._deadline_s,
+            timeout=self._deadline_s * STEP_SHARE,
             trust_env=False,
-            limits=httpx.Limits(max_connections=1),
+            transport=BoundedTransport(
+                _MOST_OCTETS, verify=found.tls, limits=httpx.Limits(max_connections=1)
+            ),
         )
 
     @asynccontextmanager
@@ -160,10 +162,7 @@ class WebLink:
 
     async def get_content(self, path: str) -> bytes:
         """Return a file of the controller; errors as for ``get_state``."""
-        content = (await self._request("GET", path, {})).content
-        if len(content) > _MOST_OCTETS:
-            raise self._unreadable("it is too long")
-        return content
+        return (await self._request("GET", path, {})).content
 
     async def put_content(self, path: str, content: bytes) -> None:
         """Write a file of the controller; errors as for ``get_state``."""
@@ -213,6 +212,8 @@ class WebLink:
                 response = await self._client.request(
                     method, path, params=dict(query), content=body, headers=headers
                 )
+        except OversizedAnswerError as error:
+            raise self._unreadable(str(error)) from error
         except httpx.TimeoutException as error:
             raise timeout_error(self.device, self._deadline_s, "waiting for an answer") from error
         except httpx.HTTPError as error:
@@ -252,8 +253,6 @@ class WebLink:
     def _decode(self, response: httpx.Response) -> dict[str, Any]:
         if response.status_code == 204 or not response.content:
             return {}
-        if len(response.content) > _MOST_OCTETS:
-            raise self._unreadable("it is too long")
         try:
             reply = parse_json(response.content)
         except (DocumentError, ValueError) as error:

@@ -53,7 +53,7 @@ async def read_status(link: RmiLink) -> RmiStatus:
         _number(link, reply, "TPMode") != 0,
         _number(link, reply, "RMIMotionStatus") != 0,
         _number(link, reply, "SingleStepMode", 0.0) != 0,
-        int(_number(link, reply, "NextSequenceID", 1.0)),
+        _whole(link, reply, "NextSequenceID", 1.0),
         _number(link, reply, "Override", 100.0) / 100.0,
     )
 
@@ -73,8 +73,8 @@ async def read_pose(link: RmiLink) -> tuple[Pose, int, int]:
     position, configuration = reply.get("Position"), reply.get("Configuration")
     if not isinstance(position, Mapping) or not isinstance(configuration, Mapping):
         raise _unreadable(link, "there is no position")
-    user = int(_number(link, configuration, "UFrameNumber"))
-    return _pose(link, position), user, int(_number(link, configuration, "UToolNumber"))
+    user = _whole(link, configuration, "UFrameNumber")
+    return _pose(link, position), user, _whole(link, configuration, "UToolNumber")
 
 
 async def read_frame(link: RmiLink, kind: str, number: int) -> Pose:
@@ -100,7 +100,7 @@ async def write_frame(link: RmiLink, kind: str, number: int, pose: Pose) -> None
 async def read_active_numbers(link: RmiLink) -> tuple[int, int]:
     """Return the numbers of the active user frame and tool."""
     reply = await link.send_command("FRC_GetUFrameUTool")
-    return int(_number(link, reply, "UFrameNumber")), int(_number(link, reply, "UToolNumber"))
+    return _whole(link, reply, "UFrameNumber"), _whole(link, reply, "UToolNumber")
 
 
 async def read_alarm_texts(link: RmiLink) -> tuple[str, ...]:
@@ -180,6 +180,13 @@ def _number(link: RmiLink, values: Mapping[str, Any], key: str, otherwise: float
     if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
         raise _unreadable(link, f"{key} is no finite number")
     return float(value)
+
+
+def _whole(link: RmiLink, values: Mapping[str, Any], key: str, otherwise: float | None = None) -> int:
+    number = _number(link, values, key, otherwise)
+    if not number.is_integer():
+        raise _unreadable(link, make_message("{text} is no whole number", text=key))
+    return int(number)
 
 
 def _unreadable(link: RmiLink, what: str) -> WireProtocolError:

@@ -5,9 +5,10 @@ import math
 from cellcal.calibration.message import make_message
 from cellcal.drivers.errors import MotionStoppedError, RefusedError
 from cellcal.drivers.kuka.variables.state import read_value
-from cellcal.drivers.kuka.variables.values import read_number, write_axes
+from cellcal.drivers.kuka.variables.values import write_axes
 from cellcal.drivers.kuka.variables.variable_link import VariableLink
 from cellcal.drivers.wire.program_handshake import ProgramHandshake, ProgramState
+from cellcal.drivers.wire.wire_numbers import parse_whole
 
 _START = "Select CELLCAL at the pendant, in AUT or EXT, and start it."
 
@@ -71,7 +72,7 @@ class MotionServer(ProgramHandshake):
         )
 
     async def _read(self, variable: str) -> int:
-        return int(await read_value(self._link, variable, read_number))
+        return await read_value(self._link, variable, parse_whole)
 
 
 def speed_percent(device: str, speed_rad_s: float, fastest_axis_rad_s: float) -> int:

@@ -30,7 +30,6 @@ from cellcal.drivers.kuka.variables.values import (
     AXES,
     read_axes,
     read_members,
-    read_number,
     read_pose,
     write_pose,
 )
@@ -40,6 +39,7 @@ from cellcal.drivers.wire.joint_stream import JointStream
 from cellcal.drivers.wire.serial_number import check_serial_number
 from cellcal.drivers.wire.stepwise_motion import IsFinished, StepwiseOptions
 from cellcal.drivers.wire.streamed_motion import StreamedStepwiseMotion
+from cellcal.drivers.wire.wire_numbers import parse_whole
 
 _LOG = logging.getLogger(__name__)
 VERIFIED_ON: tuple[str, ...] = ()  # controller software this driver has run on; none yet, see README.md
@@ -124,8 +124,8 @@ class KukaRobot(StreamedStepwiseMotion):
 
     async def active_frames(self) -> ActiveFrames:
         async with self._answer_deadline("reading the active tool"):
-            tool = int(await read_value(self._link, "$ACT_TOOL", read_number))
-            base = int(await read_value(self._link, "$ACT_BASE", read_number))
+            tool = await read_value(self._link, "$ACT_TOOL", parse_whole)
+            base = await read_value(self._link, "$ACT_BASE", parse_whole)
             flange_tool = await read_value(self._link, "$TOOL", read_pose)
             mass = (await read_value(self._link, "$LOAD", read_members)).get("M")
         return ActiveFrames(tool, flange_tool, base, mass if mass is not None and mass >= 0 else None)

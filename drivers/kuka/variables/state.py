@@ -9,8 +9,9 @@ from cellcal.calibration.mastering.position_record import ShownValue
 from cellcal.calibration.message import make_message
 from cellcal.drivers.errors import RefusedError, WireProtocolError
 from cellcal.drivers.interfaces import Alarm, AlarmKind, Condition, Readiness
-from cellcal.drivers.kuka.variables.values import AXES, read_flag, read_members, read_number, read_pose
+from cellcal.drivers.kuka.variables.values import AXES, read_flag, read_members, read_pose
 from cellcal.drivers.kuka.variables.variable_link import VariableLink
+from cellcal.drivers.wire.wire_numbers import parse_number
 
 T = TypeVar("T")
 _AUTOMATIC = ("#AUT", "#EX")
@@ -113,7 +114,7 @@ async def refuse_external_tool(link: VariableLink) -> None:
 
 async def read_fraction(link: VariableLink, variable: str) -> float:
     """Return a percentage as a share from 0 to 1."""
-    return await read_value(link, variable, read_number) / 100.0
+    return await read_value(link, variable, parse_number) / 100.0
 
 
 def condition_of(state: ControllerState) -> Condition:

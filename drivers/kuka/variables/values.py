@@ -9,20 +9,13 @@ import numpy as np
 from cellcal.calibration.geometry import Pose, homogeneous_matrix
 from cellcal.calibration.message import make_message
 from cellcal.calibration.orientation import rotation_from, values_from
+from cellcal.drivers.wire.wire_numbers import NUMBER, parse_number
 
 AXES = 6
-_MEMBER = re.compile(r"(?<!\w)([A-Za-z]\w*+)\s++([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(?=[,}])")
+_MEMBER = re.compile(rf"(?<!\w)([A-Za-z]\w*+)\s++({NUMBER})\s*(?=[,}}])")
 _DECIMAL_COMMA = re.compile(r",\s*[-+.\d]")  # behind a comma stands a name, and never a number
 _MOST_TEXT = 4096
 _POSE_MEMBERS = ("X", "Y", "Z", "A", "B", "C")
-
-
-def read_number(text: str) -> float:
-    """Return a number; raise ValueError where it is none or not finite."""
-    value = float(text.strip())
-    if not math.isfinite(value):
-        raise ValueError(make_message("{text!r} is not finite", text=text))
-    return value
 
 
 def read_flag(text: str) -> bool:
@@ -41,7 +34,7 @@ def read_members(text: str) -> Mapping[str, float]:
         )
     if _DECIMAL_COMMA.search(text):
         raise ValueError(make_message("{text!r} has decimal commas", text=text[:60]))
-    found = {name.upper(): float(value) for name, value in _MEMBER.findall(text)}
+    found = {name.upper(): parse_number(value) for name, value in _MEMBER.findall(text)}
     if not found or not all(map(math.isfinite, found.values())):
         raise ValueError(make_message("{text!r} holds no numbers", text=text[:60]))
     return found

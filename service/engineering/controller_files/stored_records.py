@@ -13,6 +13,7 @@ from pydantic import BaseModel, ConfigDict, TypeAdapter, ValidationError
 
 from cellcal.calibration.errors import CellError
 from cellcal.calibration.mastering.counts import MasteringRecord
+from cellcal.calibration.message import make_message
 from cellcal.drivers.fanuc.controller_files.controller_files import ControllerFiles
 from cellcal.drivers.fanuc.program_files.va_positions import CARTESIAN, VaPosition
 from cellcal.drivers.fanuc.program_files.va_spots import parse_real
@@ -94,9 +95,10 @@ def store_record(folder: Path, done: FilesRecord, files: ControllerFiles) -> Sto
     Raises
     ------
     RecordFileError
-        The folder cannot be written.
+        The folder cannot be written, or holds a record of this robot from after this computer's time.
     """
     stored_utc = datetime.now(UTC).isoformat()
+    _refuse_earlier(stored_utc, folder, done)
     controller = controller_content(files, done.group)
     content = {
         "cell": "",
@@ -118,6 +120,21 @@ def store_record(folder: Path, done: FilesRecord, files: ControllerFiles) -> Sto
             remedy="Give another folder with --records.",
         ) from error
     return StoredRecord(folder / name, stored_utc, done.record, controller, key.public_key)
+
+
+def _refuse_earlier(stored_utc: str, folder: Path, done: FilesRecord) -> None:
+    """Refuse a record that would not count as the newest: the clock was set back, or stood too late before."""
+    of_robot = (done.record.robot_serial, done.group)
+    for each in list_records(folder):
+        if (each.record.robot_serial, each.controller.group) == of_robot and each.stored_utc > stored_utc:
+            raise RecordFileError(
+                make_message(
+                    "the clock of this computer stands before the newest record ({day}), which would go on to count.",
+                    day=each.day,
+                ),
+                remedy="Set the clock. If the date of that record is wrong, move it away.",
+                code="usage",
+            )
 
 
 def list_records(folder: Path) -> tuple[StoredRecord, ...]:

@@ -5,7 +5,6 @@ DH; ROS's YAML holds six frames. Whose arm a YAML belongs to is proved by the ha
 Nothing here writes to a controller.
 """
 
-import math
 import re
 import struct
 from collections.abc import Iterator
@@ -19,6 +18,7 @@ from cellcal.calibration.arm.ur_factory import calibration_hash, factory_model, 
 from cellcal.calibration.errors import CalibrationError
 from cellcal.calibration.geometry import Array, homogeneous_matrix, inverse_transform, is_rigid
 from cellcal.calibration.orientation import elementary_rotation, euler_angles, euler_rotation
+from cellcal.drivers.wire.wire_numbers import parse_number
 
 ROS_FRAMES = ("shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3")
 LINEARISED = 2  # calibration status: 0 not initialised, 1 not linearised, 2 linearised
@@ -252,9 +252,6 @@ def _parse_finite(path: str, text: str | None) -> float:
     if text is None:
         raise CalibrationError(f"the kinematics file lacks {path}")
     try:
-        value = float(text)
+        return parse_number(text)
     except ValueError as broken:
         raise CalibrationError(f"the kinematics file: {path} is not a number: {text!r}") from broken
-    if not math.isfinite(value):
-        raise CalibrationError(f"the kinematics file: {path} is not finite")
-    return value
