@@ -8,6 +8,7 @@ import numpy as np
 from cellcal.calibration.arm.joint_kinds import joint_columns_of, shown_units
 from cellcal.calibration.compensation.pose_gap import TipArm
 from cellcal.calibration.geometry import Array
+from cellcal.calibration.identification.error_tails import MANY_REJECTED
 from cellcal.calibration.identification.observations import Rows
 from cellcal.calibration.identification.reading_prediction import predict_readings
 from cellcal.calibration.message import make_message
@@ -18,7 +19,6 @@ from cellcal.service.engineering.measured.measurements import REPEAT
 from cellcal.service.engineering.measured.table import MeasurementError
 
 _PROBABILITY = 0.95
-_MANY_REJECTED = 0.07  # of the rows: in good series up to 6 % are targets that were hidden or typing errors
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,13 +95,15 @@ def tips_at(options: AtOptions, report: IdentifyReport) -> TipsAt:
     learnt = f"{error.rows} rows held out among their neighbours"
     if error.far_rows:
         learnt += f" and {error.far_rows} in regions held out whole"
+    if error.tail_rows:
+        learnt += f"; with {error.tail_rows} that the fit left out as the long tail of this arm's errors"
     predicted = tips_of(
         joints,
         readings.positions_m,
         (readings.covariances_m2, readings.expanded_m, readings.parameters_expanded_m),
         (np.flatnonzero(readings.beyond), np.flatnonzero(readings.far)),
         "robot base" if lengths else "measuring device",
-        statement_of(learnt, report.rows, _left_out(report), far=bool(readings.far.any())),
+        statement_of(learnt, report.rows, _left_out(report) - error.tail_rows, far=bool(readings.far.any())),
     )
     return replace(predicted, shown=(shown_units(state.nominal)[0], joint_columns_of(state.nominal)))
 
@@ -145,7 +147,7 @@ def statement_of(learnt: str, rows: int, rejected: int, *, far: bool) -> tuple[s
     ]
     if rejected:
         sentences.append(f"Not covered: readings such as the {rejected} of {rows} that were rejected.")
-    if rejected > _MANY_REJECTED * rows:
+    if rejected > MANY_REJECTED * rows:
         share = _PROBABILITY * (1.0 - rejected / rows)
         sentences.append(
             f"Those are too many to be mistakes alone: of all further readings about {share:.0%} are within this "
