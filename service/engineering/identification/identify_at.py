@@ -13,7 +13,7 @@ from cellcal.calibration.identification.observations import Rows
 from cellcal.calibration.identification.reading_prediction import predict_readings
 from cellcal.calibration.message import make_message
 from cellcal.service.csv_writing import write_rows
-from cellcal.service.engineering.identification.at_points import AtOptions, read_points, solve_joints
+from cellcal.service.engineering.identification.at_points import AtPoints, solve_joints
 from cellcal.service.engineering.identification.identify import IdentifyReport
 from cellcal.service.engineering.measured.measurements import REPEAT
 from cellcal.service.engineering.measured.table import MeasurementError
@@ -70,24 +70,19 @@ class TipsAt:
         }
 
 
-def tips_at(options: AtOptions, report: IdentifyReport) -> TipsAt:
-    """Predict readings of the target at the joints, or flange poses, of a CSV file (see `at_points`).
+def tips_at(points: AtPoints, report: IdentifyReport, *, identified: bool) -> TipsAt:
+    """Predict readings of the target at the joints, or flange poses, of points (see `at_points`).
 
     Raises
     ------
     MeasurementError
-        The file has no points that can be read, or poses that are out of reach.
+        Poses are out of reach.
     """
     found = report.identification
     state = found.state
-    points = read_points(options, state.nominal)
     joints = points.joints_rad
     if points.base_flange is not None:
-        arm = (
-            replace(TipArm.of_state(state), flange_tip=np.eye(4))
-            if options.identified
-            else TipArm(state.nominal)
-        )
+        arm = replace(TipArm.of_state(state), flange_tip=np.eye(4)) if identified else TipArm(state.nominal)
         joints = solve_joints(points, arm, found.robust.problem.observations.joints_rad)
     readings = predict_readings(found, joints)
     lengths = report.measurements.observations.kind == "length"
