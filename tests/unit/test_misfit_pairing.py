@@ -99,3 +99,15 @@ def test_shuffled_lengths_have_no_order():
         order = np.random.default_rng(seed).permutation(ROWS)
         shuffled = replace(true, lengths_m=true.lengths_m[order])
         assert pairing_causes(simulated.model, shuffled, fit_quickly, 0.01) == ()
+
+
+@pytest.mark.parametrize("joint", [0, 2])
+def test_a_column_that_is_no_joints_is_asked_for(joint):
+    simulated = tracker_points("ur10", ROWS)
+    true, rail = simulated.observations, np.random.default_rng(1).uniform(-1500.0, 3000.0, ROWS)
+    joints = np.where(np.arange(6) == joint, np.deg2rad(rail)[:, None], true.joints_rad)
+    with pytest.raises(MisfitError) as refused:
+        refuse_misfit(simulated.model, replace(true, joints_rad=joints))
+    name = simulated.model.joint_names[joint]
+    assert f"{name} moves through 4" in refused.value.remedy
+    assert "another joint, or of a track" in refused.value.remedy
