@@ -4,6 +4,7 @@ import numpy as np
 
 from cellcal.calibration.errors import DegenerateDataError
 from cellcal.calibration.geometry import Array
+from cellcal.calibration.identification.error_tails import tail_reach
 from cellcal.calibration.identification.estimator import FitProblem, errors_m
 from cellcal.calibration.identification.identify import Identification
 from cellcal.calibration.identification.judgement import Judgement, judge_rows, place_variances
@@ -20,7 +21,7 @@ _MOST_ROWS = 1500  # are fitted without each region
 def learn_model_error(found: Identification) -> ModelError:
     """Return how far further readings may be from an identification's predictions.
 
-    Rows that were rejected are no readings of this arm, and do not count; how many there were is reported beside.
+    Mistakes are no readings of this arm, and do not count; how many rows there were is reported beside.
 
     Raises
     ------
@@ -30,10 +31,13 @@ def learn_model_error(found: Identification) -> ModelError:
     observations, judged = found.robust.problem.observations, found.judgement
     if not len(judged.held_out_m):
         judged = judge_rows(found.state.nominal, observations, found.grouping, found.options)
-    kept_rows = np.delete(np.arange(len(observations)), found.rejected)
-    near = _among_neighbours(found, judged, observations.kind).select_rows(kept_rows)
-    far = _regions_left_out(found, observations.select_rows(kept_rows))
-    return model_error(near, far, max(found.robust.degrees_of_freedom, 1.0))
+    reach = tail_reach(found.robust.deviations, observations.channels, len(found.rejected))
+    mistakes = found.rejected[found.robust.deviations[found.rejected] > reach]
+    readings = np.delete(np.arange(len(observations)), mistakes)
+    near = _among_neighbours(found, judged, observations.kind).select_rows(readings)
+    far = _regions_left_out(found, observations.select_rows(readings))
+    tail_rows = len(found.rejected) - len(mistakes)
+    return model_error(near, far, max(found.robust.degrees_of_freedom, 1.0), tail_rows)
 
 
 def _uses_residual(found: Identification) -> bool:

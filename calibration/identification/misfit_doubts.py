@@ -4,11 +4,13 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from cellcal.calibration.arm.joint_kinds import shown_units
 from cellcal.calibration.arm.kinematics import RobotModel
 from cellcal.calibration.identification.observations import MeasuredRows, PointObservations
 from cellcal.calibration.message import join_messages, make_message
 
 _FEWEST_ROWS = 16
+_TIMES_ITS_RANGE = 1.5  # a joint that moves further than that is another column
 _BOTH_WAYS_RAD = 0.5  # a joint that turns as far either way is seldom measured on one side only
 
 
@@ -16,7 +18,12 @@ def column_doubts(model: RobotModel, rows: MeasuredRows) -> str:
     """Return what to look at in columns of rows that do not fit, as sentences; empty where nothing strikes."""
     if len(rows) < _FEWEST_ROWS:
         return ""
-    found = [*_sorted_place(rows), *_still_joints(model, rows), *_joints_without_minus(model, rows)]
+    found = [
+        *_sorted_place(rows),
+        *_joints_too_far(model, rows),
+        *_still_joints(model, rows),
+        *_joints_without_minus(model, rows),
+    ]
     return join_messages(" ", found) if found else ""
 
 
@@ -37,6 +44,23 @@ def _still_joints(model: RobotModel, rows: MeasuredRows) -> Iterator[str]:
     for name, of in zip(model.joint_names, rows.joints_rad.T, strict=True):
         if np.ptp(of) == 0.0:
             yield make_message("{joint} is the same in all rows: see whether it stood still.", joint=name)
+
+
+def _joints_too_far(model: RobotModel, rows: MeasuredRows) -> Iterator[str]:
+    factors, units = shown_units(model)
+    ranges = model.upper_rad - model.lower_rad
+    for name, factor, unit, width, of in zip(
+        model.joint_names, factors, units, ranges, rows.joints_rad.T, strict=True
+    ):
+        if np.ptp(of) > _TIMES_ITS_RANGE * width > 0.0:
+            yield make_message(
+                "{joint} moves through {moved:.0f} {unit}, and its range is {width:.0f} {unit}: see whether its "
+                "column is that of another joint, or of a track.",
+                joint=name,
+                moved=np.ptp(of) * factor,
+                unit=unit,
+                width=width * factor,
+            )
 
 
 def _joints_without_minus(model: RobotModel, rows: MeasuredRows) -> Iterator[str]:

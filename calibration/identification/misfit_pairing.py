@@ -9,11 +9,18 @@ from cellcal.calibration.arm.kinematics import RobotModel
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.identification.misfit_error import MisfitCause, MisfitScore
 from cellcal.calibration.identification.observations import (
+    LengthObservations,
     Observations,
     PointObservations,
     Rows,
 )
-from cellcal.calibration.identification.quick_fit import point_residuals, spread_rows, trimmed_joint_scores
+from cellcal.calibration.identification.quick_fit import (
+    has_enough_lengths,
+    length_scores,
+    point_residuals,
+    spread_rows,
+    trimmed_joint_scores,
+)
 from cellcal.calibration.message import make_message
 
 _FEWEST_ROWS = 16
@@ -23,6 +30,9 @@ _FAR_END = 50
 _FEWEST_ANCHORED = 12  # rows of an end that are in order, by which the others are judged
 _DISPLACED = (1, -1, 2, -2, 3, -3)
 _IN_ORDER = 0.9  # of the rows
+_MOST_PLACES = 60  # of a displacement in a series of lengths
+_MOST_LIKELY = 4  # orders of lengths are fitted
+_AT_ONCE = 200
 _ROUGH = 3.0  # times what may be left: ranking fits no zeros
 
 Fit = Callable[[RobotModel, Observations], MisfitScore]
@@ -40,7 +50,7 @@ class _Order:
 def pairing_causes(
     model: RobotModel, series: Observations, fit: Fit, limit_m: float
 ) -> tuple[MisfitCause, ...]:
-    """Return the order of rows with which a series of points, whole and in the order of the file, fits its robot.
+    """Return the order of rows with which points or lengths, all and in the order of the file, fit their robot.
 
     Parameters
     ----------
@@ -49,12 +59,20 @@ def pairing_causes(
     limit_m : float
         What rows that are explained leave at most [m].
     """
-    if not isinstance(series, PointObservations) or len(series) < _FEWEST_ROWS or not np.isfinite(limit_m):
+    if not np.isfinite(limit_m):
         return ()
     orders = [*_reversed_rows(len(series)), *_changed_parts(len(series))]
-    likely = orders[int(np.argmin(_scores(model, series, orders)))]
     rows = spread_rows(len(series), _MOST_ROWS)
-    for order in (likely, *_displaced_rows(model, series, limit_m)):
+    if isinstance(series, PointObservations) and len(series) >= _FEWEST_ROWS:
+        likely = orders[int(np.argmin(_scores(model, series, orders)))]
+        tried = (likely, *_displaced_rows(model, series, limit_m))
+    elif isinstance(series, LengthObservations) and has_enough_lengths(len(series)):
+        orders += _displaced_anywhere(len(series))
+        scores = _length_scores_of(model, series, orders)
+        tried = tuple(orders[best] for best in np.argsort(scores)[:_MOST_LIKELY].tolist())
+    else:
+        return ()
+    for order in tried:
         joints = series.joints_rad[order.joints_of][rows]
         left_m = fit(model, replace(series.select_rows(rows), joints_rad=joints)).score_m
         if left_m <= limit_m:
@@ -66,6 +84,27 @@ def _scores(model: RobotModel, series: PointObservations, orders: list[_Order]) 
     rows = spread_rows(len(series), _MOST_ROWS)
     joints = np.array([series.joints_rad[order.joints_of][rows] for order in orders])
     return trimmed_joint_scores(model, joints, series.positions_m[rows])
+
+
+def _length_scores_of(model: RobotModel, series: LengthObservations, orders: list[_Order]) -> Array:
+    rows = spread_rows(len(series), _MOST_ROWS)
+    flanges = model.base_flange(series.joints_rad)
+    read = np.broadcast_to(series.lengths_m[rows], (_AT_ONCE, len(rows)))
+    parts = [orders[at : at + _AT_ONCE] for at in range(0, len(orders), _AT_ONCE)]
+    return np.concatenate(
+        [
+            length_scores(flanges[np.array([order.joints_of[rows] for order in part])], read[: len(part)])
+            for part in parts
+        ]
+    )
+
+
+def _displaced_anywhere(count: int) -> Iterator[_Order]:
+    """Give a series in which one row or more is missing in one of the two, from any row on."""
+    places = spread_rows(count - 2 * _FEWEST_ANCHORED, _MOST_PLACES) + _FEWEST_ANCHORED
+    for shift in _DISPLACED:
+        for first in places.tolist():
+            yield _displaced_order(count, first, shift, about=len(places) == _MOST_PLACES)
 
 
 def _reversed_rows(count: int) -> Iterator[_Order]:
@@ -133,22 +172,29 @@ def _rows_in_order(
     return good
 
 
-def _displaced_order(count: int, first: int, shift: int) -> _Order:
+def _displaced_order(count: int, first: int, shift: int, *, about: bool = False) -> _Order:
     at = np.arange(count)
     joints_of = np.where(at < first, at, np.clip(at + shift, 0, count - 1))
-    says = (
+    further = (
         make_message(
-            "from row {row} on (data rows counted from 0) measured values belong to joints that stand {count} "
-            "further down: measured values are missing there, or joints are too many",
-            row=first,
+            "measured values belong to joints that stand {count} further down: measured values are missing there, or "
+            "joints are too many",
             count=shift,
         )
         if shift > 0
         else make_message(
-            "from row {row} on (data rows counted from 0) measured values belong to joints that stand {count} "
-            "further up: joints are missing there, or measured values are too many",
-            row=first,
+            "measured values belong to joints that stand {count} further up: joints are missing there, or measured "
+            "values are too many",
             count=-shift,
+        )
+    )
+    says = (
+        make_message(
+            "from about row {row} on (data rows counted from 0) {further}", row=first, further=further
+        )
+        if about
+        else make_message(
+            "from row {row} on (data rows counted from 0) {further}", row=first, further=further
         )
     )
     return _Order(

@@ -55,6 +55,7 @@ class ModelError:
     degrees_of_freedom: float
     rows: int
     far_rows: int
+    tail_rows: int = 0  # of them, which the fit rejected: the long tail of errors
 
     def total_covariance(self, covariances: Array, own_m2: Array) -> Array:
         """Return the covariance of further readings (N, 3, 3) [m^2].
@@ -89,15 +90,23 @@ def expanded_in_space(covariances: Array, degrees_of_freedom: float) -> Array:
     return radius
 
 
-def model_error(near: HeldOutErrors, far: HeldOutErrors, degrees_of_freedom: float) -> ModelError:
+def model_error(
+    near: HeldOutErrors, far: HeldOutErrors, degrees_of_freedom: float, tail_rows: int = 0
+) -> ModelError:
     r"""Learn what the model lacks from rows held out among their neighbours, and from regions held out.
+
+    Parameters
+    ----------
+    near, far : HeldOutErrors
+        Without mistakes; ``tail_rows`` of them are in the long tail of the arm's errors.
 
     Notes
     -----
     The squared error of a row is expected to be ``growth V + own + c s^2`` with c channels. Growth, at least 1, is
     where the normal likelihood of all rows is largest, with ``s^2`` always so that the rows among neighbours have
     the mean square that they have. The theoretical factor to 95 % is widened by what the scores of the rows
-    themselves need (split conformal), where they are enough.
+    themselves need (split conformal), where they are enough; with a long tail it may be narrowed as well, since the
+    mean square is then that of a few rows.
 
     References
     ----------
@@ -107,15 +116,17 @@ def model_error(near: HeldOutErrors, far: HeldOutErrors, degrees_of_freedom: flo
         degrees_of_freedom = min(degrees_of_freedom, max(_INDEPENDENT * near.channels * len(near), 1.0))
     growth = _covariance_growth(near, far)
     variance = _remaining_variance(near, growth)
+    least = 0.0 if tail_rows else 1.0
     return ModelError(
         variance,
         growth,
-        _coverage_widening(near, growth, variance, degrees_of_freedom),
-        _coverage_widening(far, growth, variance, degrees_of_freedom),
+        _coverage_widening(near, growth, variance, degrees_of_freedom, least),
+        _coverage_widening(far, growth, variance, degrees_of_freedom, least),
         float(np.quantile(near.variances_m2, _FAR_SHARE)) if len(near) else 0.0,
         degrees_of_freedom,
         len(near),
         len(far),
+        tail_rows,
     )
 
 
@@ -144,11 +155,13 @@ def _scatter_cost(rows: HeldOutErrors, growth: float, variance: float) -> float:
     return float((rows.errors_m**2 / each + rows.channels * np.log(each)).sum())
 
 
-def _coverage_widening(rows: HeldOutErrors, growth: float, variance: float, freedom: float) -> float:
+def _coverage_widening(
+    rows: HeldOutErrors, growth: float, variance: float, freedom: float, least: float
+) -> float:
     if len(rows) < _FEWEST_SCORES:
         return 1.0
     each = (growth * rows.variances_m2 + rows.own_m2) / rows.channels + variance
     factor = coverage_in_space_of(np.ones((1, rows.channels)), freedom, _PROBABILITY)[0]
     scores = np.sort(rows.errors_m / (factor * np.sqrt(rows.channels * each)))
     place = min(int(np.ceil((len(scores) + 1) * _PROBABILITY)), len(scores)) - 1
-    return max(1.0, float(scores[place]))
+    return max(least, float(scores[place]))

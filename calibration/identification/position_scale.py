@@ -35,6 +35,9 @@ from cellcal.calibration.message import make_message
 _MOST_ROWS = 200
 _SPARE_CHANNELS = 12  # more than unknowns
 _SMALLEST = 1e-3  # an aluminium arm that is 40 K warmer is 0.9e-3 longer
+_NEVER_MADE = (
+    2e-3  # from here on an arm cannot be so; a smaller factor may be its links, and is told as perhaps
+)
 _DECISIVE = 12.0  # twice the difference of log likelihoods: none of 1200 arms without a factor came as far
 _SURE = 4.0  # deviations
 _DOUBTFUL, _LIKELY = 9.0, 3.0  # from here on a person is told: two of 1200
@@ -158,8 +161,8 @@ def _compared(columns: Array, values: Array, factor: Array, parameters: list[Par
 
 
 def is_wrong(scale: PositionScale | None) -> bool:
-    """Whether a factor is there beyond what temperature makes, and lengths of any size do not explain it."""
-    return scale is not None and scale.is_beyond(_SURE, _DECISIVE)
+    """Whether a factor is there that no arm is made with, and lengths of any size do not explain it."""
+    return scale is not None and abs(scale.factor - 1.0) > _NEVER_MADE and scale.is_beyond(_SURE, _DECISIVE)
 
 
 def refuse_wrong_scale(model: RobotModel, scale: PositionScale | None) -> None:

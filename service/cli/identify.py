@@ -12,7 +12,7 @@ from cellcal.calibration.errors import CellError
 from cellcal.service.cli.model_argument import ModelArgument
 
 if TYPE_CHECKING:
-    from cellcal.service.engineering.identification.at_points import AtOptions
+    from cellcal.service.engineering.identification.at_points import AtOptions, AtPoints
     from cellcal.service.engineering.identification.identify import IdentifyReport
     from cellcal.service.engineering.identification.row_fit import IdentifyOptions
     from cellcal.service.engineering.measured.measurements import ReadOptions
@@ -182,10 +182,14 @@ def identify(  # noqa: PLR0913  # a command's options are its arguments
         read = overlay_options(read_layout(layout), read)
     if show_layout:
         return _show_layout(measurements, robot, read, as_json=as_json)
-    begin = StartOptions(start, save, serial, free)
-    options = IdentifyOptions(level, check, train_rows, seed, read, begin, residual_model, limits)
-    report = _identify_on_all_processors(measurements, robot, options, at_options)
-    _print_identification(report, _ReportViews(plot, at_options, at_csv, dh=dh), as_json=as_json)
+    options = IdentifyOptions(
+        level, check, train_rows, seed, read, StartOptions(start, save, serial, free), residual_model, limits
+    )
+    points = None if at_options is None else _read_points(at_options, robot)
+    report = _identify_on_all_processors(measurements, robot, options)
+    _print_identification(
+        report, _ReportViews(plot, points, at_csv, at_identified=at_identified, dh=dh), as_json=as_json
+    )
     outputs.write_files(report, measurements)  # at last: what cannot be written loses no result
     return _exit_code(report)
 
@@ -209,17 +213,21 @@ def _at_options(
     return None
 
 
-def _identify_on_all_processors(
-    measurements: Path, robot: str, options: "IdentifyOptions", at: "AtOptions | None"
-) -> "IdentifyReport":
+def _read_points(options: "AtOptions", robot: str) -> "AtPoints":
+    """Read the points to predict before the work, which a file that cannot be used is not worth."""
     from cellcal.calibration.arm.kinematics import load_model
-    from cellcal.service.cli.identify_display import work_display
     from cellcal.service.engineering.identification.at_points import read_points
+
+    return read_points(options, load_model(robot))
+
+
+def _identify_on_all_processors(
+    measurements: Path, robot: str, options: "IdentifyOptions"
+) -> "IdentifyReport":
+    from cellcal.service.cli.identify_display import work_display
     from cellcal.service.engineering.identification.forked_parts import share_parts
     from cellcal.service.engineering.identification.identify import identify_file
 
-    if at is not None:
-        read_points(at, load_model(robot))  # a file that cannot be used is refused before the work
     with work_display() as display, share_parts(display) as runner:
         return identify_file(measurements, robot, options, runner)
 
@@ -229,8 +237,9 @@ class _ReportViews:
     """The views shown beside the report."""
 
     plot: Path | None
-    at: "AtOptions | None"
+    at: "AtPoints | None"
     at_csv: Path | None
+    at_identified: bool
     dh: bool
 
 
@@ -243,7 +252,7 @@ def _print_identification(report: "IdentifyReport", views: _ReportViews, *, as_j
     from cellcal.service.cli.printing import STDERR_CONSOLE, print_json
     from cellcal.service.engineering.identification.identify_at import tips_at, write_tips
 
-    tips = None if views.at is None else tips_at(views.at, report)
+    tips = None if views.at is None else tips_at(views.at, report, identified=views.at_identified)
     if tips is not None and views.at_csv is not None:
         write_tips(tips, views.at_csv)
         STDERR_CONSOLE.print(f"wrote {views.at_csv}", markup=False)

@@ -7,7 +7,9 @@ import pytest
 
 from cellcal.calibration.identification.misfit import refuse_misfit
 from cellcal.calibration.identification.misfit_error import MisfitError
-from tests.unit.helpers.simulated_arm import tracker_points
+from cellcal.calibration.identification.misfit_fit import fit_quickly
+from cellcal.calibration.identification.misfit_pairing import pairing_causes
+from tests.unit.helpers.simulated_arm import tracker_points, wire_lengths
 
 ROWS = 64
 AT = np.arange(ROWS)
@@ -69,3 +71,43 @@ def test_a_joint_that_strikes_is_asked_for(spoil, says):
     with pytest.raises(MisfitError) as refused:
         refuse_misfit(simulated.model, replace(true, joints_rad=spoil(true.joints_rad)))
     assert says in refused.value.remedy
+
+
+@pytest.mark.parametrize(
+    ("order", "says"),
+    [
+        (AT[::-1], "reverse order"),
+        (np.roll(AT, 20), "the first 20 rows belong to the joints of the last 20"),
+        (np.r_[AT[:25], AT[26:], AT[-1]], "joints that stand 1 further down"),
+        (np.r_[AT[:40], AT[39:-1]], "joints that stand 1 further up"),
+    ],
+    ids=["reversed", "parts", "reading missing", "reading too many"],
+)
+def test_the_order_of_lengths_is_named(order, says):
+    simulated = wire_lengths(count=ROWS)
+    true = simulated.observations
+    with pytest.raises(MisfitError) as refused:
+        refuse_misfit(simulated.model, replace(true, lengths_m=true.lengths_m[order]))
+    assert refused.value.causes[0].kinds == ("rows",)
+    assert says in str(refused.value)
+
+
+def test_shuffled_lengths_have_no_order():
+    simulated = wire_lengths(count=ROWS)
+    true = simulated.observations
+    for seed in range(5):
+        order = np.random.default_rng(seed).permutation(ROWS)
+        shuffled = replace(true, lengths_m=true.lengths_m[order])
+        assert pairing_causes(simulated.model, shuffled, fit_quickly, 0.01) == ()
+
+
+@pytest.mark.parametrize("joint", [0, 2])
+def test_a_column_that_is_no_joints_is_asked_for(joint):
+    simulated = tracker_points("ur10", ROWS)
+    true, rail = simulated.observations, np.random.default_rng(1).uniform(-1500.0, 3000.0, ROWS)
+    joints = np.where(np.arange(6) == joint, np.deg2rad(rail)[:, None], true.joints_rad)
+    with pytest.raises(MisfitError) as refused:
+        refuse_misfit(simulated.model, replace(true, joints_rad=joints))
+    name = simulated.model.joint_names[joint]
+    assert f"{name} moves through 4" in refused.value.remedy
+    assert "another joint, or of a track" in refused.value.remedy

@@ -37,6 +37,7 @@ from cellcal.service.engineering.identification.identify_check import (
     lints_of_fit,
     lints_of_start,
     prepare_measurements,
+    read_check_file,
 )
 from cellcal.service.engineering.identification.identify_start import (
     IdentificationStart,
@@ -163,15 +164,14 @@ def identify_file(
     prepared = prepare_measurements(path, model, options.read)
     runner.show_stage("looking whether the rows fit the robot")
     start = read_start(options.start, model, prepared.observations.kind)
+    other = None if options.check is None else read_check_file(options.check, options.read, model, prepared)
     with naming_fixed_joints(path, robot, options.read):
         fitted = fit_rows(model, prepared, start, options, runner)
     prepared, (train, held_out), found = fitted.prepared, fitted.split, fitted.found
     breaks = [int(train[item.row]) for item in found.breaks]
     judged = _judge_held_out(prepared, found, (train, held_out), breaks)
     calculated = _refuse_judged(model, prepared, judged)
-    checked = None
-    if options.check is not None:
-        checked = check_file(options.check, options.read, found, prepared)
+    checked = None if other is None else check_file(other, found, prepared)
     measurements = prepared.measurements
     noticed = [*prepared.noticed]
     if len(held_out):

@@ -8,17 +8,17 @@ import numpy as np
 from cellcal.calibration.arm.joint_kinds import joint_columns_of, shown_units
 from cellcal.calibration.compensation.pose_gap import TipArm
 from cellcal.calibration.geometry import Array
+from cellcal.calibration.identification.error_tails import MANY_REJECTED
 from cellcal.calibration.identification.observations import Rows
 from cellcal.calibration.identification.reading_prediction import predict_readings
 from cellcal.calibration.message import make_message
 from cellcal.service.csv_writing import write_rows
-from cellcal.service.engineering.identification.at_points import AtOptions, read_points, solve_joints
+from cellcal.service.engineering.identification.at_points import AtPoints, solve_joints
 from cellcal.service.engineering.identification.identify import IdentifyReport
 from cellcal.service.engineering.measured.measurements import REPEAT
 from cellcal.service.engineering.measured.table import MeasurementError
 
 _PROBABILITY = 0.95
-_MANY_REJECTED = 0.07  # of the rows: in good series up to 6 % are targets that were hidden or typing errors
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,24 +70,19 @@ class TipsAt:
         }
 
 
-def tips_at(options: AtOptions, report: IdentifyReport) -> TipsAt:
-    """Predict readings of the target at the joints, or flange poses, of a CSV file (see `at_points`).
+def tips_at(points: AtPoints, report: IdentifyReport, *, identified: bool) -> TipsAt:
+    """Predict readings of the target at the joints, or flange poses, of points (see `at_points`).
 
     Raises
     ------
     MeasurementError
-        The file has no points that can be read, or poses that are out of reach.
+        Poses are out of reach.
     """
     found = report.identification
     state = found.state
-    points = read_points(options, state.nominal)
     joints = points.joints_rad
     if points.base_flange is not None:
-        arm = (
-            replace(TipArm.of_state(state), flange_tip=np.eye(4))
-            if options.identified
-            else TipArm(state.nominal)
-        )
+        arm = replace(TipArm.of_state(state), flange_tip=np.eye(4)) if identified else TipArm(state.nominal)
         joints = solve_joints(points, arm, found.robust.problem.observations.joints_rad)
     readings = predict_readings(found, joints)
     lengths = report.measurements.observations.kind == "length"
@@ -95,13 +90,15 @@ def tips_at(options: AtOptions, report: IdentifyReport) -> TipsAt:
     learnt = f"{error.rows} rows held out among their neighbours"
     if error.far_rows:
         learnt += f" and {error.far_rows} in regions held out whole"
+    if error.tail_rows:
+        learnt += f"; with {error.tail_rows} that the fit left out as the long tail of this arm's errors"
     predicted = tips_of(
         joints,
         readings.positions_m,
         (readings.covariances_m2, readings.expanded_m, readings.parameters_expanded_m),
         (np.flatnonzero(readings.beyond), np.flatnonzero(readings.far)),
         "robot base" if lengths else "measuring device",
-        statement_of(learnt, report.rows, _left_out(report), far=bool(readings.far.any())),
+        statement_of(learnt, report.rows, _left_out(report) - error.tail_rows, far=bool(readings.far.any())),
     )
     return replace(predicted, shown=(shown_units(state.nominal)[0], joint_columns_of(state.nominal)))
 
@@ -145,7 +142,7 @@ def statement_of(learnt: str, rows: int, rejected: int, *, far: bool) -> tuple[s
     ]
     if rejected:
         sentences.append(f"Not covered: readings such as the {rejected} of {rows} that were rejected.")
-    if rejected > _MANY_REJECTED * rows:
+    if rejected > MANY_REJECTED * rows:
         share = _PROBABILITY * (1.0 - rejected / rows)
         sentences.append(
             f"Those are too many to be mistakes alone: of all further readings about {share:.0%} are within this "

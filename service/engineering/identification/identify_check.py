@@ -30,6 +30,7 @@ from cellcal.calibration.identification.estimator import (
     estimate_arm,
     whitened_residuals,
 )
+from cellcal.calibration.identification.exchanged_rows import exchanged_rows
 from cellcal.calibration.identification.identify import Identification
 from cellcal.calibration.identification.layouts import make_layout
 from cellcal.calibration.identification.lints import Lint
@@ -207,6 +208,7 @@ def lints_of_fit(
         ),
         *_lint_temperature(fitted, train[accepted], left_m, groups),
         *order_drift(left_m, groups),
+        *exchanged_rows(found, measurements.rows[train]),
         *misfit_notes(found.misfit, len(train), len(found.rejected)),
     )
 
@@ -267,25 +269,34 @@ def _moved_by(found: Identification, worst: OffsetContradiction) -> str:
     return f"{worst.moved_rad * 1e3:+.3f} mm" if unit == "m" else f"{np.rad2deg(worst.moved_rad):+.3f} deg"
 
 
-def check_file(
-    path: Path, read: ReadOptions, found: Identification, fitted: PreparedMeasurements
-) -> CheckedFile:
-    """Evaluate the finished model, frames included, on another file.
+def read_check_file(
+    path: Path, read: ReadOptions, model: RobotModel, fitted: PreparedMeasurements
+) -> PreparedMeasurements:
+    """Read another file on which a model is to be evaluated, before the work.
 
     Raises
     ------
     MeasurementError
         The file cannot be understood, or holds what another instrument measured.
+    MisfitError
+        Its rows do not fit the robot.
     """
-    other = prepare_measurements(path, found.state.nominal, read)
-    refuse_misfit(found.state.nominal, other.observations, file_names(other.measurements))
-    if fitted.effect is not None:
-        other = at_temperature(other, fitted.effect)
+    other = prepare_measurements(path, model, read)
     if (other.observations.kind == "length") != (fitted.observations.kind == "length"):
         raise MeasurementError(
             f"{path} holds {other.observations.kind}s, not {fitted.observations.kind}s as the fit.",
             remedy="Check with a file of the same instrument.",
         )
+    refuse_misfit(model, other.observations, file_names(other.measurements))
+    return other
+
+
+def check_file(
+    other: PreparedMeasurements, found: Identification, fitted: PreparedMeasurements
+) -> CheckedFile:
+    """Evaluate the finished model, frames included, on another file."""
+    if fitted.effect is not None:
+        other = at_temperature(other, fitted.effect)
     pair = fitted.measurements.observations.joints_rad, other.measurements.observations.joints_rad
     noticed = [*lints.find_leakage(*pair), *lints.beyond_fitted_range(*pair)]
     count = len(other.observations)
