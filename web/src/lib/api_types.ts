@@ -30,6 +30,7 @@ export interface CellSeen {
   robot: string;
   model: string;
   title: string;
+  arm_rgb: string;
   joints: string[];
   description_from_controller: number[][];
   boxes: BoxSeen[];
@@ -728,6 +729,7 @@ export interface RobotSeen {
   name: string;
   model: string;
   serial: string;
+  axis_names: string[];
 }
 
 export interface RobotToIdentify {
