@@ -34,7 +34,7 @@ _TOOL_RGB = "#8c99a6"
 # What stands in the name of a model or a driver, and the colours of that make's arms and of their joints.
 _ARM_RGB: tuple[tuple[str, str, str], ...] = (
     (r"fanuc", "#f7c600", "#45545f"),
-    (r"kuka", "#f26a1b", "#2b2f33"),
+    (r"kuka", "#e8500a", "#2b2f33"),
     (r"abb", "#eceff1", "#4a4f55"),
     (r"yaskawa|motoman", "#1f5fbf", "#dfe5ea"),
     (r"^ur\d|^universal", "#b9c3cb", "#56a0d3"),
