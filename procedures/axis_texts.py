@@ -1,9 +1,9 @@
 """Joints in words, each axis by the name that the robot's pendant gives it."""
 
 import math
-from collections.abc import Sequence
 
 from cellcal.calibration.geometry import Array
+from cellcal.calibration.message import join_messages, make_message
 from cellcal.drivers.interfaces import Joints
 from cellcal.procedures.cell import Cell
 
@@ -15,9 +15,8 @@ def axis_name(cell: Cell, axis: int) -> str:
 
 def joints_text(cell: Cell, joints_rad: Joints | Array, digits: int) -> str:
     """Return joints [rad] in degrees, such as ``J1 10.0, J2 -5.0 deg``."""
-    return axis_values_text(cell, [f"{math.degrees(q):.{digits}f}" for q in joints_rad]) + " deg"
-
-
-def axis_values_text(cell: Cell, values: Sequence[object]) -> str:
-    """Return one value for each axis, each behind the axis's name."""
-    return ", ".join(f"{axis_name(cell, axis)} {value}" for axis, value in enumerate(values))
+    values = [
+        make_message("{axis} {angle}", axis=axis_name(cell, axis), angle=f"{math.degrees(q):.{digits}f}")
+        for axis, q in enumerate(joints_rad)
+    ]
+    return make_message("{joints} deg", joints=join_messages(", ", values))

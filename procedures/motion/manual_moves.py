@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from cellcal.calibration.message import make_message
+from cellcal.calibration.message import join_messages, make_message
 from cellcal.drivers.interfaces import Instruction, Joints
 from cellcal.procedures.axis_texts import axis_name, joints_text
 from cellcal.procedures.cell import Cell, MotionLevel
@@ -79,7 +79,7 @@ def _move_text(cell: Cell, way_rad: Sequence[Joints], speed_rad_s: float) -> str
         )
     to = joints_text(cell, way_rad[-1], 2)
     if len(way_rad) > 1:
-        over = "; ".join(joints_text(cell, corner, 2) for corner in way_rad[:-1])
+        over = join_messages("; ", [joints_text(cell, corner, 2) for corner in way_rad[:-1]])
         return make_message(
             "With the pendant, in T1 and at most {pace} per joint, bring the robot by way of {over}; "
             "to {to}.",

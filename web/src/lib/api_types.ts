@@ -248,6 +248,7 @@ export interface IdentifyJob {
   who: string;
   at_utc: string;
   wishes: IdentifyWishes;
+  joints: string;
   check: string;
   layout: string;
   headings: string[];
@@ -269,6 +270,7 @@ export interface IdentifyJobWithResult {
   who: string;
   at_utc: string;
   wishes: IdentifyWishes;
+  joints: string;
   check: string;
   layout: string;
   headings: string[];
@@ -299,6 +301,7 @@ export interface IdentifyRequest {
   again?: string;
   robot?: string;
   description?: RobotDescription | null;
+  joints?: UploadedFile | null;
   check?: UploadedFile | null;
   layout?: UploadedFile | null;
   wishes?: IdentifyWishes;
