@@ -185,7 +185,9 @@ async def _ask_and_watch(cell: Cell, what: AxisCure, wrong_text: str) -> None:
     """Ask for the work, and show what the controller says of the axis until the person says that it is done."""
 
     async def show_state(guides: GuidesPerson | None) -> None:
-        if guides is None:
+        if (
+            guides is None or what.cure not in SHOWS_EACH_AXIS
+        ):  # one alarm of all axes says nothing of this one
             return
         try:
             state = await read_axis_state(cell)

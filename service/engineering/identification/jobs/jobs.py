@@ -84,8 +84,9 @@ class IdentificationJob(PageJob):
         return IdentifyJob(
             id=self.id, file=self.file, robot=self.robot, serial=self.serial, model=Path(self.model).name,
             who=self.who, at_utc=self.at.isoformat(timespec="seconds"), wishes=self.wishes,
-            joints=self.joints, check=self.check, layout=self.layout,
-            headings=self.headings, state=self.state, stage=self.stage, done=self.done, total=self.total, fault=self.fault, saved_version=self.saved_version,
+            joints=self.joints, check=self.check, layout=self.layout, headings=self.headings,
+            state=self.state, stage=self.stage, done=self.done, total=self.total, fault=self.fault,
+            saved_version=self.saved_version,
         )  # fmt: skip
 
     def read_result(self) -> IdentifyResult | None:
