@@ -18,6 +18,7 @@ class RobotEntry(TypedDict):
     name: str
     model: str
     serial: str
+    axis_names: list[str]
 
 
 class ConnectionDocument(TypedDict):

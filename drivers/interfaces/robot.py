@@ -37,6 +37,7 @@ class RobotCapabilities:
     """The capabilities of a robot; a procedure's needs are compared with them before it is offered."""
 
     axes: int
+    axis_names: tuple[str, ...] = ()  # as its pendant shows them, where they are not J1 to J6
     moves_joints: bool = True
     moves_slowly: bool = True  # joint moves of 2 deg/s and less, the pace of a robot that may be lost
     moves_linear: bool = False
@@ -55,6 +56,14 @@ class RobotCapabilities:
     position_cure: PositionCure | None = None  # what a person does about a lost position; None: nothing known
     shows_position_data: bool = False  # values of its zero or its machine, which no motion changes
     keeps_position_history: bool = False  # a log that tells of a position that was lost and is back
+
+    def axis_name(self, axis: int) -> str:
+        """Return what the pendant calls an axis, counted from zero."""
+        return self.axis_names[axis] if axis < len(self.axis_names) else f"J{axis + 1}"
+
+    def all_axis_names(self) -> tuple[str, ...]:
+        """Return what the pendant calls each axis."""
+        return tuple(self.axis_name(axis) for axis in range(self.axes))
 
 
 @dataclass(frozen=True, slots=True)

@@ -51,6 +51,7 @@ _TOOL_FILE, _HOME_FILE = "TOOL.CND", "ABSO.DAT"
 
 CAPABILITIES = RobotCapabilities(
     axes=AXES,
+    axis_names=("S", "L", "U", "R", "B", "T"),
     reads_encoder_counts=True,
     tells_lost_position=True,
     tells_active_frames=True,

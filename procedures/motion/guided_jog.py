@@ -52,9 +52,9 @@ async def jog_by_hand(cell: Cell, jog: HandJog) -> None:
     store = motor_store(cell)
     watch = AxisWatch(await store.drive_train(), await store.encoder_counts())
     forgiven = await _forgiven_rad(cell, watch, jog.axis)
-    progress_text, axis = "", jog.axis
+    progress_text, axis, names = "", jog.axis, cell.robot.capabilities.all_axis_names()
     for _ in range(TRIES):
-        leg = _next_leg(jog, watch, axis)
+        leg = _next_leg(jog, watch, axis, names)
         await _ask_and_watch(cell, jog, leg, watch, forgiven, progress_text)
         if _is_there(jog, watch, axis, forgiven):
             watch.accept_axis(axis)
@@ -66,12 +66,14 @@ async def jog_by_hand(cell: Cell, jog: HandJog) -> None:
         if other is not None:
             turned = math.degrees(watch.turned_rad[other] - watch.accepted_rad[other])
             progress_text = make_message(
-                "J{other} turned by {turned:+.2f} deg and should have stood. ", other=other + 1, turned=turned
+                "{other} turned by {turned:+.2f} deg and should have stood. ",
+                other=names[other],
+                turned=turned,
             )
     left = math.degrees(_left_rad(jog, watch, axis))
     raise NotThereError(
         make_message(
-            "J{axis} was not turned as asked: {open_deg:+.2f} deg are left.", axis=axis + 1, open_deg=left
+            "{axis} was not turned as asked: {open_deg:+.2f} deg are left.", axis=names[axis], open_deg=left
         ),
         remedy="Find out what keeps it from turning, then resume.",
     )
@@ -105,14 +107,14 @@ def _is_there(jog: HandJog, watch: AxisWatch, axis: int, forgiven: Array) -> boo
     return near and (not jog.from_below or watch.is_from_below(axis))
 
 
-def _next_leg(jog: HandJog, watch: AxisWatch, axis: int) -> JogLeg:
+def _next_leg(jog: HandJog, watch: AxisWatch, axis: int, names: tuple[str, ...]) -> JogLeg:
     """Return what to turn next: upwards at the end, where the joint has to come from below."""
     left = _left_rad(jog, watch, axis)
     if not jog.from_below or left >= OVERSHOOT_RAD:
-        return JogLeg(axis, left, 0.0)
+        return JogLeg(axis, left, 0.0, names)
     if abs(left - OVERSHOOT_RAD) <= jog.tolerance_rad and not watch.is_from_below(axis):
-        return JogLeg(axis, OVERSHOOT_RAD, 0.0)  # near enough already; only the side is missing
-    return JogLeg(axis, left - OVERSHOOT_RAD, OVERSHOOT_RAD)
+        return JogLeg(axis, OVERSHOOT_RAD, 0.0, names)  # near enough already; only the side is missing
+    return JogLeg(axis, left - OVERSHOOT_RAD, OVERSHOOT_RAD, names)
 
 
 async def _ask_and_watch(
@@ -122,7 +124,7 @@ async def _ask_and_watch(
     words = Instruction(
         "jog_by_hand",
         make_message(
-            "{progress_text}{sentence} Say yes when it stands.",
+            "{progress_text}{sentence}",
             progress_text=progress_text,
             sentence=leg.sentence(jog.speed_rad_s),
         ),

@@ -30,13 +30,19 @@ class JogLeg:
     axis: int
     turn_rad: float
     back_rad: float
+    axis_names: tuple[str, ...]  # of all axes, as the pendant shows them
+
+    @property
+    def name(self) -> str:
+        """The axis as the pendant shows it."""
+        return self.axis_names[self.axis]
 
     def sentence(self, speed_rad_s: float) -> str:
         """Return the leg in words: the axis, the amount, the key of the pendant."""
         degrees, pace = math.degrees(self.turn_rad), math.degrees(speed_rad_s)
         words = make_message(
-            "With the pendant, turn J{axis} alone by {degrees:+.2f} deg, at most {pace:.1f} deg/s.",
-            axis=self.axis + 1,
+            "With the pendant, turn {axis} alone by {degrees:+.2f} deg, at most {pace:.1f} deg/s.",
+            axis=self.name,
             degrees=degrees,
             pace=pace,
         )
@@ -95,9 +101,9 @@ class JogGuidance:
     @property
     def sentence(self) -> str:
         """The next action, in words."""
-        name, left = f"J{self.leg.axis + 1}", abs(math.degrees(self.left_rad))
+        name, left = self.leg.name, abs(math.degrees(self.left_rad))
         if self.advice is Advice.WRONG_AXIS and self.other_axis is not None:
-            other = f"J{self.other_axis + 1}"
+            other = self.leg.axis_names[self.other_axis]
             return make_message(
                 "Stop: {other} turned by {other_deg:+.1f} deg. Only {name} may turn.",
                 other=other,
@@ -112,7 +118,7 @@ class JogGuidance:
                 left=left,
             )
         if self.advice is Advice.STOP:
-            return make_message("Stop now: {name} is there. Say yes when it stands.", name=name)
+            return make_message("Stop now: {name} is there.", name=name)
         words = make_message(
             "Turn {name} with the {key} key, {left:.1f} deg are left.", name=name, key=self.key, left=left
         )

@@ -6,8 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from cellcal.calibration.message import make_message
+from cellcal.calibration.message import join_messages, make_message
 from cellcal.drivers.interfaces import Instruction, Joints
+from cellcal.procedures.axis_texts import axis_name, joints_text
 from cellcal.procedures.cell import Cell, MotionLevel
 from cellcal.procedures.instruction_page import PagedInstruction, with_page
 from cellcal.procedures.questions import ask_confirmation
@@ -49,9 +50,14 @@ async def move_by_hand(
         moves = after.moving or np.abs(np.subtract(after.joints_rad, before.joints_rad)).max() > STILL_RAD
         if not moves and abs(errors[worst]) <= tolerance_rad:
             return
-        off = f"J{worst + 1} is {math.degrees(errors[worst]):+.2f} deg off"
         progress_text = (
-            "The robot still moves. " if moves else make_message("Not there yet: {off}. ", off=off)
+            "The robot still moves. "
+            if moves
+            else make_message(
+                "Not there yet: {axis} is {error_deg:+.2f} deg off. ",
+                axis=axis_name(cell, worst),
+                error_deg=math.degrees(errors[worst]),
+            )
         )
         way_rad = (target,)
     raise NotThereError(
@@ -66,24 +72,23 @@ def _move_text(cell: Cell, way_rad: Sequence[Joints], speed_rad_s: float) -> str
         name = cell.programs.write_program(tuple(tuple(corner) for corner in way_rad), speed_rad_s)
         return make_message(
             "Load the program {name} on the pendant, compare its joints with {joints_text}, and run "
-            "it in T1, at most {pace}. Say yes when it has ended.",
+            "it in T1, at most {pace}.",
             name=name,
-            joints_text=_joints_text(way_rad[-1]),
+            joints_text=joints_text(cell, way_rad[-1], 2),
             pace=pace,
         )
-    to = _joints_text(way_rad[-1])
+    to = joints_text(cell, way_rad[-1], 2)
     if len(way_rad) > 1:
-        over = "; then ".join(map(_joints_text, way_rad[:-1]))
+        over = join_messages("; ", [joints_text(cell, corner, 2) for corner in way_rad[:-1]])
         return make_message(
             "With the pendant, in T1 and at most {pace} per joint, bring the robot by way of {over}; "
-            "to {to}. Say yes when it stands there.",
+            "to {to}.",
             pace=pace,
             over=over,
             to=to,
         )
     return make_message(
-        "With the pendant, in T1 and at most {pace} per joint, bring the robot to {to}. Say yes "
-        "when it stands there.",
+        "With the pendant, in T1 and at most {pace} per joint, bring the robot to {to}.",
         pace=pace,
         to=to,
     )
@@ -96,10 +101,6 @@ def _runs_program(cell: Cell) -> bool:
 def _jogged(way_rad: Sequence[Joints], speed_rad_s: float) -> dict[str, Any]:
     """Return what a page shows axis by axis beside the goal: the corners on the way, and the pace."""
     return {"by_way_rad": [list(corner) for corner in way_rad[:-1]], "pace_rad_s": speed_rad_s}
-
-
-def _joints_text(joints_rad: Joints) -> str:
-    return ", ".join(f"J{k} {math.degrees(q):.2f}" for k, q in enumerate(joints_rad, 1)) + " deg"
 
 
 def manual_move_page(

@@ -8,6 +8,7 @@ import numpy as np
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.message import make_message
 from cellcal.drivers.interfaces import Counts, Instruction, Joints, Readiness
+from cellcal.procedures.axis_texts import axis_name
 from cellcal.procedures.cell import Cell, MotionApproval
 from cellcal.procedures.motion.robot_readiness import (
     MotionRefusedError,
@@ -31,7 +32,7 @@ async def ensure_approved(
     await _check_override(cell, here_rad)
     if cell.surroundings.is_known or cell.motion.approved:
         return
-    deltas = "" if here_rad is None else _turns_text(here_rad, way_rad[-1])
+    deltas = "" if here_rad is None else _turns_text(cell, here_rad, way_rad[-1])
     words = make_message(
         "No obstacles known: the path was not checked against what stands in the cell. The robot "
         "will turn{deltas} at up to {speed_rad_s:.1f} deg/s. Look at its way. May it move?",
@@ -115,7 +116,9 @@ async def _turned_rad(cell: Cell, stood: Counts | None) -> Array:
     return drive.to_joints(np.array(now), np.array(stood))
 
 
-def _turns_text(here_rad: Joints, there_rad: Joints) -> str:
+def _turns_text(cell: Cell, here_rad: Joints, there_rad: Joints) -> str:
     turns = [math.degrees(b - a) for a, b in zip(here_rad, there_rad, strict=True)]
-    turn_texts = ", ".join(f"J{k} {turn:+.1f}" for k, turn in enumerate(turns, 1) if abs(turn) >= 0.05)
+    turn_texts = ", ".join(
+        f"{axis_name(cell, k)} {turn:+.1f}" for k, turn in enumerate(turns) if abs(turn) >= 0.05
+    )
     return f" {turn_texts} deg" if turn_texts else ""

@@ -18,6 +18,7 @@ from cellcal.calibration.message import make_message
 from cellcal.calibration.motion.motion_check import MotionLimits, MotionVerdict, WirePath, check_moves
 from cellcal.calibration.motion.position_uncertainty import PositionUncertainty
 from cellcal.drivers.interfaces import Joints, Readiness
+from cellcal.procedures.axis_texts import axis_name
 from cellcal.procedures.cell import Cell, MotionLevel
 from cellcal.procedures.motion.guided_jog import HandJog, jog_by_hand
 from cellcal.procedures.motion.manual_moves import move_by_hand
@@ -136,7 +137,7 @@ def tolerance_rad(cell: Cell, commanded_rad: float) -> float:
     return commanded_rad if cell.level is MotionLevel.COMMANDED else max(commanded_rad, HAND_TOLERANCE_RAD)
 
 
-def refuse_off_target(found: Joints, target: Joints, tolerance_rad: float) -> None:
+def refuse_off_target(cell: Cell, found: Joints, target: Joints, tolerance_rad: float) -> None:
     """Raise OffTargetError where an arm did not come to rest where it should."""
     errors = [abs(f - t) for f, t in zip(found, target, strict=True)]
     worst = max(range(len(errors)), key=errors.__getitem__)
@@ -144,7 +145,7 @@ def refuse_off_target(found: Joints, target: Joints, tolerance_rad: float) -> No
         raise OffTargetError(
             make_message(
                 "axis {worst} ended {errors:.3f} deg from its target",
-                worst=worst + 1,
+                worst=axis_name(cell, worst),
                 errors=math.degrees(errors[worst]),
             ),
             remedy="Look whether something blocks the arm, then resume.",

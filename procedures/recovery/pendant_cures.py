@@ -3,7 +3,6 @@
 Nothing is written by wire: a person jogs and confirms, and the state of the axis is read until it is as it should be.
 """
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
@@ -11,6 +10,7 @@ from typing import Literal
 from cellcal.calibration.message import make_message
 from cellcal.drivers.errors import DeviceError
 from cellcal.drivers.interfaces import GuidesPerson, Instruction, Joints, PositionCure, Readiness
+from cellcal.procedures.axis_texts import joints_text
 from cellcal.procedures.cell import Cell
 from cellcal.procedures.questions import ask_confirmation, ask_while_watching
 from cellcal.procedures.recovery.shown_position import (
@@ -128,7 +128,7 @@ async def make_ready(cell: Cell, reference_rad: Joints) -> Joints:
             "{joints}. Watch the arm: an axis may stand some motor turns from what is shown. Then hook the draw-wire "
             "to the flange and make the controller ready to move.",
             words=words,
-            joints=_joints_text(reference_rad),
+            joints=joints_text(cell, reference_rad, 1),
         )
         await ask_confirmation(cell, Instruction("near_record_pose", text))
         condition = await read_reached_condition(cell)
@@ -146,37 +146,35 @@ def cure_instruction(what: AxisCure, wrong_text: str = "") -> Instruction:
     if what.cure is PositionCure.REVOLUTION_COUNTERS and what.zero == "kept":
         text = make_message(
             "{wrong_text}Axis {axis}: in manual mode, jog this axis alone until its calibration mark lines up. Then "
-            "update the revolution counter of this axis alone at the pendant. Say yes when it is updated.",
+            "update the revolution counter of this axis alone at the pendant.",
             wrong_text=wrong_text,
             axis=axis,
         )
     elif what.cure is PositionCure.REVOLUTION_COUNTERS:
         text = make_message(
             "{wrong_text}Axis {axis}: do the fine calibration of this axis alone, as the maker's manual says, then "
-            "update its revolution counter at the pendant. Say yes when it is done.",
+            "update its revolution counter at the pendant.",
             wrong_text=wrong_text,
             axis=axis,
         )
     elif what.cure is PositionCure.ABSOLUTE_DATA and what.zero == "kept":
         text = make_message(
             "{wrong_text}Axis {axis}: with a new battery in place, jog this axis alone to its home mark. "
-            "Then type the absolute data of this axis from the robot's label, and reset the alarm. Say yes when it "
-            "is done.",
+            "Then type the absolute data of this axis from the robot's label, and reset the alarm.",
             wrong_text=wrong_text,
             axis=axis,
         )
     elif what.cure is PositionCure.ABSOLUTE_DATA:
         text = make_message(
             "{wrong_text}Axis {axis}: with a new battery in place, jog this axis alone to its home mark "
-            "and make its home position anew there, then reset the alarm. Say yes when it is done.",
+            "and make its home position anew there, then reset the alarm.",
             wrong_text=wrong_text,
             axis=axis,
         )
     else:
         text = make_message(
             "{wrong_text}Axis {axis}: in T1, jog this axis alone to the mark of its gauge cartridge. Fit the EMD or "
-            "the dial gauge and master this axis at the pendant, as the maker's manual says for the mounted tool. "
-            "Say yes when it is mastered.",
+            "the dial gauge and master this axis at the pendant, as the maker's manual says for the mounted tool.",
             wrong_text=wrong_text,
             axis=axis,
         )
@@ -187,7 +185,9 @@ async def _ask_and_watch(cell: Cell, what: AxisCure, wrong_text: str) -> None:
     """Ask for the work, and show what the controller says of the axis until the person says that it is done."""
 
     async def show_state(guides: GuidesPerson | None) -> None:
-        if guides is None:
+        if (
+            guides is None or what.cure not in SHOWS_EACH_AXIS
+        ):  # one alarm of all axes says nothing of this one
             return
         try:
             state = await read_axis_state(cell)
@@ -208,7 +208,3 @@ def _not_back_error(state: AxisState) -> NotBroughtBackError:
         make_message("the position was not brought back: {words}", words=state.words),
         remedy="Do not run programs. Bring the position back as the maker's manual says, then resume.",
     )
-
-
-def _joints_text(joints_rad: Joints) -> str:
-    return ", ".join(f"J{k} {math.degrees(q):.1f}" for k, q in enumerate(joints_rad, 1)) + " deg"

@@ -83,8 +83,8 @@ def _typing_page(goal: Counts, found: Counts, wrong_text: str) -> PagedInstructi
         "type_mastering",
         make_message(
             "{wrong_text}On the pendant, type the master counts {counts}. Make them effective "
-            "(FANUC: MASTER_DONE to TRUE, then CALIBRATE in the menu Master/Cal), then say yes. They "
-            "are read back.",
+            "(FANUC: MASTER_DONE to TRUE, then CALIBRATE in the menu Master/Cal). They are "
+            "read back.",
             wrong_text=wrong_text,
             counts=counts,
         ),

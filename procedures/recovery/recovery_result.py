@@ -284,8 +284,9 @@ def _proviso_text(recovery: TurnRecovery) -> str:
     """Say what no measurement tells from lost turns."""
     if recovery.mode not in ("turns", "memory"):
         return ""
-    return (
+    return make_message(
         "Whole turns are exact only if no motor, encoder, belt or gear was exchanged (a new one within "
-        f"{max(recovery.blind_turns):.2f} turn of a whole one looks the same); if one was, say no and start "
-        "again with exchanged_axes. "
+        "{blind_turns:.2f} turn of a whole one looks the same); if one was, leave the mastering as it was and start "
+        "again with exchanged_axes. ",
+        blind_turns=max(recovery.blind_turns),
     )

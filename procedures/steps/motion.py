@@ -69,7 +69,9 @@ async def go_to_from_above(
     way = from_above(here, target_rad)
     await motion_gate.move_along(cell, way, speed_rad_s, care=MotionCare.WIRED, doubt=doubt)
     found = (await cell.robot.read_joints()).joints_rad
-    refuse_off_target(found, target_rad, motion_gate.tolerance_rad(cell, cell.limits.joint_tolerance_rad))
+    refuse_off_target(
+        cell, found, target_rad, motion_gate.tolerance_rad(cell, cell.limits.joint_tolerance_rad)
+    )
     return await _read_arrival(cell)
 
 
@@ -92,7 +94,7 @@ async def follow_way(
     care = MotionCare.WIRED if wired else MotionCare.FREE
     await motion_gate.move_along(cell, corners, speed_rad_s, care=care, pace=pace, doubt=doubt)
     found = (await cell.robot.read_joints()).joints_rad
-    refuse_off_target(found, target, motion_gate.tolerance_rad(cell, cell.limits.joint_tolerance_rad))
+    refuse_off_target(cell, found, target, motion_gate.tolerance_rad(cell, cell.limits.joint_tolerance_rad))
     return found
 
 
@@ -128,7 +130,7 @@ async def jog_to(
             delta = target - here[axis]
         await turn_joint(axis, delta, here)
     arrival = await _read_arrival(cell)
-    refuse_off_target(mapping.joints_at(arrival.counts), target_rad, tolerance)
+    refuse_off_target(cell, mapping.joints_at(arrival.counts), target_rad, tolerance)
     return arrival
 
 
@@ -159,7 +161,7 @@ async def _jog_by_hand_to(
         found = mapping.joints_at(arrival.counts)
         if np.abs(np.subtract(found, target_rad)).max() <= near:
             break
-    refuse_off_target(found, target_rad, near)
+    refuse_off_target(cell, found, target_rad, near)
     return arrival
 
 

@@ -1,11 +1,11 @@
 """Steps that find a place of the recovery kit again: a person brings the tool there, we read where the motors are."""
 
-import math
 from typing import Literal
 
 from cellcal.calibration.mastering.counts import PlaceCapture
-from cellcal.calibration.message import make_message
+from cellcal.calibration.message import join_messages, make_message
 from cellcal.drivers.interfaces import Instruction, Joints
+from cellcal.procedures.axis_texts import joints_text
 from cellcal.procedures.cell import Cell
 from cellcal.procedures.motion.active_frames import check_same_frames
 from cellcal.procedures.motors import motor_store
@@ -20,6 +20,11 @@ _WORDS = {
     "seat": "Bring the tool into the keyed seat by hand, at creep speed, until it rests without force.",
     "target": "Bring the arm to about posture {number} of the record, with its target in sight of the instrument.",
     "nest": "Put the target into fixed nest {number}, in sight of the instrument.",
+}
+
+_MAKE_TEXTS = {
+    "point": "Make the mark where the tip then is, on something that stays.",
+    "seat": "Fix the seat there, on something that stays.",
 }
 
 
@@ -44,9 +49,9 @@ async def visit_place(
     """
     kind, number, label = what
     words = make_message(
-        "{format}{near_text} Let go, then say yes.",
+        "{format}{near_text} Then let go.",
         format=make_message(_WORDS[kind], number=number + 1),
-        near_text=_near_text(kind, near_rad),
+        near_text=_near_text(cell, kind, near_rad),
     )
     await ask_confirmation(cell, Instruction(f"visit_{kind}_{number + 1}", words))
     store = motor_store(cell)
@@ -66,15 +71,13 @@ async def visit_place(
     )
 
 
-def _near_text(kind: PlaceKind, near_rad: Joints | None) -> str:
+def _near_text(cell: Cell, kind: PlaceKind, near_rad: Joints | None) -> str:
     if near_rad is None or kind == "nest":
         return ""
-    at = ", ".join(f"J{k} {math.degrees(angle):.0f}" for k, angle in enumerate(near_rad, 1))
-    make = {
-        "point": " Make the mark where the tip then is, on something that stays.",
-        "seat": " Fix the seat there, on something that stays.",
-    }
-    return f" The place should be at about {at} deg, give or take ten.{make.get(kind, '')}"
+    words = make_message(
+        " The place should be at about {at}, give or take ten.", at=joints_text(cell, near_rad, 0)
+    )
+    return join_messages(" ", [words, _MAKE_TEXTS[kind]]) if kind in _MAKE_TEXTS else words
 
 
 async def _refuse_open(cell: Cell, kind: PlaceKind, label: str) -> None:

@@ -98,7 +98,12 @@ class CellController:
             "rev": self.rev,
             "cell": self._config.cell.name,
             "robots": [
-                {"name": robot.name, "model": robot.model, "serial": robot.serial}
+                {
+                    "name": robot.name,
+                    "model": robot.model,
+                    "serial": robot.serial,
+                    "axis_names": list(robot.capabilities.all_axis_names()),
+                }
                 for robot in self._config.robots
             ],
             "robot": self._robot,

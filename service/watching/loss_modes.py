@@ -7,7 +7,7 @@ was lost, M1 turns, M2 a motor or encoder, M3 every reference, M4 the geometry, 
 from dataclasses import dataclass, replace
 from enum import StrEnum
 
-from cellcal.drivers.interfaces import Alarm, AlarmKind, Condition, Readiness
+from cellcal.drivers.interfaces import Alarm, AlarmKind, Condition, Readiness, RobotCapabilities
 
 
 class LossMode(StrEnum):
@@ -179,12 +179,12 @@ def is_position_doubtful(condition: Condition) -> bool:
     )
 
 
-def battery_warning(condition: Condition) -> str:
+def battery_warning(robot: RobotCapabilities, condition: Condition) -> str:
     """Return what to do about encoder batteries that still hold; empty where none is low."""
     low = [alarm for alarm in condition.alarms if alarm.kind is AlarmKind.BATTERY_LOW]
     if not low or condition.readiness is Readiness.POSITION_LOST:
         return ""
-    axes = ", ".join(f"J{alarm.axis + 1}" for alarm in low if alarm.axis is not None)
+    axes = ", ".join(robot.axis_name(alarm.axis) for alarm in low if alarm.axis is not None)
     return (
         f"{low[0].code}: the encoder battery {f'of {axes} ' if axes else ''}is low, and the position is still there. "
         "Exchange it with the controller switched ON, before it is lost; then take a new mastering record."

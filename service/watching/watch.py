@@ -111,7 +111,7 @@ class RobotWatch:
         if condition.readiness is Readiness.UNREACHABLE:
             self._last_observation = None
             return None
-        self._warn_once(battery_warning(condition))
+        self._warn_once(battery_warning(self._robot.capabilities, condition))
         detected_by = None
         if condition.readiness is Readiness.POSITION_LOST or is_position_doubtful(condition):
             detected_by = make_message(
@@ -195,7 +195,7 @@ class RobotWatch:
                 jump_deg = np.rad2deg(moved_rad[axis])
                 return make_message(
                     "the count of axis {axis} jumped by {jump_deg:.1f} deg without motion",
-                    axis=axis + 1,
+                    axis=self._robot.capabilities.axis_name(axis),
                     jump_deg=jump_deg,
                 )
         self._last_observation = (now_s, counts)

@@ -6,6 +6,7 @@ difference is less than a pixel.
 """
 
 import asyncio
+import re
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated
 from xml.etree import ElementTree as ET
@@ -29,7 +30,16 @@ Triple = tuple[float, float, float]
 RobotName = Annotated[str, Path(max_length=64)]
 
 _TOOL = "tool"
-_COLOURS = {"arm": "0.96 0.65 0.14 1", "joint": "0.27 0.33 0.38 1", _TOOL: "0.55 0.60 0.65 1"}
+_TOOL_RGB = "#8c99a6"
+# What stands in the name of a model or a driver, and the colours of that make's arms and of their joints.
+_ARM_RGB: tuple[tuple[str, str, str], ...] = (
+    (r"fanuc", "#f7c600", "#45545f"),
+    (r"kuka", "#e8500a", "#2b2f33"),
+    (r"abb", "#eceff1", "#4a4f55"),
+    (r"yaskawa|motoman", "#1f5fbf", "#dfe5ea"),
+    (r"^ur\d|^universal", "#b9c3cb", "#56a0d3"),
+    (r"", "#9aa8b4", "#45545f"),  # no make that is known here
+)
 _HOUSING_RADIUS, _HOUSING_LENGTH = 1.12, 2.5  # of a joint, as a share of its link's radius: for the eye only
 _SMALL_RADIUS_M = 0.03  # of a joint's housing where no shape of the arm is known
 
@@ -81,6 +91,7 @@ class CellSeen:
     robot: str
     model: str
     title: str
+    arm_rgb: str  # of the make, as #rrggbb
     joints: tuple[str, ...]
     description_from_controller: tuple[tuple[float, ...], ...]
     boxes: tuple[BoxSeen, ...]
@@ -121,8 +132,10 @@ def primitive_urdf(config: CellConfig, robot: str) -> str:
 
     model, shapes, _ = _arm_shapes(config, robot)
     root: ET.Element = parse_xml(bare_urdf(model, geometric_joints=True))
-    for name, rgba in _COLOURS.items():
-        ET.SubElement(ET.SubElement(root, "material", name=name), "color", rgba=rgba)
+    arm_rgb, joint_rgb = _colours_of_make(config, robot)
+    for name, rgb in (("arm", arm_rgb), ("joint", joint_rgb), (_TOOL, _TOOL_RGB)):
+        shares = " ".join(f"{int(rgb[at : at + 2], 16) / 255:.3f}" for at in (1, 3, 5))
+        ET.SubElement(ET.SubElement(root, "material", name=name), "color", rgba=f"{shares} 1")
     links = {str(link.get("name")): link for link in root.findall("link")}
     for capsule in shapes:
         at = "base" if capsule.link == 0 else f"link_{capsule.link}"
@@ -160,6 +173,7 @@ def describe_surroundings(config: CellConfig, robot: str) -> CellSeen:
         robot=robot,
         model=config.robot_named(robot).model,
         title=model.title,
+        arm_rgb=_colours_of_make(config, robot)[0],
         joints=model.joint_names,
         description_from_controller=tuple(tuple(float(v) for v in row) for row in driven),
         boxes=tuple(
@@ -171,6 +185,16 @@ def describe_surroundings(config: CellConfig, robot: str) -> CellSeen:
         wire=None if gauge is None else _describe_wire(gauge),
         remarks=remarks,
     )
+
+
+def _colours_of_make(config: CellConfig, robot: str) -> tuple[str, str]:
+    """Return the colours of a robot's arm and of its joints, by the name of its model or else of its driver."""
+    entry = config.robot_named(robot)
+    makes = [each for each in _ARM_RGB if re.search(each[0], entry.model.lower())]
+    if len(makes) == 1:  # the model's name tells nothing
+        makes = [each for each in _ARM_RGB if re.search(each[0], entry.driver)]
+    _, arm_rgb, joint_rgb = makes[0]
+    return arm_rgb, joint_rgb
 
 
 def _describe_wire(gauge: GaugeEntry) -> WirePlacement:

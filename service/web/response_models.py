@@ -67,11 +67,12 @@ class PersonSeen(ResponseShape):
 
 
 class RobotSeen(ResponseShape):
-    """A robot of the cell."""
+    """A robot of the cell; ``axis_names`` as its pendant shows them."""
 
     name: str
     model: str
     serial: str
+    axis_names: list[str]
 
 
 class ConnectionSeen(ResponseShape):

@@ -30,8 +30,8 @@ from tests.procedures.memory_ledgers import MemoryLedger
 from tests.wire.fake_devices_process import run_fakes
 
 _AXIS = re.compile(r"Axis (\w+):")
-_JOINT = re.compile(r"J\d (-?[\d.]+)")
-_TURN = re.compile(r"turn J(\d) alone by ([+-][\d.]+) deg")
+_JOINT = re.compile(r"\b[A-Z]\d? (-?[\d.]+)(?=,|$)")
+_TURN = re.compile(r"turn (\w+) alone by ([+-][\d.]+) deg")
 _BACK = re.compile(r"turn it back by ([+-][\d.]+) deg")
 LOOK_S = 0.02  # between the looks of the guidance
 _FORMS: dict[str, dict[str, Any]] = {
@@ -62,6 +62,7 @@ AXES = {
     "yaskawa": tuple("SLURBT"),
     "kuka": ("A1", "A2", "A3", "A4", "A5", "A6"),
 }
+JOINT_NAMES = AXES | {"abb": ("J1", "J2", "J3", "J4", "J5", "J6")}  # where a sentence tells a turn or a place
 MOTION = {"abb": "commanded", "yaskawa": "commanded", "kuka": "observe"}  # KUKA moves no slower than 1 %
 LOSS = {"abb": "counters_lost", "yaskawa": "battery_loss", "kuka": "mastering_lost"}
 
@@ -90,7 +91,7 @@ class PendantWorker:
         elif instruction.key == "jog_by_hand":
             await self._jog_one(str(instruction.text))
         elif instruction.key == "move_by_hand":
-            await self._show(str(instruction.text).rpartition("to J1")[2])
+            await self._show(str(instruction.text).rpartition(" to ")[2])
         return Answer("anna")
 
     async def ask_question(self, question: Question) -> Answer:
@@ -115,7 +116,7 @@ class PendantWorker:
         await self._send(work[self.brand], axis=named[1])
 
     async def _bring_near(self, text: str) -> None:
-        await self._show(text.partition("shows the joints: J1")[2])
+        await self._show(text.partition("shows the joints: ")[2])
         if self.brand == "yaskawa":
             await self._send("remote_mode")
             await self._send("reset_alarm")
@@ -123,15 +124,15 @@ class PendantWorker:
             await self._send("auto_mode")
 
     async def _show(self, text: str) -> None:
-        """Jog until the pendant shows joints, the first of which begins the text."""
-        shown = np.radians([float(word) for word in _JOINT.findall(f"J1{text.partition(' deg')[0]}")])
+        """Jog until the pendant shows the joints with which the text begins."""
+        shown = np.radians([float(word) for word in _JOINT.findall(text.partition(" deg")[0])])
         error = np.array((await self.read_truth())["error_rad"])
         await self._send("hand_moves", joints=(shown - error).tolist())
 
     async def _jog_one(self, text: str) -> None:
         turn, back = _TURN.search(text), _BACK.search(text)
         assert turn is not None, text
-        axis, wrong = int(turn[1]) - 1, float(self.rng.uniform(0.9, 1.1))
+        axis, wrong = self._axis_of(turn[1]), float(self.rng.uniform(0.9, 1.1))
         legs = [math.radians(float(turn[2])) * wrong]
         if back is not None:
             legs.append(math.radians(float(back[1])) * wrong)
@@ -140,6 +141,10 @@ class PendantWorker:
             joints[axis] += leg
             await self._send("hand_moves", joints=joints)
             await asyncio.sleep(5 * LOOK_S)  # an arm that turns is seen on its way
+
+    def _axis_of(self, name: str) -> int:
+        """Return the axis that an instruction names as the maker's pendant does."""
+        return JOINT_NAMES[self.brand].index(name)
 
     async def read_truth(self) -> dict[str, Any]:
         """Return the truth about the robot."""

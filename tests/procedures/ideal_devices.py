@@ -75,12 +75,14 @@ class IdealArm:
     writes: int = 0
     override: float = 1.0
     moving: bool = False
+    axis_names: tuple[str, ...] = ()
     midway: Callable[[int], None] | None = None  # told the number of a move, from 1, in the middle of it
 
     @property
     def capabilities(self) -> RobotCapabilities:
         return RobotCapabilities(
             axes=6,
+            axis_names=self.axis_names,
             jogs_single_axes=True,
             reads_encoder_counts=True,
             reads_mastering=True,

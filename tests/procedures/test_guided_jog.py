@@ -127,7 +127,7 @@ async def test_the_guidance_says_key_rest_and_when_to_stop() -> None:
     [
         ((2, -4.0), "wrong_way", "Stop: J3 turns the wrong way. Use the + key, 14.0 deg are left."),
         ((3, 4.0), "wrong_axis", "Stop: J4 turned by +4.0 deg. Only J3 may turn."),
-        ((2, 10.0), "stop", "Stop now: J3 is there. Say yes when it stands."),
+        ((2, 10.0), "stop", "Stop now: J3 is there."),
     ],
 )
 async def test_a_mistake_is_shown_while_the_person_jogs(
@@ -138,6 +138,16 @@ async def test_a_mistake_is_shown_while_the_person_jogs(
         hand.turns[1:] = [[(2, 14.0)]]
     await jog_by_hand(cell, JOG)
     assert (words, advice) in [(text, values["advice"]) for text, values in hand.guidance]
+
+
+async def test_axes_are_called_as_the_pendant_of_this_robot_calls_them() -> None:
+    cell, hand = hand_cell([(3, 4.0)], [(3, -4.0)], [(2, 10.0)])
+    hand.arm.axis_names = ("S", "L", "U", "R", "B", "T")
+    await jog_by_hand(cell, JOG)
+    assert hand.texts[0].startswith("With the pendant, turn U alone")
+    assert hand.texts[1].startswith("R turned by +4.00 deg and should have stood.")
+    assert "Stop: R turned by +4.0 deg. Only U may turn." in [text for text, _ in hand.guidance]
+    assert not re.search(r"J\d", " ".join([*hand.texts, *(text for text, _ in hand.guidance)]))
 
 
 def test_a_joint_that_sank_again_is_not_from_below() -> None:

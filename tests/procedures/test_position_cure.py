@@ -1,5 +1,7 @@
 """A position brought back at the pendant is proved axis by axis, or the axis and its turns are named."""
 
+import asyncio
+from collections.abc import Mapping
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any, cast
@@ -10,16 +12,23 @@ import pytest
 from cellcal.calibration.errors import CalibrationError
 from cellcal.calibration.mastering.position_record import ArmPositionRecord, ShownValue, drive_of_ratios
 from cellcal.calibration.uncertainty import Verdict
-from cellcal.drivers.interfaces import PositionCure
+from cellcal.drivers.interfaces import Answer, Instruction, PositionCure
 from cellcal.procedures.catalogue import CATALOGUE
 from cellcal.procedures.cell import MotionLevel
 from cellcal.procedures.position_cure import PositionCureSpec, position_cure
 from cellcal.procedures.procedure_definition import missing_needs
+from cellcal.procedures.recovery import pendant_cures
 from cellcal.procedures.recovery.cure_result import PositionCureResult, changed_constants
 from cellcal.procedures.recovery.cure_verdict import verdict_on_cure
-from cellcal.procedures.recovery.pendant_cures import AxisCure, NotBroughtBackError, cure_instruction
+from cellcal.procedures.recovery.pendant_cures import (
+    AxisCure,
+    NotBroughtBackError,
+    bring_back_axis,
+    cure_instruction,
+)
 from cellcal.procedures.run import RefusalError, Run
 from cellcal.procedures.verdict import ProcedureVerdict
+from tests.procedures.ideal_devices import ScriptedTechnician
 from tests.procedures.memory_ledgers import MemoryLedger
 from tests.procedures.procedure_scenes import ProcedureScene, healthy_scene
 from tests.procedures.shown_arm import ShownArm, cure_scene
@@ -170,6 +179,31 @@ def test_each_make_is_asked_in_its_own_words() -> None:
     assert "home position anew" in texts[PositionCure.ABSOLUTE_DATA, "new"]
     assert "Axis A3: " in texts[PositionCure.MASTERING_GAUGE, "new"]
     assert "EMD" in texts[PositionCure.MASTERING_GAUGE, "new"]
+
+
+@pytest.mark.parametrize("cure_at_pendant", [PositionCure.REVOLUTION_COUNTERS, PositionCure.ABSOLUTE_DATA])
+async def test_an_axis_is_called_back_or_not_only_where_the_controller_tells_each_axis(
+    cure_at_pendant: PositionCure, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(pendant_cures, "WATCH_S", 0.001)
+    told: list[str] = []
+    made = await cure_scene(lost=(1,))
+
+    class Watched(ScriptedTechnician):
+        async def confirm(self, instruction: Instruction) -> Answer:
+            await asyncio.sleep(0.02)  # the first look is made meanwhile
+            made.arm.lost_axes.clear()
+            return await super().confirm(instruction)
+
+        def show_guidance(self, text: str, values: Mapping[str, Any]) -> None:
+            told.append(text)
+
+    assert isinstance(made.arm, ShownArm)
+    made.arm.cure = cure_at_pendant
+    cell = replace(made.cell, operator=Watched())
+    await bring_back_axis(cell, AxisCure(1, cure_at_pendant, "kept", True))
+    each_axis = cure_at_pendant is PositionCure.REVOLUTION_COUNTERS
+    assert set(told) == ({"Axis 2 is not brought back yet."} if each_axis else set())
 
 
 async def test_a_person_who_jogs_is_asked_for_and_nothing_is_commanded() -> None:

@@ -55,9 +55,12 @@ async def ask_during_run(page: Page, prompt: dict[str, Any], guided: dict[str, A
     await page.reload()
 
 
+NAMES = ("J1", "J2", "J3", "J4", "J5", "J6")
+
+
 def guidance(left_deg: float, advice: Advice, **more: Any) -> JogGuidance:
     left_rad = math.radians(left_deg)
-    return JogGuidance(JogLeg(2, math.radians(12.0), 0.0), 0.0, 0.01, left_rad, advice, **more)
+    return JogGuidance(JogLeg(2, math.radians(12.0), 0.0, NAMES), 0.0, 0.01, left_rad, advice, **more)
 
 
 def question(key: str, text: str, data: dict[str, Any]) -> dict[str, Any]:
@@ -70,7 +73,7 @@ def question(key: str, text: str, data: dict[str, Any]) -> dict[str, Any]:
 
 TURN = question(
     "jog_by_hand",
-    "With the pendant, turn J3 alone by +12.00 deg, at most 2.0 deg/s. Say yes when it stands.",
+    "With the pendant, turn J3 alone by +12.00 deg, at most 2.0 deg/s.",
     {"jog": guidance(12.0, Advice.TURN).as_json()},
 )
 COUNTS = [-1_234_567, 20, 300_000, 4, 5, 6]

@@ -342,6 +342,29 @@ async def test_the_same_file_is_computed_with_another_level_and_judged_by_a_chec
         assert "no such identification" in gone.json()["message"]
 
 
+async def test_joints_of_another_file_go_with_the_readings_and_stay_with_the_next_try(
+    tmp_path: Path, points_file: Path
+) -> None:
+    rows = [line.split(",") for line in bytes_of(points_file).decode().splitlines()]
+    at = {name: place for place, name in enumerate(rows[0])}
+    joints, readings = (
+        "\n".join(",".join(row[at[name]] for name in names) for row in rows).encode()
+        for names in (("q1", "q2", "q3", "q4", "q5", "q6"), ("x", "y", "z"))
+    )
+    async with an_engineer(tmp_path) as service_client:
+        whole = await run_job(service_client, points_file.name, bytes_of(points_file))
+        alone = await run_job(service_client, "readings.csv", readings)
+        assert "Joints in another file" in alone["fault"]["message"] + alone["fault"]["remedy"]
+        paired = await _run_again(service_client, alone, joints=uploaded_file("joints.csv", joints))
+        assert (paired["file"], paired["joints"]) == ("readings.csv", "joints.csv")
+        assert {"x", "q1"} <= set(paired["headings"])
+        found, expected = paired["result"]["report"], whole["result"]["report"]
+        assert found["level"] == expected["level"]
+        assert found["held_out"] == pytest.approx(expected["held_out"])
+        again = await _run_again(service_client, paired, wishes={"level": 1})
+        assert (again["joints"], again["state"]) == ("joints.csv", "done")
+
+
 async def test_columns_that_no_heading_tells_are_named_by_the_page(tmp_path: Path, points_file: Path) -> None:
     head, *rows = bytes_of(points_file).decode().splitlines()
     names = [f"channel {letter}" for letter in "ABCDEFGHIJKLMNOP"[: len(head.split(","))]]

@@ -11,6 +11,7 @@ import pytest
 from cellcal.drivers.interfaces import Instruction
 from cellcal.procedures.prompt_answers import PLAIN, all_answers, answers_for
 from cellcal.service.cell_process.screen_operator import Prompt
+from tests.service.source_sentences import sentences_in
 
 ROOT = Path(__file__).parents[2]
 LOCALES = ("en", "de", "es", "zh")
@@ -35,6 +36,13 @@ def test_every_instruction_has_answers_of_its_own() -> None:
     keys = set(instruction_keys())
     assert len(keys) > 40
     assert sorted(key for key in keys if answers_for(key) == PLAIN) == []
+
+
+def test_no_instruction_speaks_of_a_yes_that_no_button_has() -> None:
+    paths = sorted((ROOT / "procedures").rglob("*.py"))
+    sentences = {sentence for path in paths for sentence in sentences_in(path)}
+    assert len(sentences) > 500
+    assert [each for each in sentences if re.search(r"\b(say|answer) (yes|no)\b", each, re.IGNORECASE)] == []
 
 
 def test_yes_and_no_say_different_things_and_questions_ask_for_a_yes() -> None:

@@ -141,7 +141,6 @@ ENGLISH_ONLY = {
 NOT_FOR_PEOPLE = ENGLISH_ONLY | {
     "touch anew {1}",
     "touch in another attitude {1}",
-    "{1}{2} Say yes when it stands.",
     "the arm is in the unknown mode {1}",
     '"[^"\\n]*+"',
     "[{1}]",

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from cellcal.drivers.interfaces import Alarm, AlarmKind, Condition, Readiness
+from cellcal.drivers.interfaces import Alarm, AlarmKind, Condition, Readiness, RobotCapabilities
 from cellcal.procedures.cell import MotionLevel
 from cellcal.procedures.run_history import EventKind
 from cellcal.service.configuration.cell_file import CellConfig, read_cell_file
@@ -211,11 +211,14 @@ def test_what_was_seen_is_in_the_journal_and_is_no_run(config: CellConfig) -> No
 
 def test_a_low_battery_is_reported_while_the_position_is_there() -> None:
     low = Alarm("SRVO-065", "BLAL alarm (Group:1 Axis:2)", 1, AlarmKind.BATTERY_LOW)
-    words = battery_warning(Condition(Readiness.READY, alarms=(low,)))
+    words = battery_warning(RobotCapabilities(axes=6), Condition(Readiness.READY, alarms=(low,)))
     assert "switched ON" in words
     assert "J2" in words
-    assert battery_warning(Condition(Readiness.READY)) == ""
-    assert battery_warning(Condition(Readiness.POSITION_LOST, alarms=(low, BATTERY))) == ""
+    assert battery_warning(RobotCapabilities(axes=6), Condition(Readiness.READY)) == ""
+    assert (
+        battery_warning(RobotCapabilities(axes=6), Condition(Readiness.POSITION_LOST, alarms=(low, BATTERY)))
+        == ""
+    )
 
 
 def test_a_controller_that_keeps_no_zero_is_not_said_to_get_it_back_exactly() -> None:

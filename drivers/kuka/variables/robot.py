@@ -46,6 +46,7 @@ VERIFIED_ON: tuple[str, ...] = ()  # controller software this driver has run on;
 
 CAPABILITIES = RobotCapabilities(
     axes=AXES,
+    axis_names=("A1", "A2", "A3", "A4", "A5", "A6"),
     moves_slowly=False,  # speeds are whole per cents of the fastest axis
     writes_tool_frame=True,
     writes_user_frame=True,

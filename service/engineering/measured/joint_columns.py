@@ -285,13 +285,14 @@ def _joints_remedy(names: Sequence[str], plain: Mapping[str, str], joint_names: 
         return (
             "This is a list of points without the joints of the robot: `cellcal simulate-cell` reads such files; "
             "for an identification every row needs the joints, too. If they stand in another file, name it: "
-            "`--joints FILE`."
+            "`--joints FILE`, or on a page “Joints in another file”."
         )
     if numbered and len(names) <= count:
         return make_message(
             "It has {columns} columns of numbers without a heading: too few for the {count} joints and what the "
             "device read, which every row needs. Where joints and readings are two files, name that of the joints: "
-            "`--joints FILE`. Lists of points alone are read by `cellcal simulate-cell`.",
+            "`--joints FILE`, or on a page “Joints in another file”. Lists of points alone are "
+            "read by `cellcal simulate-cell`.",
             columns=len(names),
             count=count,
         )

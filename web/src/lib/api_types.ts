@@ -30,6 +30,7 @@ export interface CellSeen {
   robot: string;
   model: string;
   title: string;
+  arm_rgb: string;
   joints: string[];
   description_from_controller: number[][];
   boxes: BoxSeen[];
@@ -247,6 +248,7 @@ export interface IdentifyJob {
   who: string;
   at_utc: string;
   wishes: IdentifyWishes;
+  joints: string;
   check: string;
   layout: string;
   headings: string[];
@@ -268,6 +270,7 @@ export interface IdentifyJobWithResult {
   who: string;
   at_utc: string;
   wishes: IdentifyWishes;
+  joints: string;
   check: string;
   layout: string;
   headings: string[];
@@ -298,6 +301,7 @@ export interface IdentifyRequest {
   again?: string;
   robot?: string;
   description?: RobotDescription | null;
+  joints?: UploadedFile | null;
   check?: UploadedFile | null;
   layout?: UploadedFile | null;
   wishes?: IdentifyWishes;
@@ -728,6 +732,7 @@ export interface RobotSeen {
   name: string;
   model: string;
   serial: string;
+  axis_names: string[];
 }
 
 export interface RobotToIdentify {

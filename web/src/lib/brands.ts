@@ -21,14 +21,8 @@ export function selectedBrand(session: Session | null | undefined): Brand | null
   return robot ? brandOf(robot.model) : null;
 }
 
-// What pendants call the axes that are J1 to J6 on every page.
-const AXES: Partial<Record<Brand, string[]>> = {
-  kuka: ["A1", "A2", "A3", "A4", "A5", "A6"],
-  yaskawa: ["S", "L", "U", "R", "B", "T"],
-};
-
-/** The name of an axis, counted from zero, as the maker's pendant has it; with that of the pages where they differ. */
-export function axisName(brand: Brand | null, axis: number): string {
-  const own = brand === null ? undefined : AXES[brand]?.[axis];
-  return own ? `${own} (J${axis + 1})` : `J${axis + 1}`;
+/** The name of an axis, counted from zero, as the pendant of the selected robot shows it. */
+export function axisName(session: Session | null | undefined, axis: number): string {
+  const robot = session?.robots.find((each) => each.name === session.robot);
+  return robot?.axis_names?.[axis] ?? `J${axis + 1}`;
 }

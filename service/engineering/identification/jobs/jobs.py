@@ -20,6 +20,7 @@ from cellcal.service.engineering.identification.jobs.limits import IdentifyProce
 from cellcal.service.engineering.identification.jobs.shapes import (
     CHECK,
     DRAFTS,
+    JOINTS,
     LAYOUT,
     REQUEST_FILE,
     RESULT_FILE,
@@ -59,6 +60,7 @@ class IdentificationJob(PageJob):
     model: str
     described: DescribedRobot | None = None
     stage: str = ""
+    joints: str = ""
     check: str = ""
     layout: str = ""
     wishes: IdentifyWishes = field(default_factory=IdentifyWishes)
@@ -81,9 +83,10 @@ class IdentificationJob(PageJob):
         """Return how it stands."""
         return IdentifyJob(
             id=self.id, file=self.file, robot=self.robot, serial=self.serial, model=Path(self.model).name,
-            who=self.who, at_utc=self.at.isoformat(timespec="seconds"), wishes=self.wishes, check=self.check,
-            layout=self.layout, headings=self.headings, state=self.state, stage=self.stage,
-            done=self.done, total=self.total, fault=self.fault, saved_version=self.saved_version,
+            who=self.who, at_utc=self.at.isoformat(timespec="seconds"), wishes=self.wishes,
+            joints=self.joints, check=self.check, layout=self.layout, headings=self.headings,
+            state=self.state, stage=self.stage, done=self.done, total=self.total, fault=self.fault,
+            saved_version=self.saved_version,
         )  # fmt: skip
 
     def read_result(self) -> IdentifyResult | None:
@@ -163,6 +166,7 @@ class IdentificationJobs(PageJobs[IdentificationJob]):
             (place, plain_name(file.name, what), content_of(file.content_base64, what))
             for place, file, what in (
                 (SOURCES, request.file, "measurements"),
+                (JOINTS, request.joints, "joints"),
                 (CHECK, request.check, "check"),
                 (LAYOUT, request.layout, "layout"),
             )
@@ -177,8 +181,8 @@ class IdentificationJobs(PageJobs[IdentificationJob]):
             described = read_description(request.description)
         model = robot.model if described is None else described.reference
         job = IdentificationJob(
-            names[SOURCES], robot.name, robot.serial, model, described, check=names.get(CHECK, ""),
-            layout=names.get(LAYOUT, ""), wishes=request.wishes, who=who,
+            names[SOURCES], robot.name, robot.serial, model, described, joints=names.get(JOINTS, ""),
+            check=names.get(CHECK, ""), layout=names.get(LAYOUT, ""), wishes=request.wishes, who=who,
         )  # fmt: skip
         try:
             await asyncio.to_thread(_write_files, job, {place: content for place, _, content in files})
@@ -238,7 +242,7 @@ def _files_of(job: IdentificationJob) -> list[tuple[str, str, bytes]]:
     """Return the files of a job: where each stands in its folder, its name, its content."""
     return [
         (place, path.name, read_plain_bytes(path))
-        for place in (SOURCES, CHECK, LAYOUT)
+        for place in (SOURCES, JOINTS, CHECK, LAYOUT)
         if (job.folder / place).is_dir()
         for path in (job.folder / place).iterdir()
     ]
@@ -255,7 +259,12 @@ def _refuse_large(contents: Sequence[bytes]) -> None:
 
 
 def _write_files(job: IdentificationJob, contents: Mapping[str, bytes]) -> None:
-    for place, name in ((SOURCES, job.file), (CHECK, job.check), (LAYOUT, job.layout)):
+    for place, name in (
+        (SOURCES, job.file),
+        (JOINTS, job.joints),
+        (CHECK, job.check),
+        (LAYOUT, job.layout),
+    ):
         if name:
             (job.folder / place).mkdir()
             (job.folder / place / name).write_bytes(contents[place])
@@ -263,6 +272,7 @@ def _write_files(job: IdentificationJob, contents: Mapping[str, bytes]) -> None:
         job.described.write_file(job.folder)
     request = JobRequest(
         file=job.file,
+        joints=job.joints,
         check=job.check,
         layout=job.layout,
         wishes=job.wishes,

@@ -8,7 +8,7 @@ from cellcal.service.engineering.page_jobs import JobState
 from cellcal.service.engineering.programs.jobs.shapes import UploadedFile
 
 REQUEST_FILE, RESULT_FILE = "request.json", "result.json"  # of a job's folder
-SOURCES, CHECK, LAYOUT, DRAFTS = "sources", "check", "layout", "drafts"
+SOURCES, JOINTS, CHECK, LAYOUT, DRAFTS = "sources", "joints", "check", "layout", "drafts"
 DESCRIBED = "description"  # folder of a job: what its robot was described by
 LinkName = Annotated[str, StringConstraints(max_length=120, pattern=r"^[\w./:-]*$")]  # no mark of a reference
 ColumnMeaning = Literal["joints", "position", "length", "rotation", "controller", "group"]
@@ -52,6 +52,7 @@ class IdentifyRequest(BaseModel):
     again: Annotated[str, StringConstraints(max_length=32)] = ""  # or the job whose files are used once more
     robot: Annotated[str, StringConstraints(max_length=120)] = ""  # its name; empty: the cell's first
     description: RobotDescription | None = None
+    joints: UploadedFile | None = None  # that holds the joints of the rows, where the readings stand alone
     check: UploadedFile | None = None  # another file, on which the finished model is evaluated
     layout: UploadedFile | None = None  # says what the columns are; of several devices, all readings
     wishes: IdentifyWishes = IdentifyWishes()
@@ -63,6 +64,7 @@ class JobRequest(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
     file: str  # name in the folder of sources
+    joints: str
     check: str
     layout: str
     wishes: IdentifyWishes
@@ -106,7 +108,8 @@ class IdentifyJob(IdentifyResponseModel):
     who: str
     at_utc: str
     wishes: IdentifyWishes
-    check: str  # the name of that file; empty where there is none
+    joints: str  # the name of that file; empty where there is none
+    check: str
     layout: str
     headings: list[str]  # of the file's columns, once it was read
     state: JobState

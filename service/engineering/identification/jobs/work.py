@@ -32,6 +32,7 @@ from cellcal.service.engineering.identification.jobs.shapes import (
     CHECK,
     DESCRIBED,
     DRAFTS,
+    JOINTS,
     LAYOUT,
     REQUEST_FILE,
     RESULT_FILE,
@@ -98,7 +99,10 @@ def identify_upload(folder: Path) -> None:
 def _identify_one_device(folder: Path, request: JobRequest, runner: PartRunner) -> dict[str, object]:
     file = folder / SOURCES / request.file
     options = _options_of(folder, request)
-    write_message(headings=_headings_of(file, options.read.sheet))
+    headings = _headings_of(file, options.read.sheet)
+    if options.read.joints_file is not None:
+        headings += _headings_of(options.read.joints_file, None)
+    write_message(headings=list(dict.fromkeys(headings))[:_MOST_HEADINGS])
     report = identify_file(file, request.model, options, runner)
     return result_document(report) | {
         "understood": layout_document(report.measurements, options.read),
@@ -109,9 +113,10 @@ def _identify_one_device(folder: Path, request: JobRequest, runner: PartRunner) 
 def _options_of(folder: Path, request: JobRequest) -> IdentifyOptions:
     """Return what was asked for: what the page says stands above what a layout file says."""
     wishes = request.wishes
+    joints = folder / JOINTS / request.joints if request.joints else None
     columns = {str(meaning): names for meaning, names in wishes.columns.items()}
     units = {str(meaning): unit for meaning, unit in wishes.units.items()}
-    read = ReadOptions(columns, units, wishes.convention, wishes.sheet or None, wishes.joint_coupling)
+    read = ReadOptions(columns, units, wishes.convention, wishes.sheet or None, wishes.joint_coupling, joints)
     if request.layout:
         read = overlay_options(read_layout(folder / LAYOUT / request.layout), read)
     check = folder / CHECK / request.check if request.check else None
