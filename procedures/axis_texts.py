@@ -19,4 +19,4 @@ def joints_text(cell: Cell, joints_rad: Joints | Array, digits: int) -> str:
         make_message("{axis} {angle}", axis=axis_name(cell, axis), angle=f"{math.degrees(q):.{digits}f}")
         for axis, q in enumerate(joints_rad)
     ]
-    return make_message("{joints} deg", joints=join_messages(", ", values))
+    return make_message("{first}, {others} deg", first=values[0], others=join_messages(", ", values[1:]))

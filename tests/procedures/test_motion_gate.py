@@ -367,9 +367,10 @@ def test_a_program_holds_the_moves_the_token_and_what_it_is_not(tmp_path: Path) 
 
 
 def test_an_arrival_that_is_no_number_is_off_target() -> None:
+    cell = healthy_scene().cell
     with pytest.raises(CellError):
-        refuse_off_target((math.nan,) * 6, THERE, 0.1)
-    refuse_off_target(THERE, THERE, OVERSHOOT_RAD)
+        refuse_off_target(cell, (math.nan,) * 6, THERE, 0.1)
+    refuse_off_target(cell, THERE, THERE, OVERSHOOT_RAD)
 
 
 async def test_distances_grow_with_the_doubt_about_where_the_arm_stands() -> None:

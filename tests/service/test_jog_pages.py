@@ -12,7 +12,7 @@ from playwright.async_api import Page, WebSocketRoute, expect
 
 from cellcal.calibration.message_table import with_messages
 from cellcal.procedures.motion.jog_guidance import Advice, JogGuidance, JogLeg
-from tests.service.browser_pages import CHOOSE, hold_to_rules, wait_for_language
+from tests.service.browser_pages import CHOOSE, at_rest, hold_to_rules, wait_for_language
 from tests.service.past_cell_view import view_past_cell
 from tests.service.test_pages import PageViewer
 
@@ -55,6 +55,9 @@ async def ask_during_run(page: Page, prompt: dict[str, Any], guided: dict[str, A
     await page.reload()
 
 
+# whether nothing stands above the first and the last line of a text
+SEEN = """text => { const { left, top, bottom } = text.getBoundingClientRect();
+    return [top + 12, bottom - 12].every(y => text.contains(document.elementFromPoint(left + 12, y))); }"""
 NAMES = ("J1", "J2", "J3", "J4", "J5", "J6")
 
 
@@ -112,6 +115,18 @@ async def test_a_turn_shows_key_rest_and_advice_while_it_is_made(
         await page.evaluate(CHOOSE, [await choice.element_handle(), "de"])
         await wait_for_language(page, "de")
         await expect(page.get_by_test_id("jog-advice")).to_contain_text(german)
+
+
+async def test_a_question_is_seen_on_a_telephone_after_a_reload(page_viewer: PageViewer) -> None:
+    async with page_viewer.open_page(size=(390, 844)) as page:
+        await ask_during_run(page, TYPED)
+        words = page.get_by_test_id("instruction")
+        await expect(words).to_be_visible()
+        await page.evaluate("scrollTo(0, document.documentElement.scrollHeight)")
+        await page.reload()
+        await expect(words).to_be_visible()
+        await at_rest(page)
+        assert await words.evaluate(SEEN), "the question is covered or off the screen"
 
 
 async def test_guidance_of_another_question_is_not_shown(page_viewer: PageViewer) -> None:

@@ -189,7 +189,7 @@ async def test_a_jump_without_motion_is_a_loss_even_without_an_alarm(
     fake_arm.counts = (1000 + 60 * 524288, 2000)  # 216 degrees between two looks
     found = await robot_watch.look_once()
     assert found is not None
-    assert "axis 1 jumped" in found.detected_by
+    assert "axis J1 jumped" in found.detected_by
 
 
 async def test_ordinary_motion_is_no_loss(fake_arm: TwoAxisController, robot_watch: RobotWatch) -> None:
