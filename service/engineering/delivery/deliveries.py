@@ -83,9 +83,9 @@ def check_each_once(names: Sequence[str]) -> None:
         raise CellError(
             "no program is named.", remedy="Name files, or a folder that holds some.", code="usage"
         )
-    seen: dict[str, str] = {}
+    names_by_key: dict[str, str] = {}
     for name in names:
-        if (other := seen.setdefault(name.lower(), name)) is not name:
+        if (other := names_by_key.setdefault(name.lower(), name)) is not name:
             raise CellError(
                 make_message("{one} and {other} have one name for a controller.", one=other, other=name),
                 remedy="Name one of them.",

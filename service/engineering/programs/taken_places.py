@@ -18,7 +18,7 @@ _GOES_ON = (
     "{what} is where {point} leaves the robot, and {point} stays: the place that is computed from it stays, too. "
     "Where that is a place at the work, move the joints with it, or teach a point there."
 )
-_MEASURED = (
+_IN_ANOTHER_FRAME = (
     "{what} takes where the robot stands in the user frame {own}, and a motion takes these numbers in {frame}: with "
     "this change it misses. Take the place in the frame of the motion, or teach a point there."
 )
@@ -45,11 +45,11 @@ def _steps_from_what_stays(
     points: ProgramPoints, shift: ProgramShift, start: int, route: TransferRoute
 ) -> list[PointFinding]:
     """Return that a step begins at a point that stays, where work moves in the frame that both are in."""
-    moved = route.source is route.target and bool((np.abs(route.change - np.eye(4)) > _LEAST_M).any())
+    is_moving = route.source is route.target and bool((np.abs(route.change - np.eye(4)) > _LEAST_M).any())
     rows = [
         row
         for row in shift.rows
-        if moved
+        if is_moving
         and points.stays[start + row]
         and route.covers_frame(points.user_frames[start + row], bare_joints=False) is True
     ]
@@ -77,14 +77,16 @@ def _measured_finding(shift: ProgramShift, program: ProgramFile, route: Transfer
     the work asks for E X P.
     """
     own, other = shift.user_frame, None if shift.other_frame == UNKNOWN_FRAME else shift.other_frame
-    named = [name_in(route.source, program, one) for one in (own, other)]
-    meant = [one is None or route.covers_frame(one, bare_joints=False) is True for one in named]
-    misses = any(meant) and bool((np.abs(route.change - np.eye(4)) > _LEAST_M).any())
-    before, after = (None if one is None else frame_of(route.source, program, one) for one in named)
-    if all(meant) and before is not None and after is not None:
+    frame_names = [name_in(route.source, program, one) for one in (own, other)]
+    covers = [one is None or route.covers_frame(one, bare_joints=False) is True for one in frame_names]
+    misses = any(covers) and bool((np.abs(route.change - np.eye(4)) > _LEAST_M).any())
+    before, after = (None if one is None else frame_of(route.source, program, one) for one in frame_names)
+    if all(covers) and before is not None and after is not None:
         across = after @ inverse_transform(before)
         misses = bool((np.abs(across @ route.change - route.change @ across) > _LEAST_M).any())
     angle = float(np.linalg.norm(log_rotation(route.change[:3, :3])))
     names = (one or _ONE_THAT_IS_COMPUTED for one in (own, other))
-    text = make_message(_MEASURED, what=shift.what, own=next(names), frame=next(names)) if misses else ""
+    text = (
+        make_message(_IN_ANOTHER_FRAME, what=shift.what, own=next(names), frame=next(names)) if misses else ""
+    )
     return PointFinding(shift.line, shift.point, shift.what, angle, math.nan, math.nan, text, -1)

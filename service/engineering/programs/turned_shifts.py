@@ -96,9 +96,9 @@ def _findings_of(
     by_frame: dict[str | None, _TurnedChange] = {}
     found: list[PointFinding] = []
     for shift in program.positions.shifts:
-        taken = find_taken(points, shift, (number, start), route)
-        if taken is not None:
-            found += [_computed_finding(one, shift, route) for one in taken]
+        robot_places = find_taken(points, shift, (number, start), route)
+        if robot_places is not None:
+            found += [_computed_finding(one, shift, route) for one in robot_places]
             continue
         if not shift.rows:
             frame = name_in(route.source, program, shift.user_frame)
