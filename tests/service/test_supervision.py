@@ -60,6 +60,7 @@ SHORT_LIVED = {
     ("service/cell_process/live_values.py", "poll_once"): "one look at an instrument; its end is looked at",
     ("service/watching/follow.py", "follow_robots"): "supervised inside",
     ("service/web/cell_client.py", "_begin_process"): "supervised by start",
+    ("service/web/cell_client.py", "_break_off"): "one note on the disk; its failure is named",
     ("service/web/cell_client.py", "_run_once"): "the cell's process and its last words; supervised by start",
     ("service/site/forwarding_process.py", "_run_once"): "a process of the outlets; supervised by start",
     ("service/web/fleet.py", "send_live"): "one page, awaited",
