@@ -39,7 +39,7 @@ def move(
     body: str,
     more: str = "",
     *,
-    abroad: str = "",
+    other_file: str = "",
     offset: str = ABOUT_Z,
     options: tuple[str, ...] = (),
     project: str = "",
@@ -47,8 +47,8 @@ def move(
     source = tmp_path / "src"
     source.mkdir()
     (source / "M1.mod").write_text(MODULE.format(body, more), encoding="ascii")
-    if abroad:
-        (source / "R.mod").write_text(f"MODULE R\n{abroad}\nENDMODULE\n", encoding="ascii")
+    if other_file:
+        (source / "R.mod").write_text(f"MODULE R\n{other_file}\nENDMODULE\n", encoding="ascii")
     (tmp_path / "project.toml").write_text(PROJECT + project, encoding="utf-8")
     words = [
         "program",
@@ -91,7 +91,7 @@ def test_moves_to_a_parameter_go_to_what_is_passed(
     tmp_path: Path, call: str, parameters: str, move_there: str, status: str, elsewhere: bool
 ) -> None:
     routine = pick(move_there, parameters)
-    moved = move(tmp_path, BOTH + call, "" if elsewhere else routine, abroad=routine if elsewhere else "")
+    moved = move(tmp_path, BOTH + call, "" if elsewhere else routine, other_file=routine if elsewhere else "")
     assert moved["points"]["p10"]["status"] == status, moved["points"]["p10"]
     assert moved["code"] == (ExitCode.REFUSED if status == "left" else ExitCode.PASS)
 
@@ -113,7 +113,9 @@ def test_moves_to_a_copy_of_a_parameter_count_for_what_is_passed(
 ) -> None:
     routine = pick(f"VAR robtarget q;\nVAR robtarget q2;\nq:=p;\n{body}", parameters)
     go = "  PROC Go(robtarget g)\n    Pick g;\n  ENDPROC\n"
-    moved = move(tmp_path, BOTH + call, go + routine * (not elsewhere), abroad=routine if elsewhere else "")
+    moved = move(
+        tmp_path, BOTH + call, go + routine * (not elsewhere), other_file=routine if elsewhere else ""
+    )
     assert moved["points"]["p10"]["status"] == status, moved["points"]["p10"]
 
 
@@ -130,7 +132,7 @@ def test_a_copy_of_a_parameter_is_moved_to_in_the_work_object_that_is_passed(
     tmp_path: Path, call: str, body: str, status: str
 ) -> None:
     text = f"VAR robtarget q;\nVAR robtarget q2;\nq:=p;\n{body}"
-    moved = move(tmp_path, BOTH + call, abroad=pick(text, "robtarget p,PERS wobjdata w"))
+    moved = move(tmp_path, BOTH + call, other_file=pick(text, "robtarget p,PERS wobjdata w"))
     assert moved["points"]["p10"]["status"] == status, moved["points"]["p10"]
 
 
@@ -219,7 +221,7 @@ def test_a_displacement_between_places_that_go_along_goes_along(
 
 @pytest.mark.parametrize("frame", ["wobj1", "wobj2"])
 @pytest.mark.parametrize(
-    ("main", "declared", "abroad"),
+    ("main", "declared", "other_file"),
     [
         ("H{1}:=p10;\nPick H{1};", "VAR robtarget H{2};", pick("MoveL p,v100,fine,tool1\\WObj:=@;")),
         (
@@ -238,10 +240,12 @@ def test_a_displacement_between_places_that_go_along_goes_along(
     ],
 )
 def test_a_copy_is_followed_to_the_moves_of_other_modules(
-    tmp_path: Path, main: str, declared: str, abroad: str, frame: str
+    tmp_path: Path, main: str, declared: str, other_file: str, frame: str
 ) -> None:
     more = "  FUNC robtarget fUp(robtarget p)\n    RETURN p;\n  ENDFUNC\n"
-    moved = move(tmp_path, f"{declared}\n{BOTH}{main}", more, abroad=abroad.replace("@", frame), offset=ALONG)
+    moved = move(
+        tmp_path, f"{declared}\n{BOTH}{main}", more, other_file=other_file.replace("@", frame), offset=ALONG
+    )
     status = "left" if frame == "wobj2" else "changed"
     assert moved["points"]["p10"]["status"] == status, moved["points"]["p10"]
 
@@ -262,19 +266,19 @@ def test_targets_in_a_list_or_a_record_are_copies(
     assert moved["points"]["p10"]["status"] == status
 
 
-@pytest.mark.parametrize("is_abroad", [False, True], ids=["own routine", "another module's"])
+@pytest.mark.parametrize("is_in_other_file", [False, True], ids=["own routine", "another module's"])
 @pytest.mark.parametrize("frame", ["wobj1", "wobj2"])
 @pytest.mark.parametrize("value", ["r1:=[p10,1];", "r1.p:=p10;"])
 @pytest.mark.parametrize(
     "passed", [("Pick r1;", "st p", "p.p"), ("Pick r1.p;", "robtarget p", "p")], ids=["record", "component"]
 )
 def test_a_copy_in_a_record_is_followed_into_routines(
-    tmp_path: Path, passed: tuple[str, str, str], value: str, frame: str, is_abroad: bool
+    tmp_path: Path, passed: tuple[str, str, str], value: str, frame: str, is_in_other_file: bool
 ) -> None:
     call, parameter, goal = passed
     record = "  RECORD st\n    robtarget p;\n    num n;\n  ENDRECORD\n"
     routine = pick(IN.format(goal, frame), parameter)
-    more, abroad = (record, routine) if is_abroad else (record + routine, "")
-    moved = move(tmp_path, f"VAR st r1;\n{BOTH}{value}\n{call}", more, abroad=abroad, offset=ALONG)
+    more, other_file = (record, routine) if is_in_other_file else (record + routine, "")
+    moved = move(tmp_path, f"VAR st r1;\n{BOTH}{value}\n{call}", more, other_file=other_file, offset=ALONG)
     status = "left" if frame == "wobj2" else "changed"
     assert moved["points"]["p10"]["status"] == status, moved["points"]["p10"]

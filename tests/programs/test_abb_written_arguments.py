@@ -61,7 +61,7 @@ def test_a_routine_gives_its_caller_a_value(
     tmp_path: Path, call: str, kind: str, body: str, left: list[str], elsewhere: bool
 ) -> None:
     routine = WRITES.format(kind, body)
-    moved = move(tmp_path, BOTH + call, "" if elsewhere else routine, abroad=routine if elsewhere else "")
+    moved = move(tmp_path, BOTH + call, "" if elsewhere else routine, other_file=routine if elsewhere else "")
     assert [name for name in ("p10", "p20") if moved["points"][name]["status"] == "left"] == left
     if left:
         assert moved["code"] == ExitCode.REFUSED
@@ -72,7 +72,7 @@ def test_a_routine_gives_its_caller_a_value(
     [("p10:=fCamera();", OVERWRITTEN), ("p10.trans.z:=100;", PART), ("ok:=StrToVal(line,p10);", OVERWRITTEN)],
 )
 def test_a_value_that_another_module_gives_counts(tmp_path: Path, statement: str, reason: str) -> None:
-    moved = move(tmp_path, BOTH, abroad=f"  PROC Look()\n    {statement}\n  ENDPROC")
+    moved = move(tmp_path, BOTH, other_file=f"  PROC Look()\n    {statement}\n  ENDPROC")
     assert moved["code"] == ExitCode.REFUSED
     assert moved["points"]["p10"]["reason"] == reason
 
@@ -88,20 +88,20 @@ def test_a_value_that_another_module_gives_counts(tmp_path: Path, statement: str
 def test_a_target_of_its_own_is_passed_to_another_module(
     tmp_path: Path, body: str, more: str, there: str, status: str
 ) -> None:
-    abroad = f"  PROC Pick(robtarget p)\n    {IN.format('p', there)}\n  ENDPROC"
-    moved = move(tmp_path, BOTH + body, more, abroad=abroad)
+    other_file = f"  PROC Pick(robtarget p)\n    {IN.format('p', there)}\n  ENDPROC"
+    moved = move(tmp_path, BOTH + body, more, other_file=other_file)
     assert moved["points"]["pOwn"]["status"] == status
     assert moved["code"] == (ExitCode.REFUSED if status == "left" else ExitCode.PASS)
     assert not moved["findings"]
 
 
 def test_a_target_is_passed_on_over_three_routines(tmp_path: Path) -> None:
-    abroad = f"  PROC Pick(robtarget p,PERS wobjdata w)\n    {IN.format('p', 'w')}\n  ENDPROC"
+    other_file = f"  PROC Pick(robtarget p,PERS wobjdata w)\n    {IN.format('p', 'w')}\n  ENDPROC"
     chain = (
         "  PROC Go(robtarget q,PERS wobjdata v)\n    Then q,v;\n  ENDPROC\n"
         "  PROC Then(robtarget q,PERS wobjdata v)\n    Pick q,v;\n  ENDPROC"
     )
-    moved = move(tmp_path, BOTH + "Go p10,wobj2;\nGo p20,wobj1;", chain, abroad=abroad)
+    moved = move(tmp_path, BOTH + "Go p10,wobj2;\nGo p20,wobj1;", chain, other_file=other_file)
     assert [moved["points"][name]["status"] for name in ("p10", "p20")] == ["left", "changed"]
 
 
@@ -110,10 +110,12 @@ def test_a_work_object_that_only_the_other_module_sees_is_not_taken_for_the_own(
     tmp_path: Path, statement: str
 ) -> None:
     frame = '[FALSE,TRUE,"",[[0,0,0],[1,0,0,0]],[[0,0,0],[1,0,0,0]]]'
-    abroad = f"  LOCAL PERS wobjdata wobj1:={frame};\n"
-    abroad += f"  PROC Pick(robtarget p)\n    {IN.format('p', 'wobj1')}\n  ENDPROC\n"
-    abroad += f"  PROC Other()\n    {IN.format('p10', 'wobj1')}\n  ENDPROC" if "Move" in statement else ""
-    moved = move(tmp_path, IN.format("p20", "wobj1") + "\nPick p10;" * ("Pick" in statement), abroad=abroad)
+    other_file = f"  LOCAL PERS wobjdata wobj1:={frame};\n"
+    other_file += f"  PROC Pick(robtarget p)\n    {IN.format('p', 'wobj1')}\n  ENDPROC\n"
+    other_file += f"  PROC Other()\n    {IN.format('p10', 'wobj1')}\n  ENDPROC" if "Move" in statement else ""
+    moved = move(
+        tmp_path, IN.format("p20", "wobj1") + "\nPick p10;" * ("Pick" in statement), other_file=other_file
+    )
     assert moved["points"]["p10"]["status"] == "left"
     assert "only that module sees" in moved["points"]["p10"]["reason"]
 
@@ -150,14 +152,18 @@ def test_a_work_object_of_the_moving_module_is_the_one_that_it_declares(
     tmp_path: Path, statement: str, here: str, project: str, status: str
 ) -> None:
     move_there = "MoveL p,v100,fine,tLoc\\WObj:=wBox;"
-    abroad = f"  LOCAL {WBOX.format(1200)}\n  {TLOC.format(200)}\n"
-    abroad += (
+    other_file = f"  LOCAL {WBOX.format(1200)}\n  {TLOC.format(200)}\n"
+    other_file += (
         f"  PROC Run()\n    {statement}\n  ENDPROC\n  PROC Pick(robtarget p)\n    {move_there}\n  ENDPROC"
     )
     call = "Pick p10;" if statement.startswith("Pick") else ""
     give = "  PROC Give(robtarget p,PERS wobjdata w)\n    MoveL p,v100,fine,tool1\\WObj:=w;\n  ENDPROC"
     moved = move(
-        tmp_path, IN.format("p20", "wobj1") + call, f"{give}\n  {here}", abroad=abroad, project=project
+        tmp_path,
+        IN.format("p20", "wobj1") + call,
+        f"{give}\n  {here}",
+        other_file=other_file,
+        project=project,
     )
     if statement.startswith("Give") and "tLoc" in here:
         status = "changed"  # it goes there with tool1
@@ -173,8 +179,8 @@ def test_an_instruction_that_is_not_known_names_its_work_object(
     tmp_path: Path, statement: str, elsewhere: bool, frame: str, status: str
 ) -> None:
     text = statement.format(frame)
-    abroad = f"  PROC Run()\n    {text}\n  ENDPROC" if elsewhere else ""
-    moved = move(tmp_path, BOTH + text * (not elsewhere), abroad=abroad)
+    other_file = f"  PROC Run()\n    {text}\n  ENDPROC" if elsewhere else ""
+    moved = move(tmp_path, BOTH + text * (not elsewhere), other_file=other_file)
     assert moved["points"]["p10"]["status"] == status
 
 
@@ -199,7 +205,7 @@ def test_only_a_tool_before_the_work_object_of_a_call_is_one(
     tmp_path: Path, call: str, declared: str, status: str, elsewhere: bool
 ) -> None:
     run = f"  PROC Run()\n    {call}\n  ENDPROC"
-    moved = move(tmp_path, BOTH + call * (not elsewhere), abroad=declared + "\n" + run * elsewhere)
+    moved = move(tmp_path, BOTH + call * (not elsewhere), other_file=declared + "\n" + run * elsewhere)
     assert moved["points"]["p10"]["status"] == status, moved["points"]["p10"]
 
 
@@ -219,7 +225,7 @@ def test_a_call_in_a_routine_may_name_its_parameters(
 ) -> None:
     own = f"  {local}CONST robtarget pOwn:=[[320,0,300],{REST};\n"
     own += f"  PROC Run({parameters})\n    {call}\n  ENDPROC"
-    moved = move(tmp_path, BOTH + IN.format("pOwn", "wobj1"), own, abroad=GUN)
+    moved = move(tmp_path, BOTH + IN.format("pOwn", "wobj1"), own, other_file=GUN)
     assert moved["points"]["pOwn"]["status"] == status, moved["points"]["pOwn"]
 
 
@@ -241,9 +247,9 @@ DECLARED = f"  VAR jointtarget j1:={JOINTS};"
 def test_a_joint_target_that_gets_a_value_is_left_where_joints_move(
     tmp_path: Path, statement: str, elsewhere: bool
 ) -> None:
-    abroad = f"  PROC Run()\n    {statement}\n  ENDPROC" if elsewhere else ""
+    other_file = f"  PROC Run()\n    {statement}\n  ENDPROC" if elsewhere else ""
     body = JOINT_MOVE + statement * (not elsewhere)
-    moved = move(tmp_path, body, DECLARED, abroad=abroad, options=("--joints", "move"))
+    moved = move(tmp_path, body, DECLARED, other_file=other_file, options=("--joints", "move"))
     assert moved["points"]["j1"]["status"] == "left"
     assert moved["points"]["j1"]["reason"] in (OVERWRITTEN, PART)
 

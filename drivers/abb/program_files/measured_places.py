@@ -46,7 +46,7 @@ def measured_inside(text: str, place: int, end: int) -> Iterator[str]:
 
 
 def is_measured(name: str) -> bool:
-    """Tell whether a name is that of a place that is taken from where the robot stands."""
+    """Return whether a name is that of a place that is taken from where the robot stands."""
     return name.startswith(_BEGINS)
 
 
@@ -69,6 +69,6 @@ def measured_shifts(
         )
 
 
-def frames_abroad(uses: Iterable[tuple[MoveFrames, str]]) -> set[str | None]:
+def frames_in_other_files(uses: Iterable[tuple[MoveFrames, str]]) -> set[str | None]:
     """Return the work objects in which other files move to a measured place."""
     return {use.frame for use, _ in uses if use.why not in VALUES_GIVEN}

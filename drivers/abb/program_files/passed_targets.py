@@ -117,7 +117,7 @@ def pass_targets(
     ``tools`` are names that are a tool's, in small letters.
     """
     called = [(call, scope) for call in calls if (scope := _routine_scope(parameters, call))]
-    uses.calls_abroad = _calls_abroad(
+    uses.calls_of_other_files = _calls_of_other_files(
         uses, parameters, [_with_tool(uses, parameters, one, tools) for one in calls]
     )
     for _ in range(_MOST_ROUNDS):  # a routine may pass its parameter on
@@ -151,7 +151,7 @@ def _with_tool(
     return call._replace(stated=ParameterUse(tool, frame))
 
 
-def _calls_abroad(
+def _calls_of_other_files(
     uses: TargetUses, parameters: RoutineParameters, calls: Sequence[RoutineCall]
 ) -> list[RoutineCall]:
     """Return calls of other files' routines, and of own ones that pass on what they get to such."""
@@ -164,24 +164,26 @@ def _calls_abroad(
             return found
         taken = set(map(id, some))
         waiting = [one for one in waiting if id(one) not in taken]
-        new = [seen for one in some if (seen := _call_abroad(uses, one)) is not None]
+        new = [seen for one in some if (seen := _call_for_other_files(uses, one)) is not None]
         alike = {(one.scope, one.routine, one.arguments): one for one in some}
         new += [copied for one in alike.values() for copied in _calls_with_sources(uses, one)]
         parameters.passing_on |= {one.scope for one in new if one.passes_on}
         found += new
 
 
-def _call_abroad(uses: TargetUses, call: RoutineCall) -> RoutineCall | None:
+def _call_for_other_files(uses: TargetUses, call: RoutineCall) -> RoutineCall | None:
     """Return a call with what other files see of its arguments; None for one of nothing."""
 
-    def name_abroad(name: str) -> str:
-        return uses.key_abroad(name, call.scope) if name else ""
+    def name_for_other_files(name: str) -> str:
+        return uses.key_for_other_files(name, call.scope) if name else ""
 
-    arguments, parts = (tuple(map(name_abroad, some)) for some in (call.arguments, call.parts))
-    options = {option: name_abroad(name) for option, name in call.options.items()}
+    arguments, parts = (tuple(map(name_for_other_files, some)) for some in (call.arguments, call.parts))
+    options = {option: name_for_other_files(name) for option, name in call.options.items()}
     if not any((*arguments, *parts, *options.values())):
         return None
-    stated = None if call.stated is None or call.routine in WORDS else uses.seen_abroad(*call.stated[:2])
+    stated = (
+        None if call.stated is None or call.routine in WORDS else uses.seen_by_other_files(*call.stated[:2])
+    )
     return call._replace(arguments=arguments, parts=parts, options=options, stated=stated)
 
 
@@ -189,7 +191,7 @@ def _calls_with_sources(uses: TargetUses, call: RoutineCall) -> Iterator[Routine
     """Yield a call, as other files see it, as if it passed the targets themselves of which it passes copies."""
     sources = [uses.copied_into(name, call.scope) if name else [] for name in call.arguments]
     if any(sources):
-        names = tuple(uses.key_abroad(each, call.scope) if each else "" for each in call.arguments)
+        names = tuple(uses.key_for_other_files(each, call.scope) if each else "" for each in call.arguments)
         yield from call._replace(arguments=names).with_sources(sources)
 
 

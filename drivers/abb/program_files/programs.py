@@ -16,7 +16,11 @@ from cellcal.drivers.abb.program_files.collected_positions import LEAST_ANGLE_DE
 from cellcal.drivers.abb.program_files.configuration import AbbConfigurations, numbers_of
 from cellcal.drivers.abb.program_files.instructions import MOVES
 from cellcal.drivers.abb.program_files.literals import AGGREGATES
-from cellcal.drivers.abb.program_files.measured_places import frames_abroad, is_measured, measured_shifts
+from cellcal.drivers.abb.program_files.measured_places import (
+    frames_in_other_files,
+    is_measured,
+    measured_shifts,
+)
 from cellcal.drivers.abb.program_files.motion_configuration import (
     LISTS,
     UNKNOWN_ROBOT,
@@ -158,8 +162,8 @@ class AbbFile:
                 local_tools=module.frames.local_poses(module.frames.tools),
                 local_bases=module.frames.local_poses(module.frames.bases),
                 routine_targets=module.parameters.to_targets(uses),
-                calls=tuple(uses.calls_abroad),
-                copies=uses.copies_abroad(),
+                calls=tuple(uses.calls_of_other_files),
+                copies=uses.copies_for_other_files(),
                 own_uses=uses.shown_uses(),
                 named_tools=module.frames.public_tools(),
                 moves=module.moves,
@@ -207,7 +211,7 @@ class AbbFile:
             shift
             for name, uses in external_uses.uses.items()
             if is_measured(name)
-            for shift in measured_shifts(self.source, name, frames_abroad(uses))
+            for shift in measured_shifts(self.source, name, frames_in_other_files(uses))
         )
         positions = replace(positions, shifts=(*positions.shifts, *places, *measured))
         positions = _with_agreed_tools(positions, external_uses, self.keys)

@@ -66,7 +66,7 @@ _COPY_TEXT = "{} is set to another target while the program runs."
 _ASSIGNED_TEXT = "{} is set while the program runs; that value is not read."
 _INSIDE_TEXT = "A position stands inside this statement; it is not read, and stays as it is."
 _SET_LATER = "it gets its coordinates while the program runs"
-_ASSIGNED_ABROAD = "it is given to a name that this file does not declare: what goes to it is not known"
+_ASSIGNED_TO_UNKNOWN = "it is given to a name that this file does not declare: what goes to it is not known"
 _STAR_UNKNOWN = "its coordinates are not in the file"
 
 
@@ -240,7 +240,7 @@ class RapidModule(RapidDeclarations):
         row = len(self.found.names)
         add()
         if not self.uses.assign(name, row):
-            self.uses.barred[row] = _ASSIGNED_ABROAD
+            self.uses.barred[row] = _ASSIGNED_TO_UNKNOWN
         self.assigned_here.append((bare, self.uses.scope))
 
     def _take_instruction(self, word: str, start: int, end: int) -> int:

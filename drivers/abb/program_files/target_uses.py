@@ -65,7 +65,9 @@ class TargetUses:
     sources: dict[tuple[str, str], set[tuple[str, str]]] = field(
         default_factory=lambda: defaultdict(set)
     )  # by what they are copied to
-    calls_abroad: list[RoutineCall] = field(default_factory=list)  # of routines that other files declare
+    calls_of_other_files: list[RoutineCall] = field(
+        default_factory=list
+    )  # of routines that other files declare
     of_modules: dict[str, list[int]] = field(
         default_factory=lambda: defaultdict(list)
     )  # seen from all routines
@@ -126,7 +128,7 @@ class TargetUses:
         if not scope.endswith("/"):
             self.local_keys[row] = f"{scope}:{name}"
 
-    def key_abroad(self, name: str, scope: str) -> str:
+    def key_for_other_files(self, name: str, scope: str) -> str:
         """Return a name as other files' routines get it; "" for a place without numbers."""
         if (scope, name.partition("{")[0].lower()) in self.parameters:
             return PARAMETER + name.partition("{")[0].lower()
@@ -139,7 +141,7 @@ class TargetUses:
             return ""
         return OWN + (name.lower() if where.endswith("/") else f"{where}:{name.lower()}")
 
-    def seen_abroad(self, tool: str | None, frame: str | None) -> ParameterUse:
+    def seen_by_other_files(self, tool: str | None, frame: str | None) -> ParameterUse:
         """Return a use for other files, which do not see all tools and work objects of this one."""
         if not (tool and frame):
             return ParameterUse(tool, frame, BARRED_COMPUTED)
@@ -255,11 +257,11 @@ class TargetUses:
             found[scope, name] = {frame for one in its for _, frame in uses.get(one, ())}
         return found
 
-    def copies_abroad(self) -> tuple[tuple[str, str], ...]:
+    def copies_for_other_files(self) -> tuple[tuple[str, str], ...]:
         """Return the targets of which copies are made that other files see: their name for others, and the copy's."""
         found: set[tuple[str, str]] = set()
         for scope, name, to in self.copied | self.returned:
-            source, copy = self.key_abroad(name, scope), self.key_abroad(to, scope)
+            source, copy = self.key_for_other_files(name, scope), self.key_for_other_files(to, scope)
             if source and copy and not source.startswith(PARAMETER) and not copy.startswith((OWN, PARAMETER)):
                 found.add((source if source.startswith(OWN) else source.lower(), copy.lower()))
         return tuple(sorted(found))
@@ -274,7 +276,7 @@ class TargetUses:
             more = self.sources.get(waiting.pop(), set()) - found
             waiting += [self._declared_at(source, where) for where, source in more]
             found |= more
-        keys = {self.key_abroad(source, where) for where, source in found}
+        keys = {self.key_for_other_files(source, where) for where, source in found}
         return sorted(keys - {""})
 
     def shown_uses(self) -> dict[str, frozenset[MoveFrames]]:
@@ -283,7 +285,7 @@ class TargetUses:
         for bare, rows in self.of_modules.items():
             for row in rows[:1] if len(rows) == 1 else rows[:_MOST_USES]:
                 for use in self.of_row.get(row, ())[:_MOST_USES]:
-                    found.setdefault(bare, set()).add(MoveFrames(*self.seen_abroad(*use)[:3]))
+                    found.setdefault(bare, set()).add(MoveFrames(*self.seen_by_other_files(*use)[:3]))
         return {bare: frozenset(some) for bare, some in found.items()}
 
     def _bar_copied_targets(self, found: RapidPositions) -> None:
@@ -296,7 +298,7 @@ class TargetUses:
                     self.barred[row] = COPIED
 
     def _note_external_use(self, name: str, uses: set[ToolAndFrame]) -> None:
-        seen = [self.seen_abroad(tool, frame) for tool, frame in uses]
+        seen = [self.seen_by_other_files(tool, frame) for tool, frame in uses]
         self.external_uses.setdefault(name.lower(), set()).update(MoveFrames(*use[:4]) for use in seen)
 
     def note_external_value(self, name: str, scope: str, why: str) -> None:
@@ -406,9 +408,9 @@ class TargetUses:
     def uses_of_parameter(self, scope: str, name: str) -> frozenset[ParameterUse]:
         """Return how moves go to a parameter, and to copies of it, for other files."""
         parameter = scope, name
-        found = {self.seen_abroad(*use) for use in self.of_parameters.get(parameter, ())}
+        found = {self.seen_by_other_files(*use) for use in self.of_parameters.get(parameter, ())}
         if parameter in self.of_copied_parameters:
-            copied = {self.seen_abroad(*use) for use in self.of_copied_parameters[parameter]}
+            copied = {self.seen_by_other_files(*use) for use in self.of_copied_parameters[parameter]}
             found |= {use if use.why else use._replace(why=COPIED) for use in copied}
             found.add(ParameterUse(None, None, COPIED))
         return frozenset(found)

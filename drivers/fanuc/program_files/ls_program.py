@@ -91,11 +91,11 @@ class LsProgram:
         return without_set_frames(found, self.file, doubtful) if doubtful else found
 
     def _with_chosen(self, found: Positions) -> Positions:
-        abroad = self.external_uses or BatchDeclarations({self.file: self.declarations}).uses_of_file(
+        external_uses = self.external_uses or BatchDeclarations({self.file: self.declarations}).uses_of_file(
             self.file
         )
-        assert abroad is not None
-        return with_chosen_frames(found, self._place.data, self.name.upper(), abroad)
+        assert external_uses is not None
+        return with_chosen_frames(found, self._place.data, self.name.upper(), external_uses)
 
     @cached_property
     def remarks(self) -> tuple[Remark, ...]:

@@ -107,13 +107,13 @@ def calls_of_file(points: PointUses) -> tuple[RoutineCall, ...]:
     """Return the calls of a program, with what they pass as other files name it."""
     by_name = {routine.name: routine for routine in points.routines}
     alike = {(call.scope, call.routine, call.arguments): call for call in points.calls}
-    abroad = [call for call in alike.values() if call.routine not in by_name]
+    elsewhere = [call for call in alike.values() if call.routine not in by_name]
     return tuple(
         call._replace(
-            arguments=tuple(_key_abroad(name, by_name[call.scope]) for name in call.arguments),
-            parts=tuple(_key_abroad(name, by_name[call.scope]) for name in call.parts),
+            arguments=tuple(_key_for_other_files(name, by_name[call.scope]) for name in call.arguments),
+            parts=tuple(_key_for_other_files(name, by_name[call.scope]) for name in call.parts),
         )
-        for call in (*points.calls, *(one for call in abroad for one in _calls_with_sources(points, call)))
+        for call in (*points.calls, *(one for call in elsewhere for one in _calls_with_sources(points, call)))
     )
 
 
@@ -129,7 +129,7 @@ def _calls_with_sources(points: PointUses, call: RoutineCall) -> Iterator[Routin
     return call.with_sources([sorted(points.copied_into(name)) if name else () for name in call.arguments])
 
 
-def _key_abroad(name: str, routine: KrlRoutine) -> str:
+def _key_for_other_files(name: str, routine: KrlRoutine) -> str:
     """Return a name as data lists have it, marked where it is the routine's own."""
     bare = name.partition("[")[0]
     if any(one.name == bare for one in routine.parameters):

@@ -25,7 +25,9 @@ def declare_features(names: Iterable[str], *, calls: bool) -> FileDeclarations:
     )
 
 
-def features_set_abroad(external_uses: ExternalUses, names: Iterable[str], *, calls: bool) -> frozenset[str]:
+def features_set_elsewhere(
+    external_uses: ExternalUses, names: Iterable[str], *, calls: bool
+) -> frozenset[str]:
     """Return those of the names that other files may set; a program that calls none is called by such that do."""
     words = (_SET, _SET_ALONE) if calls else (_SET,)
     return frozenset(

@@ -68,7 +68,7 @@ class ScriptSteps:
         )
 
     def _stands_behind_frame(self, found: re.Match[str]) -> bool:
-        """Tell whether what is taken here, in the base, is brought into a frame."""
+        """Return whether what is taken here, in the base, is brought into a frame."""
         uses = self.finder.found.uses.get(found["to"], ()) if found["to"] else ()
         places = [found.start(), *(at for at, _, _ in uses)]
         return any(_BEHIND.search(self.text, max(0, at - _LONGEST_FRAME), at) for at in places)
@@ -81,7 +81,7 @@ class ScriptSteps:
         return start
 
     def _begins_step(self, found: re.Match[str]) -> bool:
-        """Tell whether a step is added to what is taken here, at once or by its name."""
+        """Return whether a step is added to what is taken here, at once or by its name."""
         if found["to"] is None:
             begin = found.start()
             return _FROM.search(self.text, max(0, begin - _LONGEST_GAP), begin) is not None

@@ -18,7 +18,7 @@ from cellcal.drivers.programs.positions import PositionChange, Positions, Progra
 from cellcal.drivers.universal_robots.program_files.feature_variables import (
     declare_features,
     feature_of,
-    features_set_abroad,
+    features_set_elsewhere,
 )
 from cellcal.drivers.universal_robots.program_files.script_numbers import (
     DOUBLE_STEP,
@@ -60,7 +60,7 @@ class UrpProgram:
     waypoints: tuple[Waypoint, ...]
     columns: WaypointColumns
     remarks: tuple[Remark, ...]
-    set_abroad: frozenset[str] = frozenset()  # features that other programs may set
+    set_elsewhere: frozenset[str] = frozenset()  # features that other programs may set
 
     @classmethod
     def from_bytes(cls, file: str, data: bytes) -> Self:
@@ -86,8 +86,8 @@ class UrpProgram:
     def with_external_uses(self, external_uses: ExternalUses) -> Self:
         """Return the program with the features that others set."""
         names = {feature_of(waypoint.feature_name) for waypoint in self.waypoints}
-        found = features_set_abroad(external_uses, names, calls=calls_others(self.reader))
-        return replace(self, set_abroad=found) if found else self
+        found = features_set_elsewhere(external_uses, names, calls=calls_others(self.reader))
+        return replace(self, set_elsewhere=found) if found else self
 
     @cached_property
     def _own_features(self) -> frozenset[str]:
@@ -111,7 +111,7 @@ class UrpProgram:
     @cached_property
     def _all_positions(self) -> Positions:
         found = with_unread(self.columns.positions, unread_positions_of(self.xml, self.reader))
-        in_variables = self._own_features | self.set_abroad
+        in_variables = self._own_features | self.set_elsewhere
         turned = {
             row: COMPUTED
             for row, waypoint in enumerate(self.waypoints)

@@ -85,7 +85,7 @@ def features_set_by(xml: XmlText, reader: WaypointReader) -> frozenset[str]:
 
 
 def calls_others(reader: WaypointReader) -> bool:
-    """Tell whether a program calls others, which then see its variables, and it theirs."""
+    """Return whether a program calls others, which then see its variables, and it theirs."""
     return any(tag in reader.tags for tag in ("SubProgram", "CallSubProgram", "Script"))
 
 

@@ -107,15 +107,15 @@ class ProgramRegisters:
 
 def _uses_in(program: LsProgram) -> Sequence[RegisterUse]:
     """Return the uses of registers, in the frame and with the tool of the callers where the program chooses none."""
-    abroad = program.external_uses
-    found = registers_used(program.to_bytes(), program.positions, abroad)
-    if abroad is None:
+    external_uses = program.external_uses
+    found = registers_used(program.to_bytes(), program.positions, external_uses)
+    if external_uses is None:
         return found
     return [
         replace(
             use,
-            user_frame=_of_callers(use.user_frame, abroad.frames_before),
-            tool=_of_callers(use.tool, abroad.tools_before),
+            user_frame=_of_callers(use.user_frame, external_uses.frames_before),
+            tool=_of_callers(use.tool, external_uses.tools_before),
         )
         for use in found
     ]

@@ -57,8 +57,12 @@ def with_siblings(source: ProgramSource, program: ProgramFile) -> ProgramFile:
     else:
         read_siblings([source])
         across = cast(BatchDeclarations, source.siblings.across)
-    abroad = across.uses_of_file(str(source.path))
-    return program if abroad is None else cast(DeclaringProgram, program).with_external_uses(abroad)
+    external_uses = across.uses_of_file(str(source.path))
+    return (
+        program
+        if external_uses is None
+        else cast(DeclaringProgram, program).with_external_uses(external_uses)
+    )
 
 
 def _may_inform(source: ProgramSource) -> bool:

@@ -105,7 +105,10 @@ def move_programs(language: MotionLanguage, texts: dict[str, str], change: Array
         telling: list[DeclaringProgram] = files  # type: ignore[assignment]  # the brand says so
         across = BatchDeclarations({name: one.declarations for name, one in zip(texts, telling, strict=True)})
         variable_uses = [(one, across.uses_of_file(name)) for name, one in zip(texts, telling, strict=True)]
-        files = [one if abroad is None else one.with_external_uses(abroad) for one, abroad in variable_uses]
+        files = [
+            one if external_uses is None else one.with_external_uses(external_uses)
+            for one, external_uses in variable_uses
+        ]
     return move_transfer(
         _project_of(language), change, brand.configurations, joints="keep"
     ).transfer_programs(files)
