@@ -20,12 +20,12 @@ from cellcal.service.engineering.programs.robot_makes import (
     lacks_coupling,
     runs_programs_of,
 )
+from cellcal.service.engineering.programs.written_tools import ALIKE_M, ALIKE_RAD, tool_at
 
 Entry = TypeVar("Entry")
 CASELESS = frozenset(("abb", "kuka"))  # brands whose languages take a name in any case
 
 _ALWAYS = {"yaskawa": ("BASE", "ROBOT")}  # a file may hold these, but does not bring them
-_ALIKE_M, _ALIKE_RAD = 1e-5, np.radians(0.01)  # what a pendant shows of one pose and another
 _NEAREST_M = 5e-3  # all points of a program within this of their frame's origin: another unit
 _FEWEST = 3
 _MISSING = {
@@ -52,7 +52,7 @@ def _brought_frames(program: ProgramFile, *, at_home: bool) -> tuple[Mapping[str
 def tool_of(
     project: Project, program: ProgramFile, name: str | None, *, at_home: bool = True
 ) -> ProjectTool | None:
-    """Return the tool that a position names: of the project, of the program, or what every controller has.
+    """Return the tool that a position names or writes: of the project, of the program, or what every controller has.
 
     ``at_home`` says that the project is the cell where the program is from.
     """
@@ -65,7 +65,9 @@ def tool_of(
     pose = _own_pose(
         _brought_frames(program, at_home=at_home)[0], named, flange_of(program.brand), program.brand
     )
-    return None if pose is None else ProjectTool(pose, pose)
+    if pose is None:
+        return None
+    return tool_at(project, program.brand, pose) or ProjectTool(pose, pose)
 
 
 def frame_of(
@@ -134,7 +136,7 @@ def find_contradiction(
         if own is None or cells is None or any(_is_same_name(name or "", one, brand) for one in always):
             continue
         apart, turned = same_place(own.to_matrix()[None], cells[None])
-        if apart[0] > _ALIKE_M or turned[0] > _ALIKE_RAD:
+        if apart[0] > ALIKE_M or turned[0] > ALIKE_RAD:
             return (
                 f"the program brings its own {what} {name}, {apart[0] * 1e3:.2f} mm and "
                 f"{np.degrees(turned[0]):.2f} deg from that of {project.path.name}: make them one"

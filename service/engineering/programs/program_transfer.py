@@ -62,6 +62,7 @@ from cellcal.service.engineering.programs.project_pulses import read_for_robot
 from cellcal.service.engineering.programs.result import ProgramResult
 from cellcal.service.engineering.programs.transfer_route import FramePair, TransferRoute
 from cellcal.service.engineering.programs.turned_shifts import find_turned_shifts
+from cellcal.service.engineering.programs.written_tools import ambiguous_tool, unmeasured_tools
 
 _BLOCK = 32768  # the few points that need many steps take them together
 
@@ -107,7 +108,11 @@ class ProgramTransfer:
             result.axis_values = np.full((len(points), len(self._route.target.axes)), np.nan)
             result.carried = CarriedChanges.make_empty(len(points))
         result.target_axes = self._route.target.axes
-        warnings = [*self._judge.unchecked_shapes(points), *unconfirmed_meanings(points)]
+        warnings = [
+            *self._judge.unchecked_shapes(points),
+            *unconfirmed_meanings(points),
+            *unmeasured_tools(points, source),
+        ]
         for group in groups_of(points, bring_their_own(programs) or self._rule is None):
             self._transfer_group(points, group, result, warnings)
         warnings += [
@@ -188,7 +193,8 @@ class ProgramTransfer:
             return self._standing_pair(points, group)
         homes = [project is route.source for project in ends]
         for project, at_home in zip(ends, homes, strict=True):
-            if why := find_contradiction(project, program, group.tool, group.frame, at_home=at_home):
+            why = find_contradiction(project, program, group.tool, group.frame, at_home=at_home)
+            if why := why or ambiguous_tool(project, program, group.tool):
                 points.refuse_points(group.rows, why)
                 return None
         tools = [
