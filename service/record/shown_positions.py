@@ -19,7 +19,7 @@ class KeptPosition:
     serial: str
     values: Mapping[Datum, str]
     marks: tuple[str, ...]  # of the newest entries of its log
-    record_sha256: str  # of the position record in force then; "" without one
+    reference_key: str  # the SHA-256 of the position record in force then, or the run of a cure; "" without
     seen_utc: str
 
 
@@ -41,7 +41,7 @@ class KeptPositions:
             "serial": baseline.serial,
             "values": values,
             "marks": list(baseline.marks),
-            "record_sha256": baseline.record_sha256,
+            "record_sha256": baseline.reference_key,
             "seen_utc": baseline.seen_utc,
         }
         self._files.save_document(baseline.robot, document)

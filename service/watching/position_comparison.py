@@ -2,7 +2,8 @@
 
 Calibration offsets of an ABB, absolute data of a Yaskawa, mastering angles of a KUKA and the factory data of a UR do
 not change by themselves; and a log tells of a position that was lost and brought back between two looks. Neither
-raises an alarm. What is found is told at each look until a new position record is taken, or a person accepts it.
+raises an alarm. What is found is told at each look until a new position record is taken, a cure that was proved by
+measurement has passed, or a person accepts it.
 """
 
 import logging
@@ -37,6 +38,23 @@ _NO_LOG = PositionHistory((), (), is_whole=True)
 
 
 @dataclass(frozen=True, slots=True)
+class ZeroReference:
+    """What a controller's zero rests on: its position record, or a cure that passed after it."""
+
+    record: ArmPositionRecord | None = None
+    cure_run: str = ""  # of a cure that passed after the record: what is shown since then is right
+
+    @property
+    def key(self) -> str:
+        """What tells this reference from others; "" for none."""
+        return self.cure_run or ("" if self.record is None else self.record.measured.sha256)
+
+    def recorded_data(self) -> dict[Datum, str]:
+        """Return the data of the record, where nothing has replaced them."""
+        return {} if self.record is None or self.cure_run else _zero_data(self.record.shown)
+
+
+@dataclass(frozen=True, slots=True)
 class PositionLook:
     """What one look found: what it was compared with, in words what is wrong, and what was not seen."""
 
@@ -52,7 +70,7 @@ class PositionComparison:
         self,
         memory: KeptPositions,
         serial: str,
-        newest: Callable[[], ArmPositionRecord | None],
+        newest: Callable[[], ZeroReference],
         *,
         warn: Callable[[str], None] = _LOG.warning,
         look_every_s: float = LOOK_EVERY_S,
@@ -84,15 +102,14 @@ class PositionComparison:
         DeviceError
             The controller does not answer.
         """
-        record = self._newest()
+        reference = self._newest()
         baseline = self._memory.load(robot.name)
-        if baseline is not None and not _is_valid(baseline, self._serial, record):
+        if baseline is not None and not _is_valid(baseline, self._serial, reference):
             baseline = None
         last = baseline or KeptPosition(robot.name, self._serial, {}, (), "", "")
         shown = await cast(TellsPositionData, robot).position_data()
         history = await _history_of(robot, last.marks)
-        present, recorded = _zero_data(shown), {} if record is None else _zero_data(record.shown)
-        before = {**recorded, **last.values}
+        present, before = _zero_data(shown), {**reference.recorded_data(), **last.values}
         trouble = None if accept else _find_trouble(before, present, history, baseline)
         gap = "" if baseline is None or history.is_whole else _describe_gap(baseline)
         absent = sorted({name for name, axis in before if (name, axis) not in present})
@@ -100,10 +117,10 @@ class PositionComparison:
             unseen = make_message("not shown this time, and not compared: {names}.", names=", ".join(absent))
             gap = join_messages(" ", filter(None, (gap, unseen)))
         if trouble is None:
-            sha256 = last.record_sha256 if record is None else record.measured.sha256
             values, marks = {**before, **present}, history.marks or last.marks
-            self._store_baseline(replace(last, values=values, marks=marks, record_sha256=sha256))
-        return PositionLook(_compared_with(record, baseline, has_data=bool(before)), trouble, gap)
+            key = reference.key or last.reference_key
+            self._store_baseline(replace(last, values=values, marks=marks, reference_key=key))
+        return PositionLook(_compared_with(reference, baseline, has_data=bool(before)), trouble, gap)
 
     def _store_baseline(self, baseline: KeptPosition) -> None:
         try:
@@ -112,33 +129,34 @@ class PositionComparison:
             self._warn(f"{baseline.robot}: what it shows cannot be kept: {error.strerror or error}.")
 
 
-def journalled_position(config: CellConfig, serial: str) -> Callable[[], ArmPositionRecord | None]:
-    """Return what reads the newest position record of a robot from the cell's journal."""
+def journalled_position(config: CellConfig, serial: str) -> Callable[[], ZeroReference]:
+    """Return what reads the newest position record of a robot, and a cure after it, from the cell's journal."""
 
-    def read_journal() -> ArmPositionRecord | None:
+    def read_journal() -> ZeroReference:
         if not journal_path(config).exists():
-            return None
+            return ZeroReference()
         try:
             with open_journal(config) as journal:
-                return RunStore(journal).position_record(serial)
+                store = RunStore(journal)
+                return ZeroReference(store.position_record(serial), store.cure_since_record(serial))
         except StoreError as error:
             _LOG.warning("what the controller shows is not compared with its position record: %s", error)
-            return None
+            return ZeroReference()
 
     return read_journal
 
 
-def _is_valid(baseline: KeptPosition, serial: str, record: ArmPositionRecord | None) -> bool:
-    """Return whether what was kept is of this robot, and no record was taken since that tells what is right."""
-    return baseline.serial == serial and (record is None or baseline.record_sha256 == record.measured.sha256)
+def _is_valid(baseline: KeptPosition, serial: str, reference: ZeroReference) -> bool:
+    """Return whether what was kept is of this robot, and no record or cure since then tells what is right."""
+    return baseline.serial == serial and reference.key in ("", baseline.reference_key)
 
 
-def _compared_with(record: ArmPositionRecord | None, baseline: KeptPosition | None, *, has_data: bool) -> str:
+def _compared_with(reference: ZeroReference, baseline: KeptPosition | None, *, has_data: bool) -> str:
     if baseline is not None and not has_data:
         return make_message("the look of {seen_utc}, by its log alone", seen_utc=baseline.seen_utc[:16])
     if baseline is not None:
         return make_message("the look of {seen_utc}", seen_utc=baseline.seen_utc[:16])
-    return "" if record is None else "the position record"
+    return "" if reference.record is None or reference.cure_run else "the position record"
 
 
 async def _history_of(robot: Robot, since: tuple[str, ...]) -> PositionHistory:

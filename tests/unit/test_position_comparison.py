@@ -6,7 +6,7 @@ from typing import Any
 from cellcal.calibration.mastering.position_record import ShownValue
 from cellcal.drivers.interfaces import Alarm, AlarmKind, PositionHistory, RobotCapabilities
 from cellcal.service.record.shown_positions import KeptPositions
-from cellcal.service.watching.position_comparison import PositionComparison
+from cellcal.service.watching.position_comparison import PositionComparison, ZeroReference
 
 
 class ShowingArm:
@@ -26,8 +26,10 @@ class ShowingArm:
         return self.history
 
 
-async def look(arm: ShowingArm, folder: Path, serial: str = "A1", **options: Any) -> Any:
-    comparison = PositionComparison(KeptPositions(folder), serial, lambda: None)
+async def look(
+    arm: ShowingArm, folder: Path, serial: str = "A1", *, cure_run: str = "", **options: Any
+) -> Any:
+    comparison = PositionComparison(KeptPositions(folder), serial, lambda: ZeroReference(None, cure_run))
     return await comparison.look(arm, **options)  # type: ignore[arg-type]
 
 
@@ -64,6 +66,22 @@ async def test_only_a_lost_position_in_the_log_is_told(tmp_path: Path) -> None:
     for kind, is_told in ((AlarmKind.BATTERY_LOW, False), (AlarmKind.TURNS, True)):
         arm.history = PositionHistory((Alarm("7", "x", None, kind),), ("2",), is_whole=True)
         assert ((await look(arm, tmp_path)).trouble is not None) is is_told
+
+
+async def test_a_cure_that_was_proved_ends_what_the_log_and_the_zero_tell(tmp_path: Path) -> None:
+    arm = ShowingArm()
+    await look(arm, tmp_path)
+    arm.history = PositionHistory((Alarm("7", "x", None, AlarmKind.TURNS),), ("2",), is_whole=True)
+    arm.shown = (ShownValue("zero", "2.5", 0, is_zero=True),)
+    assert (await look(arm, tmp_path)).trouble is not None
+    assert (await look(arm, tmp_path, cure_run="r1")).trouble is None
+    assert (
+        await look(arm, tmp_path, cure_run="r1")
+    ).trouble is not None  # the same log once more: a new loss
+    arm.history = PositionHistory((), ("2",), is_whole=True)
+    assert (await look(arm, tmp_path, cure_run="r1")).trouble is None
+    arm.shown = (ShownValue("zero", "1.5", 0, is_zero=True),)
+    assert "2.5, 1.5" in (await look(arm, tmp_path, cure_run="r1")).trouble[0]
 
 
 async def test_a_damaged_file_is_a_first_look(tmp_path: Path) -> None:

@@ -1,0 +1,58 @@
+"""A cure that passed after the position record says what the controller's zero is, until the next record."""
+
+from pathlib import Path
+
+from cellcal.procedures.run_history import EventKind
+from cellcal.service.configuration.cell_file import CellConfig
+from cellcal.service.record.journal import NewEvent
+from cellcal.service.record.journal_files import open_journal
+from cellcal.service.record.run_store import POSITION_RECORD, RunStore
+from tests.procedures.certified_runs import cell_config
+
+SERIAL = "F-1"
+
+
+def add_run(
+    config: CellConfig, number: int, procedure: str, *more: NewEvent, word: str, serial: str = SERIAL
+) -> str:
+    """Put a run into the journal that ended with a verdict; return its id."""
+    run_id = f"{procedure}-{number:012x}"
+    cell = {"devices": [{"role": "robot", "identity": {"serial": serial}}]}
+    with open_journal(config) as journal:
+        journal.append_all(
+            run_id,
+            [
+                NewEvent(EventKind.STARTED, {"procedure": procedure, "cell": cell}),
+                *more,
+                NewEvent(EventKind.ENDED, {"verdict": "passed", "reason": "", "judgement": {"word": word}}),
+            ],
+        )
+    return run_id
+
+
+def add_record(config: CellConfig, number: int) -> None:
+    stored = NewEvent(EventKind.STORED, {"what": POSITION_RECORD, "robot_serial": SERIAL, "value": {}})
+    add_run(config, number, "position_record", stored, word="pass")
+
+
+def cure_in_force(config: CellConfig) -> str:
+    with open_journal(config) as journal:
+        return RunStore(journal).cure_since_record(SERIAL)
+
+
+def test_the_newest_cure_that_passed_counts_until_the_next_record(tmp_path: Path) -> None:
+    config = cell_config(tmp_path)
+    add_record(config, 1)
+    assert cure_in_force(config) == ""
+    add_run(config, 2, "position_cure", word="fail")
+    add_run(config, 3, "position_cure", word="pass", serial="another")
+    add_run(config, 4, "drift_check", word="pass")
+    assert cure_in_force(config) == ""
+    first = add_run(config, 5, "position_cure", word="pass")
+    assert cure_in_force(config) == first
+    add_run(config, 6, "position_cure", word="undecided")
+    assert cure_in_force(config) == first
+    second = add_run(config, 7, "position_cure", word="pass")
+    assert cure_in_force(config) == second
+    add_record(config, 8)
+    assert cure_in_force(config) == ""
