@@ -27,6 +27,7 @@ from cellcal.drivers.interfaces import (
 from cellcal.service.configuration.cell_file import CellConfig
 from cellcal.service.record.journal import StoreError
 from cellcal.service.record.journal_files import journal_path, open_journal
+from cellcal.service.record.proved_cures import ProvedCure
 from cellcal.service.record.run_store import RunStore
 from cellcal.service.record.shown_positions import Datum, KeptPosition, KeptPositions
 from cellcal.service.watching.loss_modes import Suspicion, old_backup, suspect_return
@@ -42,16 +43,20 @@ class ZeroReference:
     """What a controller's zero rests on: its position record, or a cure that passed after it."""
 
     record: ArmPositionRecord | None = None
-    cure_run: str = ""  # of a cure that passed after the record: what is shown since then is right
+    cure: ProvedCure | None = None  # that passed after the record: what was shown in it is right since then
 
     @property
     def key(self) -> str:
         """What tells this reference from others; "" for none."""
-        return self.cure_run or ("" if self.record is None else self.record.measured.sha256)
+        if self.cure is not None:
+            return self.cure.run_id
+        return "" if self.record is None else self.record.measured.sha256
 
     def recorded_data(self) -> dict[Datum, str]:
-        """Return the data of the record, where nothing has replaced them."""
-        return {} if self.record is None or self.cure_run else _zero_data(self.record.shown)
+        """Return the data of the record, or of the cure that has replaced it."""
+        if self.cure is not None:
+            return _zero_data(self.cure.shown)
+        return {} if self.record is None else _zero_data(self.record.shown)
 
 
 @dataclass(frozen=True, slots=True)
@@ -156,7 +161,9 @@ def _compared_with(reference: ZeroReference, baseline: KeptPosition | None, *, h
         return make_message("the look of {seen_utc}, by its log alone", seen_utc=baseline.seen_utc[:16])
     if baseline is not None:
         return make_message("the look of {seen_utc}", seen_utc=baseline.seen_utc[:16])
-    return "" if reference.record is None or reference.cure_run else "the position record"
+    if reference.cure is not None:
+        return make_message("the cure {run_id}", run_id=reference.cure.run_id) if has_data else ""
+    return "" if reference.record is None else "the position record"
 
 
 async def _history_of(robot: Robot, since: tuple[str, ...]) -> PositionHistory:
