@@ -23,9 +23,12 @@ class ProvedCure:
     shown: tuple[ShownValue, ...] = ()  # after the work at the pendant; empty where its end does not tell it
 
 
-def newest_proved_cure(events: Iterable[JournalEvent], robot_serial: str) -> ProvedCure | None:
-    """Return the newest cure of a robot that passed after its position record, and counts as passed still."""
-    cures, proved = set[str](), dict[str, ProvedCure]()
+def newest_cures(events: Iterable[JournalEvent], robot_serial: str) -> tuple[ProvedCure | None, str]:
+    """Return the newest cure of a robot that passed after its position record, and the run of an unproved one since.
+
+    A cure that is gone on with counts by its next end.
+    """
+    cures, proved, unproved = set[str](), dict[str, ProvedCure](), ""
     for event in events:
         if event.kind == EventKind.STARTED and _is_cure(parse_json(event.body), robot_serial):
             cures.add(event.run_id)
@@ -33,13 +36,16 @@ def newest_proved_cure(events: Iterable[JournalEvent], robot_serial: str) -> Pro
             proved.pop(event.run_id, None)  # it goes on: only its next end counts
         if event.kind == EventKind.ENDED and event.run_id in cures:
             end = parse_json(event.body)
-            if (end.get("judgement") or {}).get("word") == _PASS:
+            word = (end.get("judgement") or {}).get("word")
+            if word == _PASS:
                 proved[event.run_id] = ProvedCure(event.run_id, _read_shown(end.get("result")))
-        elif event.kind == EventKind.STORED and proved:
+            unproved = "" if word == _PASS else event.run_id if word else unproved
+        elif event.kind == EventKind.STORED and (proved or unproved):
             fact = parse_json(event.body)
             if (fact["what"], fact["robot_serial"]) == (_RECORD, robot_serial):
                 proved.clear()
-    return next(reversed(proved.values()), None)
+                unproved = ""
+    return next(reversed(proved.values()), None), unproved
 
 
 def _is_cure(header: Any, robot_serial: str) -> bool:

@@ -19,7 +19,7 @@ from cellcal.procedures.cell import Cell
 from cellcal.procedures.run_history import EventKind, RunHistory, fold_events
 from cellcal.service.record.journal import Journal, JournalEvent, StoreError
 from cellcal.service.record.mastering_backups import mastering_backups
-from cellcal.service.record.proved_cures import ProvedCure, newest_proved_cure
+from cellcal.service.record.proved_cures import ProvedCure, newest_cures
 from cellcal.service.record.unconfirmed_mastering import UnconfirmedMastering, unconfirmed_masterings
 
 RECORD = "mastering_record"
@@ -154,10 +154,13 @@ class RunStore:
         facts = self.list_stored(POSITION_RECORD, robot_serial)
         return _POSITION_RECORDS.validate_python(facts[-1]["value"]) if facts else None
 
-    def cure_since_record(self, robot_serial: str) -> ProvedCure | None:
-        """Return the newest cure of a robot that passed after its position record; None without; raises as `kept`."""
+    def cures_since_record(self, robot_serial: str) -> tuple[ProvedCure | None, str]:
+        """Return the newest cure that passed after a robot's position record, and the run of an unproved one since.
+
+        Raises as `kept`.
+        """
         self._journal.refuse_damaged()
-        return newest_proved_cure(self._journal.list_events(), robot_serial)
+        return newest_cures(self._journal.list_events(), robot_serial)
 
     def list_alignments(self) -> tuple[Alignment, ...]:
         """Return every alignment of every robot, oldest first; raises as `kept`."""

@@ -48,7 +48,7 @@ def add_record(config: CellConfig, number: int) -> None:
 
 def cure_in_force(config: CellConfig) -> str:
     with open_journal(config) as journal:
-        cure = RunStore(journal).cure_since_record(SERIAL)
+        cure, _ = RunStore(journal).cures_since_record(SERIAL)
     return "" if cure is None else cure.run_id
 
 
@@ -90,6 +90,25 @@ def test_what_the_controller_showed_in_the_cure_is_kept(tmp_path: Path) -> None:
     shown = [{"name": "offset", "value": "1.5", "axis": 0, "is_zero": True}]
     add_run(config, 1, "position_cure", word="pass", result={"shown": shown})
     with open_journal(config) as journal:
-        cure = RunStore(journal).cure_since_record(SERIAL)
+        cure, _ = RunStore(journal).cures_since_record(SERIAL)
     assert cure is not None
     assert cure.shown == (ShownValue("offset", "1.5", 0, is_zero=True),)
+
+
+def test_a_cure_that_proved_nothing_is_told_until_one_passes_or_a_record_is_taken(tmp_path: Path) -> None:
+    config = cell_config(tmp_path)
+
+    def unproved() -> str:
+        with open_journal(config) as journal:
+            return RunStore(journal).cures_since_record(SERIAL)[1]
+
+    add_record(config, 1)
+    assert unproved() == ""
+    failed = add_run(config, 2, "position_cure", word="fail")
+    assert unproved() == failed
+    add_run(config, 3, "position_cure", word="pass")
+    assert unproved() == ""
+    undecided = add_run(config, 4, "position_cure", word="undecided")
+    assert unproved() == undecided
+    add_record(config, 5)
+    assert unproved() == ""
