@@ -59,7 +59,7 @@ def find_conventions(
     ``signs`` are the sets of signs that come into question, the likeliest first.
     """
     matching, nearest = [], np.full(len(shown_rad), np.inf)
-    for convention in _list_candidates(signs):
+    for convention in list_conventions(signs):
         joints = convention.to_shown_matrix(radians_per_count) @ np.asarray(moved_counts, dtype=float)
         misses = joints - np.asarray(shown_rad, dtype=float)
         if np.isfinite(misses).all() and float(np.abs(misses).max()) <= tolerance_rad:
@@ -69,7 +69,8 @@ def find_conventions(
     return ConventionSearch(tuple(matching), tuple(float(miss) for miss in nearest))
 
 
-def _list_candidates(signs: Sequence[Sequence[int]]) -> Iterator[JointConvention]:
+def list_conventions(signs: Sequence[Sequence[int]]) -> Iterator[JointConvention]:
+    """Return every convention with one of these sets of signs, the likeliest first."""
     for each in dict.fromkeys(tuple(row) for row in signs):
         if len(each) >= _THREE_AXES:
             yield JointConvention(each, third_follows_second=True)

@@ -131,7 +131,7 @@ def watch(
     """Compare FANUC controllers with their newest records, all at once; one line for each. For a nightly timer.
 
     Exit code 0: all as recorded; 3: a position is lost, or something changed; 5: a controller was not read;
-    4: one has no record yet. The gravest counts.
+    4: one has no record yet, or a file of the record was missing. The gravest counts.
 
     Parameters
     ----------

@@ -19,12 +19,12 @@ from cellcal.procedures.cell import Cell
 from cellcal.procedures.run_history import EventKind, RunHistory, fold_events
 from cellcal.service.record.journal import Journal, JournalEvent, StoreError
 from cellcal.service.record.mastering_backups import mastering_backups
+from cellcal.service.record.proved_cures import ProvedCure, newest_cures
 from cellcal.service.record.unconfirmed_mastering import UnconfirmedMastering, unconfirmed_masterings
 
 RECORD = "mastering_record"
 _SOFTWARE = ("software", "solver", "definition_sha256")
 POSITION_RECORD = "position_record"
-_CURE, _PASS = "position_cure", "pass"
 ALIGNMENT = "alignment"
 PARAMETER_SET = "parameter_set"
 DRIFT_REFERENCE = "drift_reference"
@@ -154,22 +154,13 @@ class RunStore:
         facts = self.list_stored(POSITION_RECORD, robot_serial)
         return _POSITION_RECORDS.validate_python(facts[-1]["value"]) if facts else None
 
-    def cure_since_record(self, robot_serial: str) -> str:
-        """Return the run of the newest cure of a robot that passed after its position record; "" for none."""
+    def cures_since_record(self, robot_serial: str) -> tuple[ProvedCure | None, str]:
+        """Return the newest cure that passed after a robot's position record, and the run of an unproved one since.
+
+        Raises as `kept`.
+        """
         self._journal.refuse_damaged()
-        events, cures = self._journal.list_events(), set[str]()
-        newest = ""
-        for event in events:
-            if event.kind == EventKind.STARTED and _is_of(parse_json(event.body), _CURE, robot_serial):
-                cures.add(event.run_id)
-            elif event.kind == EventKind.ENDED and event.run_id in cures:
-                judged = parse_json(event.body).get("judgement") or {}
-                newest = event.run_id if judged.get("word") == _PASS else newest
-            elif event.kind == EventKind.STORED and newest:
-                fact = parse_json(event.body)
-                is_record = (fact["what"], fact["robot_serial"]) == (POSITION_RECORD, robot_serial)
-                newest = "" if is_record else newest
-        return newest
+        return newest_cures(self._journal.list_events(), robot_serial)
 
     def list_alignments(self) -> tuple[Alignment, ...]:
         """Return every alignment of every robot, oldest first; raises as `kept`."""

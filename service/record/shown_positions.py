@@ -21,6 +21,10 @@ class KeptPosition:
     marks: tuple[str, ...]  # of the newest entries of its log
     reference_key: str  # the SHA-256 of the position record in force then, or the run of a cure; "" without
     seen_utc: str
+    lost_utc: str = ""  # when a lost position was seen that no record, cure or person has answered since
+    lost_words: str = ""
+    lost_axes: tuple[int, ...] = ()  # from 1
+    answered_run: str = ""  # of a cure without a proof that a person accepted
 
 
 class KeptPositions:
@@ -43,6 +47,8 @@ class KeptPositions:
             "marks": list(baseline.marks),
             "record_sha256": baseline.reference_key,
             "seen_utc": baseline.seen_utc,
+            "lost": [baseline.lost_utc, baseline.lost_words, list(baseline.lost_axes)],
+            "answered_run": baseline.answered_run,
         }
         self._files.save_document(baseline.robot, document)
 
@@ -55,4 +61,9 @@ def _parse_position(document: Any) -> KeptPosition:
     read_time(document["seen_utc"])
     texts = (str(document[key]) for key in ("record_sha256", "seen_utc"))
     marks = tuple(str(mark) for mark in document["marks"])
-    return KeptPosition(str(document["robot"]), str(document["serial"]), values, marks, *texts)
+    lost_utc, lost_words, lost_axes = document.get("lost", ("", "", ()))
+    lost = (str(lost_utc), str(lost_words), tuple(int(axis) for axis in lost_axes))
+    answered = str(document.get("answered_run", ""))
+    return KeptPosition(
+        str(document["robot"]), str(document["serial"]), values, marks, *texts, *lost, answered
+    )

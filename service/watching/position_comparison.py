@@ -19,6 +19,7 @@ from cellcal.drivers.errors import RefusedError
 from cellcal.drivers.interfaces import (
     Alarm,
     AlarmKind,
+    Condition,
     KeepsPositionHistory,
     PositionHistory,
     Robot,
@@ -27,6 +28,7 @@ from cellcal.drivers.interfaces import (
 from cellcal.service.configuration.cell_file import CellConfig
 from cellcal.service.record.journal import StoreError
 from cellcal.service.record.journal_files import journal_path, open_journal
+from cellcal.service.record.proved_cures import ProvedCure
 from cellcal.service.record.run_store import RunStore
 from cellcal.service.record.shown_positions import Datum, KeptPosition, KeptPositions
 from cellcal.service.watching.loss_modes import Suspicion, old_backup, suspect_return
@@ -42,16 +44,21 @@ class ZeroReference:
     """What a controller's zero rests on: its position record, or a cure that passed after it."""
 
     record: ArmPositionRecord | None = None
-    cure_run: str = ""  # of a cure that passed after the record: what is shown since then is right
+    cure: ProvedCure | None = None  # that passed after the record: what was shown in it is right since then
+    unproved_run: str = ""  # of a cure after both whose lengths proved nothing, or that an axis is wrong
 
     @property
     def key(self) -> str:
         """What tells this reference from others; "" for none."""
-        return self.cure_run or ("" if self.record is None else self.record.measured.sha256)
+        if self.cure is not None:
+            return self.cure.run_id
+        return "" if self.record is None else self.record.measured.sha256
 
     def recorded_data(self) -> dict[Datum, str]:
-        """Return the data of the record, where nothing has replaced them."""
-        return {} if self.record is None or self.cure_run else _zero_data(self.record.shown)
+        """Return the data of the record, or of the cure that has replaced it."""
+        if self.cure is not None:
+            return _zero_data(self.cure.shown)
+        return {} if self.record is None else _zero_data(self.record.shown)
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,14 +110,13 @@ class PositionComparison:
             The controller does not answer.
         """
         reference = self._newest()
-        baseline = self._memory.load(robot.name)
-        if baseline is not None and not _is_valid(baseline, self._serial, reference):
-            baseline = None
+        baseline = self._valid_baseline(robot.name, reference)
         last = baseline or KeptPosition(robot.name, self._serial, {}, (), "", "")
         shown = await cast(TellsPositionData, robot).position_data()
         history = await _history_of(robot, last.marks)
         present, before = _zero_data(shown), {**reference.recorded_data(), **last.values}
-        trouble = None if accept else _find_trouble(before, present, history, baseline)
+        found = _find_trouble(before, present, history, baseline) or _find_unproved(reference, last)
+        trouble = None if accept else found
         gap = "" if baseline is None or history.is_whole else _describe_gap(baseline)
         absent = sorted({name for name, axis in before if (name, axis) not in present})
         if absent:
@@ -119,12 +125,36 @@ class PositionComparison:
         if trouble is None:
             values, marks = {**before, **present}, history.marks or last.marks
             key = reference.key or last.reference_key
-            self._store_baseline(replace(last, values=values, marks=marks, reference_key=key))
+            kept = KeptPosition(robot.name, self._serial, values, marks, key, "")
+            self._store_baseline(replace(kept, answered_run=reference.unproved_run))
         return PositionLook(_compared_with(reference, baseline, has_data=bool(before)), trouble, gap)
 
-    def _store_baseline(self, baseline: KeptPosition) -> None:
+    def note_loss(self, robot: str, condition: Condition) -> None:
+        """Keep that a lost position was seen: it is told until a record, a proved cure or a person answers it.
+
+        A controller without a log shows nothing of it once somebody has brought the position back.
+        """
+        self._next_s = 0.0
+        reference = self._newest()
+        last = self._valid_baseline(robot, reference)
+        if last is None:
+            now_utc = datetime.now(UTC).isoformat()
+            last = KeptPosition(robot, self._serial, {}, (), reference.key, now_utc)
+        if last.lost_utc:
+            return
+        axes = sorted({alarm.axis + 1 for alarm in condition.alarms if alarm.axis is not None})
+        lost_utc = datetime.now(UTC).isoformat()
+        lost = replace(last, lost_utc=lost_utc, lost_words=condition.message, lost_axes=tuple(axes))
+        self._store_baseline(lost, seen_utc=last.seen_utc)
+
+    def _valid_baseline(self, robot: str, reference: ZeroReference) -> KeptPosition | None:
+        baseline = self._memory.load(robot)
+        is_valid = baseline is not None and _is_valid(baseline, self._serial, reference)
+        return baseline if is_valid else None
+
+    def _store_baseline(self, baseline: KeptPosition, *, seen_utc: str = "") -> None:
         try:
-            self._memory.save(replace(baseline, seen_utc=datetime.now(UTC).isoformat()))
+            self._memory.save(replace(baseline, seen_utc=seen_utc or datetime.now(UTC).isoformat()))
         except OSError as error:  # the eyes on the robot matter more than the disk
             self._warn(f"{baseline.robot}: what it shows cannot be kept: {error.strerror or error}.")
 
@@ -138,7 +168,7 @@ def journalled_position(config: CellConfig, serial: str) -> Callable[[], ZeroRef
         try:
             with open_journal(config) as journal:
                 store = RunStore(journal)
-                return ZeroReference(store.position_record(serial), store.cure_since_record(serial))
+                return ZeroReference(store.position_record(serial), *store.cures_since_record(serial))
         except StoreError as error:
             _LOG.warning("what the controller shows is not compared with its position record: %s", error)
             return ZeroReference()
@@ -156,7 +186,9 @@ def _compared_with(reference: ZeroReference, baseline: KeptPosition | None, *, h
         return make_message("the look of {seen_utc}, by its log alone", seen_utc=baseline.seen_utc[:16])
     if baseline is not None:
         return make_message("the look of {seen_utc}", seen_utc=baseline.seen_utc[:16])
-    return "" if reference.record is None or reference.cure_run else "the position record"
+    if reference.cure is not None:
+        return make_message("the cure {run_id}", run_id=reference.cure.run_id) if has_data else ""
+    return "" if reference.record is None else "the position record"
 
 
 async def _history_of(robot: Robot, since: tuple[str, ...]) -> PositionHistory:
@@ -187,6 +219,24 @@ def _find_trouble(
         return None
     axes = sorted({alarm.axis + 1 for alarm in lost if alarm.axis is not None})
     return _describe_return(lost, baseline), suspect_return(tuple(axes))
+
+
+def _find_unproved(reference: ZeroReference, last: KeptPosition) -> Trouble | None:
+    """Return the loss that was seen, or the cure that proved nothing, since the zero was known."""
+    if last.lost_utc:
+        seen = make_message(
+            "at {lost_utc} the controller showed a lost position, and shows nothing of it any more: {words}",
+            lost_utc=last.lost_utc[:16],
+            words=last.lost_words,
+        )
+        return seen, suspect_return(last.lost_axes)
+    if reference.unproved_run and reference.unproved_run != last.answered_run:
+        unproved = make_message(
+            "run {run_id} did not prove that its position was brought back rightly",
+            run_id=reference.unproved_run,
+        )
+        return unproved, suspect_return(())
+    return None
 
 
 def _is_same(before: str, now: str) -> bool:

@@ -51,6 +51,7 @@ class ZeroComparison(Protocol):
     """Compares the zero that a controller holds with the one of its record."""
 
     def force_check(self) -> None: ...
+    def note_loss(self, robot: str, condition: Condition, /) -> None: ...
     async def find_trouble(self, robot: Any, /) -> tuple[str, Suspicion] | None: ...
 
 
@@ -113,6 +114,7 @@ class RobotWatch:
             return None
         self._warn_once(battery_warning(self._robot.capabilities, condition))
         detected_by = None
+        self._note_loss(condition)
         if condition.readiness is Readiness.POSITION_LOST or is_position_doubtful(condition):
             detected_by = make_message(
                 "the controller reports: {condition_message}", condition_message=condition.message
@@ -142,6 +144,10 @@ class RobotWatch:
         self._reported = loss
         await self._on_loss(loss)
         return loss
+
+    def _note_loss(self, condition: Condition) -> None:
+        if condition.readiness is Readiness.POSITION_LOST and self.comparison is not None:
+            self.comparison.note_loss(self._robot.name, condition)
 
     def _warn_once(self, words: str) -> None:
         if words and words != self._warned:

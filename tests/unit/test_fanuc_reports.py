@@ -158,6 +158,7 @@ def test_whose_controller_it_is() -> None:
 
 def test_dates_and_addresses() -> None:
     assert str(parse_date("DATE: 1-jan-2024 7:05")) == "2024-01-01 07:05:00"
+    assert str(parse_date("01-JAN-90 00:00")) == "1990-01-01 00:00:00"  # of a clock without its battery
     assert parse_date("31-FEB-26 13:14") is None
     assert parse_date("27-ABC-26 13:14") is None
     assert str(parse_address("robot1")) == "robot1"

@@ -4,9 +4,19 @@ from pathlib import Path
 from typing import Any
 
 from cellcal.calibration.mastering.position_record import ShownValue
-from cellcal.drivers.interfaces import Alarm, AlarmKind, PositionHistory, RobotCapabilities
+from cellcal.drivers.interfaces import (
+    Alarm,
+    AlarmKind,
+    Condition,
+    PositionHistory,
+    Readiness,
+    RobotCapabilities,
+)
+from cellcal.service.record.proved_cures import ProvedCure
 from cellcal.service.record.shown_positions import KeptPositions
 from cellcal.service.watching.position_comparison import PositionComparison, ZeroReference
+
+CURE = ProvedCure("r1", (ShownValue("zero", "2.5", 0, is_zero=True),))
 
 
 class ShowingArm:
@@ -27,9 +37,17 @@ class ShowingArm:
 
 
 async def look(
-    arm: ShowingArm, folder: Path, serial: str = "A1", *, cure_run: str = "", **options: Any
+    arm: ShowingArm,
+    folder: Path,
+    serial: str = "A1",
+    *,
+    cure: ProvedCure | None = None,
+    unproved: str = "",
+    **options: Any,
 ) -> Any:
-    comparison = PositionComparison(KeptPositions(folder), serial, lambda: ZeroReference(None, cure_run))
+    comparison = PositionComparison(
+        KeptPositions(folder), serial, lambda: ZeroReference(None, cure, unproved)
+    )
     return await comparison.look(arm, **options)  # type: ignore[arg-type]
 
 
@@ -74,14 +92,56 @@ async def test_a_cure_that_was_proved_ends_what_the_log_and_the_zero_tell(tmp_pa
     arm.history = PositionHistory((Alarm("7", "x", None, AlarmKind.TURNS),), ("2",), is_whole=True)
     arm.shown = (ShownValue("zero", "2.5", 0, is_zero=True),)
     assert (await look(arm, tmp_path)).trouble is not None
-    assert (await look(arm, tmp_path, cure_run="r1")).trouble is None
-    assert (
-        await look(arm, tmp_path, cure_run="r1")
-    ).trouble is not None  # the same log once more: a new loss
+    assert (await look(arm, tmp_path, cure=CURE)).trouble is None
+    assert (await look(arm, tmp_path, cure=CURE)).trouble is not None  # the same log once more: a new loss
     arm.history = PositionHistory((), ("2",), is_whole=True)
-    assert (await look(arm, tmp_path, cure_run="r1")).trouble is None
+    assert (await look(arm, tmp_path, cure=CURE)).trouble is None
     arm.shown = (ShownValue("zero", "1.5", 0, is_zero=True),)
-    assert "2.5, 1.5" in (await look(arm, tmp_path, cure_run="r1")).trouble[0]
+    assert "2.5, 1.5" in (await look(arm, tmp_path, cure=CURE)).trouble[0]
+
+
+async def test_what_changed_between_a_cure_and_the_first_look_is_told(tmp_path: Path) -> None:
+    arm = ShowingArm()
+    await look(arm, tmp_path)
+    arm.shown = (ShownValue("zero", "2.6", 0, is_zero=True),)
+    assert "2.5, 2.6" in (await look(arm, tmp_path, cure=CURE)).trouble[0]
+    arm.shown = CURE.shown
+    found = await look(arm, tmp_path, cure=CURE)
+    assert (found.compared_with, found.trouble) == ("the cure r1", None)
+    assert (await look(arm, tmp_path, cure=ProvedCure("r2"))).compared_with == ""
+
+
+async def test_a_loss_that_was_seen_is_told_until_it_is_answered_although_nothing_shows_it(
+    tmp_path: Path,
+) -> None:
+    arm = ShowingArm()
+    alarm = Alarm("-", "not mastered", 2, AlarmKind.TURNS)
+    lost = Condition(Readiness.POSITION_LOST, "not mastered: A3", alarms=(alarm,))
+    for first_looks in (0, 1):
+        folder = tmp_path / str(first_looks)
+        folder.mkdir()
+        for _ in range(first_looks):
+            await look(arm, folder)
+        PositionComparison(KeptPositions(folder), "A1", ZeroReference).note_loss("arm", lost)
+        for _ in range(2):
+            words, suspicion = (await look(arm, folder)).trouble
+            assert "not mastered: A3" in words
+            assert suspicion.axes == (3,)
+        assert (await look(arm, folder, cure=ProvedCure("r1"))).trouble is None
+        assert (await look(arm, folder, cure=ProvedCure("r1"))).trouble is None
+        PositionComparison(KeptPositions(folder), "A1", ZeroReference).note_loss("arm", lost)
+        assert (await look(arm, folder, accept=True)).trouble is None
+        assert (await look(arm, folder)).trouble is None
+
+
+async def test_a_cure_without_a_proof_is_told_until_a_person_accepts_it(tmp_path: Path) -> None:
+    arm = ShowingArm()
+    await look(arm, tmp_path)
+    assert "r7" in (await look(arm, tmp_path, unproved="r7")).trouble[0]
+    assert "r7" in (await look(arm, tmp_path, unproved="r7")).trouble[0]
+    assert (await look(arm, tmp_path, unproved="r7", accept=True)).trouble is None
+    assert (await look(arm, tmp_path, unproved="r7")).trouble is None
+    assert "r8" in (await look(arm, tmp_path, unproved="r8")).trouble[0]
 
 
 async def test_a_damaged_file_is_a_first_look(tmp_path: Path) -> None:

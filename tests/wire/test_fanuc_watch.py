@@ -85,7 +85,8 @@ def test_programs_that_cannot_be_listed_are_not_said_to_be_gone(
 ) -> None:
     take_record(address_of(served), tmp_path)
     served.faults.lists_nothing = True
-    assert watched(served, tmp_path, capsys) == (ExitCode.PASS, {})
+    assert watched(served, tmp_path, capsys) == (ExitCode.REFUSED, {})
+    assert watch_robots(tmp_path, address_of(served), "--no-programs") == ExitCode.PASS
 
 
 def lose_position(cabinet: FanucCabinet) -> None:

@@ -26,6 +26,7 @@ AXES, POSITION, ALARMS, VERSION, SAFETY = "AXIS.DG", "CURPOS.DG", "ERRACT.LS", "
 MOST_APART = timedelta(minutes=30)
 _MORE_LOOKS = 2
 _VARIABLES = (MASTERING, DRIVES, FRAMES)
+_EVERY_FILE = (AXES, POSITION, ALARMS, VERSION, SAFETY, *_VARIABLES)
 _Report = TypeVar("_Report")
 
 
@@ -47,6 +48,12 @@ class ControllerFiles:
     not_given: Mapping[str, str] = field(
         default_factory=dict
     )  # why, of those that it has and refuses for now
+    lists_nothing: bool = False  # although its programs were asked for
+
+    @property
+    def read_names(self) -> tuple[str, ...]:
+        """Return the names of the files that were read."""
+        return tuple(name for name in _EVERY_FILE if name not in self.missing)
 
     @property
     def serial(self) -> str:
@@ -125,6 +132,7 @@ def read_controller_files(source: FileSource, *, with_programs: bool = True) -> 
         name: VaFile.from_bytes(name, content) for name, content in contents.items() if content is not None
     }
     missing += [name for name in _VARIABLES if name not in files]
+    is_listed = with_programs and bool(source.list_names())
     return ControllerFiles(
         device=source.device,
         is_live=source.is_live,
@@ -135,7 +143,8 @@ def read_controller_files(source: FileSource, *, with_programs: bool = True) -> 
         version=version,
         variables=assemble_backup(source.device, files),
         safety=safety,
-        programs=read_program_digests(source) if with_programs and source.list_names() else None,
+        programs=read_program_digests(source) if is_listed else None,
         missing=tuple(dict.fromkeys(missing)),
         not_given=not_given,
+        lists_nothing=with_programs and not is_listed,
     )

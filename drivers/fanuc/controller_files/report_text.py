@@ -23,6 +23,7 @@ _HEADING = re.compile(r"\s*(F NUMBER|\$VERSION|VERSION|DATE)\s*:\s*(.*?)\s*\Z", 
 _F_NUMBER = re.compile(r"\s*F NUMBER\s*:", re.IGNORECASE)
 _TAGS = re.compile(r"</?[A-Za-z][^<>]*>")  # what the controller's web server wraps around
 _HEADING_LINES = 20
+_FIRST_YEAR = 80
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,7 +79,9 @@ def parse_date(text: str) -> datetime | None:
     found = _DATE.search(text)
     if found is None or found[2].upper() not in _MONTHS:
         return None
-    year = int(found[3]) + (2000 if len(found[3]) == 2 else 0)
+    year = int(found[3])
+    if len(found[3]) == 2:  # clocks begin in 1980, and go back to then or to 1990 without their battery
+        year += 1900 if year >= _FIRST_YEAR else 2000
     month = _MONTHS.index(found[2].upper()) + 1
     try:
         return datetime(  # noqa: DTZ001  the controller's clock has no zone

@@ -1,7 +1,10 @@
 """One difference between a controller's files and its newest record."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
+
+_MOST_NAMES = 8
 
 
 class ChangeKind(StrEnum):
@@ -13,6 +16,7 @@ class ChangeKind(StrEnum):
     COPIED = "copied mastering"
     OLD_BACKUP = "old backup"
     MASTERING = "mastering"
+    DRIVES = "drives"
     BATTERY = "low battery"
     FRAME = "frame"
     TOOL = "tool"
@@ -28,3 +32,9 @@ class FileChange:
 
     kind: ChangeKind
     text: str
+
+
+def list_some(names: Sequence[str]) -> str:
+    """Write names one after the other, and of many the first ones."""
+    rest = len(names) - _MOST_NAMES
+    return ", ".join(names[:_MOST_NAMES]) + (f" and {rest} more" if rest > 0 else "")

@@ -6,12 +6,13 @@ from datetime import datetime
 import numpy as np
 
 from cellcal.calibration.mastering.counts import MasteringRecord
+from cellcal.calibration.mastering.shown_joints import list_conventions
 from cellcal.calibration.message import make_message
 from cellcal.drivers.fanuc.controller_files.controller_files import ControllerFiles
 from cellcal.drivers.fanuc.controller_files.program_digests import UNREAD_DIGEST
-from cellcal.drivers.fanuc.program_files.va_backup import FRAMES, MASTERING
+from cellcal.drivers.fanuc.program_files.va_backup import DRIVES, FRAMES, MASTERING
 from cellcal.drivers.fanuc.program_files.va_mastering import GroupMastering
-from cellcal.service.engineering.controller_files.file_change import ChangeKind, FileChange
+from cellcal.service.engineering.controller_files.file_change import ChangeKind, FileChange, list_some
 from cellcal.service.engineering.controller_files.other_axes import compare_other_axes
 from cellcal.service.engineering.controller_files.record_checks import (
     ControllerRecordError,
@@ -30,7 +31,7 @@ from cellcal.service.engineering.controller_files.stored_records import (
     controller_content,
 )
 
-_MOST_NAMES = 8
+_SAME_DRIVE = 2e-6  # relative: seven printed digits
 _PARTS_OF_BASE = frozenset(("Mastering", "Robot", "Other"))  # not in older software
 _COVERED_BY_SIGNATURE = {"Pos./Speed": " (zones, models, tools and frames of the position and speed check)"}
 
@@ -56,6 +57,7 @@ def compare_files(
     found = [
         *_find_losses(files, mastering),
         *_compare_counts(mastering, last, earlier),
+        *_compare_drives(mastering, last.record),
         *compare_other_axes(
             last.controller.other_axes,
             now.other_axes,
@@ -110,15 +112,23 @@ def _compare_counts(
     return [FileChange(ChangeKind.MASTERING, f"the mastering differs from the record of {last.day}: {shift}")]
 
 
-def list_unread_files(files: ControllerFiles, last: StoredRecord) -> tuple[str, ...]:
-    """Return what the record holds and this reading does not, as parts of a sentence; empty where nothing is."""
-    found = [f"{name} (refused: {reason})" for name, reason in files.not_given.items()]
-    if FRAMES in files.missing and FRAMES not in files.not_given and last.controller.frames:
-        found.append(f"frames and tools (no {FRAMES})")
-    programs = [name for name, digest in (files.programs or {}).items() if digest == UNREAD_DIGEST]
-    if programs:
-        found.append(f"programs that were not given: {_list_names(sorted(programs))}")
-    return tuple(found)
+def _compare_drives(mastering: GroupMastering, record: MasteringRecord) -> list[FileChange]:
+    """Say where joints turn by another angle a count than in the record: the same counts are other places then."""
+    drives = mastering.drives
+    if drives is None or len(drives.reversed) != len(record.counts_at_zero):
+        return []  # told as a contradiction, or by the counts
+    before = np.array(record.drive.radians_per_count)
+    trains = [drives.to_shown_drive_train(each) for each in list_conventions(drives.sign_sets())]
+    scale = np.abs(before).max(axis=1, keepdims=True)
+    off = [np.abs(np.array(each.radians_per_count) - before) / scale > _SAME_DRIVE for each in trains]
+    turns = trains[0].counts_per_turn != record.drive.counts_per_turn
+    nearest = min(off, key=np.count_nonzero).any(axis=1)
+    axes = ", ".join(f"J{axis + 1}" for axis in np.flatnonzero(nearest))
+    text = (
+        f"scale, gear ratio, sign or interaction of {axes or 'a motor'} differ from the record: "
+        "the same counts are other angles"
+    )
+    return [FileChange(ChangeKind.DRIVES, text)] if axes or turns else []
 
 
 def describe_uncompared_angles(files: ControllerFiles, last: StoredRecord) -> str:
@@ -155,7 +165,7 @@ def _is_held_beside(
 
 
 def _angle_error(files: ControllerFiles, mastering: GroupMastering) -> ControllerRecordError | None:
-    if not mastering.is_valid or files.axes is None:
+    if not mastering.is_valid or files.axes is None or DRIVES in files.missing:
         return None
     try:
         drives = require_drives(files, mastering)
@@ -220,7 +230,7 @@ def _compare_programs(before: Mapping[str, str] | None, now: Mapping[str, str] |
         "gone": sorted(before.keys() - now.keys()),
     }
     return [
-        FileChange(ChangeKind.PROGRAM, f"{word}: {_list_names(names)}")
+        FileChange(ChangeKind.PROGRAM, f"{word}: {list_some(names)}")
         for word, names in groups.items()
         if names
     ]
@@ -238,8 +248,3 @@ def _compare_rest(before: ControllerContent, now: ControllerContent) -> list[Fil
             )
             found.append(FileChange(ChangeKind.CLOCK, text))
     return found
-
-
-def _list_names(names: Sequence[str]) -> str:
-    rest = len(names) - _MOST_NAMES
-    return ", ".join(names[:_MOST_NAMES]) + (f" and {rest} more" if rest > 0 else "")

@@ -21,11 +21,14 @@ from cellcal.service.engineering.controller_files.file_change import ChangeKind,
 from cellcal.service.engineering.controller_files.file_changes import (
     compare_files,
     describe_uncompared_angles,
-    list_unread_files,
 )
 from cellcal.service.engineering.controller_files.other_axes import find_other_axes, name_axis
 from cellcal.service.engineering.controller_files.record_checks import position_alarms
 from cellcal.service.engineering.controller_files.stored_records import StoredRecord, list_records
+from cellcal.service.engineering.controller_files.uncompared_parts import (
+    list_absent_parts,
+    list_unread_programs,
+)
 from cellcal.service.exit_codes import ExitCode
 
 AT_ONCE = 16
@@ -37,6 +40,7 @@ class WatchState(StrEnum):
     UNCHANGED = "unchanged"
     CHANGED = "changed"
     LOST = "position lost"
+    NOT_COMPARED = "not compared"
     NO_RECORD = "no record"
     FAILED = "not read"
 
@@ -68,7 +72,7 @@ class WatchedController:
         if self.state is WatchState.NO_RECORD:
             return f"there is no record yet: cellcal mastering record {self.address}"
         found = "; ".join(f"{change.kind}: {change.text}" for change in self.changes)
-        if self.state is WatchState.UNCHANGED:
+        if self.state in (WatchState.UNCHANGED, WatchState.NOT_COMPARED):
             found = f"as in the record of {self.compared_with}"
         if self.not_compared:
             axes = ", ".join(self.not_compared)
@@ -84,6 +88,7 @@ _EXIT_CODES = {
     WatchState.UNCHANGED: ExitCode.PASS,
     WatchState.CHANGED: ExitCode.OUT_OF_TOLERANCE,
     WatchState.LOST: ExitCode.OUT_OF_TOLERANCE,
+    WatchState.NOT_COMPARED: ExitCode.REFUSED,
     WatchState.NO_RECORD: ExitCode.REFUSED,
     WatchState.FAILED: ExitCode.UNREACHABLE,
 }
@@ -156,29 +161,39 @@ def compare_with_records(
     ours = _records_of(files, stored)
     if not ours:
         return WatchedController(address, WatchState.NO_RECORD, files.serial)
-    if MASTERING in files.not_given and not position_alarms(files):
-        reason = files.not_given[MASTERING]
-        error = f"{files.device}: the controller refuses {MASTERING} for now ({reason}). Read once more."
+    if MASTERING in files.missing and not position_alarms(files):
+        error = _without_mastering(files)
         return WatchedController(address, WatchState.FAILED, files.serial, error=error, error_code="device")
     changes: list[FileChange] = []
-    compared_with, not_compared, left_out = "", set[str](), list[str]()
+    compared_with, not_compared, left_out, absent = "", set[str](), list[str](), list[str]()
     groups = {each.controller.group for each in ours}
     for group in sorted(groups):
         *earlier, last = [each for each in ours if each.controller.group == group]
         changes += compare_files(files, last, earlier, groups)
         changes += _find_copies(files, group, stored)
         compared_with = max(compared_with, last.day)
-        left_out += [describe_uncompared_angles(files, last), *list_unread_files(files, last)]
+        absent += list_absent_parts(files, last)
+        left_out += [describe_uncompared_angles(files, last), *list_unread_programs(files)]
         if last.controller.other_axes is None:
             others = find_other_axes(files, group)
             not_compared |= {name for name in others if int(name.partition(".")[0]) not in groups - {group}}
     unique = tuple(dict.fromkeys(changes))
-    state = WatchState.CHANGED if unique else WatchState.UNCHANGED
+    state = WatchState.NOT_COMPARED if absent else WatchState.UNCHANGED
+    state = WatchState.CHANGED if unique else state
     if any(change.kind is ChangeKind.LOSS for change in unique):
         state = WatchState.LOST
     axes = tuple(map(name_axis, sorted(not_compared)))
-    angles = tuple(dict.fromkeys(filter(None, left_out)))
+    angles = tuple(dict.fromkeys(filter(None, (*absent, *left_out))))
     return WatchedController(address, state, files.serial, compared_with, unique, axes, angles)
+
+
+def _without_mastering(files: ControllerFiles) -> str:
+    if MASTERING in files.not_given:
+        reason = files.not_given[MASTERING]
+        return f"{files.device}: the controller refuses {MASTERING} for now ({reason}). Read once more."
+    return (
+        f"{files.device}: there is no {MASTERING}, which holds the mastering. Read once more, with all files."
+    )
 
 
 def _find_copies(files: ControllerFiles, group: int, stored: Sequence[StoredRecord]) -> list[FileChange]:

@@ -237,6 +237,7 @@ def _list_not_checked(files: ControllerFiles, angles: AngleCheck) -> tuple[str, 
         f"the alarms: there is no {ALARMS}": files.alarms is None,
         f"frames and tools: there is no {FRAMES}": FRAMES in files.missing,
         f"the safety settings (DCS): there is no {SAFETY}, or it holds no signature numbers": not files.safety,
+        "the programs: there is no listing (.LS) of one": files.programs == {},
         f"robot and software: there is no {VERSION}": VERSION in files.missing,
         "the age of the files: their date cannot be read": files.written is None,
     }

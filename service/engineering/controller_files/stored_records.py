@@ -50,6 +50,7 @@ class ControllerContent(BaseModel):
     frames: dict[str, Numbers] = {}
     tools: dict[str, Numbers] = {}
     programs: dict[str, str] | None = None
+    files: tuple[str, ...] | None = None  # that were read; None: from before they were kept
     safety: dict[str, int] | None = None  # signature numbers of DCS by name
     other_axes: dict[str, OtherAxis] | None = (
         None  # of no record, by "group.axis"; None: from before they were kept
@@ -84,6 +85,7 @@ def controller_content(files: ControllerFiles, group: int) -> ControllerContent:
         frames=_numbers_of(files.variables.frame_positions, group),
         tools=_numbers_of(files.variables.tool_positions, group),
         programs=None if files.programs is None else dict(files.programs),
+        files=files.read_names,
         safety=None if files.safety is None else dict(files.safety),
         other_axes=find_other_axes(files, group),
     )

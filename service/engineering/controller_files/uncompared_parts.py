@@ -1,0 +1,64 @@
+"""What a record holds and one reading of the controller does not: it is named, and such a look is not "unchanged"."""
+
+from cellcal.drivers.fanuc.controller_files.controller_files import (
+    ALARMS,
+    AXES,
+    POSITION,
+    SAFETY,
+    VERSION,
+    ControllerFiles,
+)
+from cellcal.drivers.fanuc.controller_files.program_digests import UNREAD_DIGEST
+from cellcal.drivers.fanuc.program_files.va_backup import DRIVES, FRAMES
+from cellcal.service.engineering.controller_files.file_change import list_some
+from cellcal.service.engineering.controller_files.stored_records import StoredRecord
+
+_CONTENTS = {
+    DRIVES: "gears and scales",
+    AXES: "present counts",
+    POSITION: "shown angles",
+    ALARMS: "alarms",
+    VERSION: "software",
+    SAFETY: "safety settings (DCS)",
+    FRAMES: "frames and tools",
+}
+
+
+def list_absent_parts(files: ControllerFiles, last: StoredRecord) -> tuple[str, ...]:
+    """Return what the record was made with and this reading does not give, as parts of a sentence."""
+    had = _files_of(last)
+    found = [
+        f"{content} (no {name})"
+        for name, content in _CONTENTS.items()
+        if name in had and name in files.missing and name not in files.not_given
+    ]
+    found += [f"{name} (refused: {reason})" for name, reason in files.not_given.items() if name in _CONTENTS]
+    unsigned = (last.controller.safety or {}).keys() - (files.safety or {}).keys()
+    if unsigned and SAFETY not in files.missing:
+        found.append(f"DCS signatures of {list_some(sorted(unsigned))}")
+    if last.controller.programs and files.lists_nothing:
+        found.append("programs (no list of files)")
+    if not files.serial:
+        found.append("which controller it is (no F number)")
+    return tuple(found)
+
+
+def list_unread_programs(files: ControllerFiles) -> tuple[str, ...]:
+    """Return the programs that the controller names and does not give, as one part of a sentence; often none."""
+    programs = [name for name, digest in (files.programs or {}).items() if digest == UNREAD_DIGEST]
+    return (f"programs that were not given: {list_some(sorted(programs))}",) if programs else ()
+
+
+def _files_of(last: StoredRecord) -> frozenset[str]:
+    """Return the files that the record was made with; of an older record those that its content shows."""
+    if last.controller.files is not None:
+        return frozenset(last.controller.files)
+    shown = {
+        DRIVES: True,
+        ALARMS: True,
+        AXES: bool(last.record.reference_counts),
+        VERSION: bool(last.controller.software),
+        SAFETY: bool(last.controller.safety),
+        FRAMES: bool(last.controller.frames),
+    }
+    return frozenset(name for name, is_shown in shown.items() if is_shown)

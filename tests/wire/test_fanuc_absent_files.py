@@ -1,0 +1,93 @@
+"""A look that lacks a file with which the record was made names what it did not compare, and is not "unchanged"."""
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from cellcal.fake_devices.fanuc_files.cabinet import FanucCabinet
+from cellcal.fake_devices.fanuc_files.ftp_server import FanucFtpServer
+from cellcal.service.exit_codes import ExitCode
+from tests.wire.fanuc_ftp import address_of, ftp_controllers, save_backup
+from tests.wire.test_fanuc_record import take_record
+from tests.wire.test_fanuc_watch import watch_robots, watched
+
+
+@pytest.fixture
+def served() -> Iterator[FanucFtpServer]:
+    with ftp_controllers(FanucCabinet()) as servers:
+        yield servers[0]
+
+
+def look(served: FanucFtpServer, records: Path, capsys) -> tuple[int, str, list[str]]:
+    """Return the exit code, the state and what was not compared."""
+    capsys.readouterr()
+    code = watch_robots(records, address_of(served), "--json")
+    (robot,) = json.loads(capsys.readouterr().out)["robots"]
+    return code, robot["state"], robot["not_compared"]
+
+
+@pytest.mark.parametrize(
+    ("name", "part"),
+    [
+        ("erract.ls", "alarms (no ERRACT.LS)"),
+        ("axis.dg", "present counts (no AXIS.DG)"),
+        ("curpos.dg", "shown angles (no CURPOS.DG)"),
+        ("version.dg", "software (no VERSION.DG)"),
+        ("dcsvrfy.dg", "safety settings (DCS) (no DCSVRFY.DG)"),
+        ("symotn.va", "gears and scales (no SYMOTN.VA)"),
+        ("sysframe.va", "frames and tools (no SYSFRAME.VA)"),
+    ],
+)
+def test_a_file_that_is_missing_one_night_is_told(
+    served: FanucFtpServer, tmp_path: Path, capsys, name: str, part: str
+) -> None:
+    take_record(address_of(served), tmp_path)
+    served.faults.missing = frozenset([name])
+    assert look(served, tmp_path, capsys) == (ExitCode.REFUSED, "not compared", [part])
+    served.cabinet.counts_at_zero[2] += 1
+    assert look(served, tmp_path, capsys)[:2] == (ExitCode.OUT_OF_TOLERANCE, "changed")
+
+
+def test_without_the_mastering_nothing_was_read(served: FanucFtpServer, tmp_path: Path, capsys) -> None:
+    take_record(address_of(served), tmp_path)
+    served.faults.missing = frozenset(["sysmast.va"])
+    assert look(served, tmp_path, capsys)[:2] == (ExitCode.UNREACHABLE, "not read")
+    watch_robots(tmp_path, address_of(served))
+    assert "there is no SYSMAST.VA" in " ".join(capsys.readouterr().err.split())
+
+
+def test_an_f_number_that_no_file_tells_is_not_compared(
+    served: FanucFtpServer, tmp_path: Path, capsys
+) -> None:
+    take_record(address_of(served), tmp_path)
+    served.cabinet.f_number = ""
+    code, state, parts = look(served, tmp_path, capsys)
+    assert (code, state, parts) == (
+        ExitCode.REFUSED,
+        "not compared",
+        ["which controller it is (no F number)"],
+    )
+
+
+def test_what_a_backup_never_held_is_not_missed(tmp_path: Path) -> None:
+    backup, records = tmp_path / "backup", tmp_path / "records"
+    backup.mkdir()
+    save_backup(FanucCabinet(), backup)
+    for name in ("axis.dg", "erract.ls", "dcsvrfy.dg"):
+        (backup / name).unlink(missing_ok=True)
+    assert take_record(str(backup), records) == ExitCode.PASS
+    assert watch_robots(records, str(backup)) == ExitCode.PASS
+
+
+def test_other_gears_are_told_although_the_counts_are_those_of_the_record(
+    served: FanucFtpServer, tmp_path: Path, capsys
+) -> None:
+    take_record(address_of(served), tmp_path)
+    cabinet = served.cabinet
+    cabinet.ratios = [*cabinet.ratios[:3], cabinet.ratios[3] * 1.02, *cabinet.ratios[4:]]
+    cabinet.joints_deg = [0.0] * 6  # where the angles agree with any gears
+    code, changes = watched(served, tmp_path, capsys)
+    assert code == ExitCode.OUT_OF_TOLERANCE
+    assert "of J4 differ from the record" in changes["drives"]
