@@ -76,10 +76,12 @@ class PositionCureSpec:
         tuple[Annotated[int, Field(ge=1)], ...],
         describe_setting(
             "Axes to bring back again",
-            "Axes that the controller takes as good and that are wrong all the same, such as 2, 3; empty: none.",
+            "Axes that the controller takes as good and that are wrong all the same, as the pendant names "
+            "them; empty: none.",
             "what",
             unit="1",
             basic=True,
+            axes=True,
         ),
     ] = ()
     limit_rad: Annotated[

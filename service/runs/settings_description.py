@@ -111,6 +111,8 @@ def _describe_default(schema: Mapping[str, Any]) -> str:
 
 
 def _describe_type(schema: Mapping[str, Any], definitions: Mapping[str, Any]) -> str:
+    if schema.get("x-axes"):
+        return "axes as the pendant names them, such as A2,A3, or by their numbers"
     if "$ref" in schema:
         return _describe_parts(definitions[schema["$ref"].rpartition("/")[2]])
     if "anyOf" in schema:
