@@ -49,7 +49,7 @@ class ListeningPort:
 
     async def open(self) -> None:
         """Listen, where nothing listens yet; raise OSError when the address is taken."""
-        if self._server is not None:
+        if self.is_listening:
             return
         # Its sockets are known here before anything is waited for: a task that is cancelled leaves none behind.
         server = await asyncio.start_server(
@@ -61,7 +61,7 @@ class ListeningPort:
             reuse_address=True,
             start_serving=False,
         )
-        if self._server is not None:  # another task was quicker
+        if self.is_listening:  # another task was quicker
             server.close()
             return
         self._server = server

@@ -40,12 +40,21 @@ def tool_at(project: Project, home: Project, brand: str, name: str, flange_tip: 
 
 
 def ambiguous_tool(project: Project, home: Project, program: ProgramFile, name: str | None) -> str:
-    """Return why a position is left whose written tool is several of the project, measured differently; or ""."""
+    """Return why a position is left whose written tool is several of the project, or entered otherwise; or ""."""
     flange_tip = _written_pose(project, program, name, at_home=project is home)
     if name is None or flange_tip is None:
         return ""
     names = _names_at(project, home, program.brand, name, flange_tip)
     tips = [project.tools[each].real for each in names]
+    sets_it = program.frames.sets_tools or name.startswith(_WRITTEN_OUT)
+    if names and not sets_it and _are_apart(project.tools[names[0]].entered, flange_tip):
+        return make_message(
+            "the tool that the program was saved with ({tool}) is {name} in its own cell, which {project} has at "
+            "another pose: make them one",
+            tool=name,
+            name=names[0],
+            project=project.path.name,
+        )
     if not any(_are_apart(tips[0], tip) for tip in tips[1:]):
         return ""
     return make_message(

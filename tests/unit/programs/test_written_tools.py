@@ -5,6 +5,7 @@ and the controller is told ``p T^-1 t`` for a tool that it has at t and that is 
 """
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -25,6 +26,7 @@ from cellcal.service.engineering.programs.project import Project, read_project
 from cellcal.service.engineering.programs.result import ProgramResult
 from tests.programs.external.hand_geometry import Array, apart, pose
 from tests.programs.external.test_clones_and_compensation import POINTS, write_parameters
+from tests.programs.test_universal_robots_urp import _urp_bytes, _waypoint_xml
 
 SCRIPT = """{before}def prog():
   {setting}
@@ -168,6 +170,22 @@ def test_a_clone_has_its_own_measured_tip_of_the_written_tool(
     )
     assert apart(expected @ ENTERED, after)[0] < 1e-3
     assert any("no measured tip" in warning for warning in result.warnings) == (clone_tip is ENTERED)
+
+
+@pytest.mark.parametrize(("length", "status"), [(150.0, "changed"), (151.0, "left")])
+def test_a_saved_waypoint_does_not_set_the_clones_tool(tmp_path: Path, length: float, status: str) -> None:
+    """A script's set_tcp is the clone's tool while it runs; a .urp runs with the tool of the clone's installation."""
+    master = write_cell(tmp_path / "a", "ur10e", [GRIPPER], "A")
+    clone = write_cell(tmp_path / "b", "ur10e", [("gripper", length, -0.3)], "B", base_x=0.305)
+    waypoint = _waypoint_xml(tool="0, 0, 0.15, 0, 0, 0")
+    program = brand_named("universal_robots").read("lid.urp", _urp_bytes(waypoint))
+    arm = program.frames.kinematics
+    assert arm is not None
+    cells = (replace(cell, controller=arm) for cell in (master, clone))
+    (result,) = clone_transfer(*cells, None).transfer_programs([program])
+
+    assert result.status[0] == status, result.reason[0]
+    assert ("at another pose" in result.reason[0]) == (status == "left")
 
 
 # KUKA ------------------------------------------------------------------------------------------------------------------
