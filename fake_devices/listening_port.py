@@ -61,6 +61,9 @@ class ListeningPort:
             reuse_address=True,
             start_serving=False,
         )
+        await self._serve_on(server)
+
+    async def _serve_on(self, server: asyncio.Server) -> None:
         if self.is_listening:  # another task was quicker
             server.close()
             return

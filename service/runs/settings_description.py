@@ -111,8 +111,6 @@ def _describe_default(schema: Mapping[str, Any]) -> str:
 
 
 def _describe_type(schema: Mapping[str, Any], definitions: Mapping[str, Any]) -> str:
-    if schema.get("x-axes"):
-        return "axes as the pendant names them, such as A2,A3, or by their numbers"
     if "$ref" in schema:
         return _describe_parts(definitions[schema["$ref"].rpartition("/")[2]])
     if "anyOf" in schema:
@@ -120,7 +118,8 @@ def _describe_type(schema: Mapping[str, Any], definitions: Mapping[str, Any]) ->
     if "enum" in schema or "const" in schema:
         return ", ".join(map(str, schema.get("enum", [schema.get("const")])))
     if schema.get("type") == "array":
-        return _describe_list(schema, definitions)
+        axes = "axes as the pendant names them, such as A2,A3, or by their numbers"
+        return axes if schema.get("x-axes") else _describe_list(schema, definitions)
     if schema.get("type") == "object":
         return _describe_parts(schema)
     words = [_PLAIN.get(str(schema.get("type")), "JSON")]

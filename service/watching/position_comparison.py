@@ -125,8 +125,8 @@ class PositionComparison:
         if trouble is None:
             values, marks = {**before, **present}, history.marks or last.marks
             key = reference.key or last.reference_key
-            kept = KeptPosition(robot.name, self._serial, values, marks, key, "")
-            self._store_baseline(replace(kept, answered_run=reference.unproved_run))
+            baseline_now = KeptPosition(robot.name, self._serial, values, marks, key, "")
+            self._store_baseline(replace(baseline_now, answered_run=reference.unproved_run))
         return PositionLook(_compared_with(reference, baseline, has_data=bool(before)), trouble, gap)
 
     def note_loss(self, robot: str, condition: Condition) -> None:
@@ -224,12 +224,12 @@ def _find_trouble(
 def _find_unproved(reference: ZeroReference, last: KeptPosition) -> Trouble | None:
     """Return the loss that was seen, or the cure that proved nothing, since the zero was known."""
     if last.lost_utc:
-        seen = make_message(
+        text = make_message(
             "at {lost_utc} the controller showed a lost position, and shows nothing of it any more: {words}",
             lost_utc=last.lost_utc[:16],
             words=last.lost_words,
         )
-        return seen, suspect_return(last.lost_axes)
+        return text, suspect_return(last.lost_axes)
     if reference.unproved_run and reference.unproved_run != last.answered_run:
         unproved = make_message(
             "run {run_id} did not prove that its position was brought back rightly",

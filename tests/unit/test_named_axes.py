@@ -46,7 +46,15 @@ def test_an_axis_is_taken_as_the_pendant_names_it_or_by_its_number(
 
 @pytest.mark.parametrize(
     ("names", "typed"),
-    [(YASKAWA, "A2"), (YASKAWA, "7"), (YASKAWA, "SL"), (YASKAWA, "0"), (KUKA, "S"), (KUKA, "A7"), (KUKA, "-1")],
+    [
+        (YASKAWA, "A2"),
+        (YASKAWA, "7"),
+        (YASKAWA, "SL"),
+        (YASKAWA, "0"),
+        (KUKA, "S"),
+        (KUKA, "A7"),
+        (KUKA, "-1"),
+    ],
 )
 def test_an_axis_of_another_make_is_refused_with_the_names_of_this_one(
     names: tuple[str, ...], typed: str
