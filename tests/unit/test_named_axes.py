@@ -12,7 +12,8 @@ from cellcal.service.configuration.cell_file import read_cell_file
 from cellcal.service.demo.fake_cell import write_cell_file
 from cellcal.service.runs.named_axes import with_numbered_axes
 from cellcal.service.runs.settings import build_spec, spec_of
-from cellcal.service.runs.settings_description import schema_of, settings_of as described_settings
+from cellcal.service.runs.settings_description import schema_of
+from cellcal.service.runs.settings_description import settings_of as described_settings
 
 YASKAWA = tuple("SLURBT")
 KUKA = ("A1", "A2", "A3", "A4", "A5", "A6")
@@ -46,7 +47,15 @@ def test_an_axis_is_taken_as_the_pendant_names_it_or_by_its_number(
 
 @pytest.mark.parametrize(
     ("names", "typed"),
-    [(YASKAWA, "A2"), (YASKAWA, "7"), (YASKAWA, "SL"), (YASKAWA, "0"), (KUKA, "S"), (KUKA, "A7"), (KUKA, "-1")],
+    [
+        (YASKAWA, "A2"),
+        (YASKAWA, "7"),
+        (YASKAWA, "SL"),
+        (YASKAWA, "0"),
+        (KUKA, "S"),
+        (KUKA, "A7"),
+        (KUKA, "-1"),
+    ],
 )
 def test_an_axis_of_another_make_is_refused_with_the_names_of_this_one(
     names: tuple[str, ...], typed: str
