@@ -108,7 +108,7 @@ async def position_cure(run: Run, spec: PositionCureSpec) -> PositionCureResult:
     cures = _planned_cures(spec, state, len(record.measured.counts_at_zero))
     for k, cure in enumerate(cures, 1):
         await run.step(f"bring back axis {k}", bring_back_axis, cure)
-    await run.step("see that no axis is lost", see_none_lost)
+    await run.step("see that no axis is lost", see_none_lost, tuple(cure.axis for cure in cures))
     await run.step("near the record's pose", make_ready, record.measured.reference_joints_rad)
     await run.ensure("the wire is hooked", ask_confirmation, HOOK_WIRE)
     shown = await run.step("read the position data", read_position_data)

@@ -39,8 +39,8 @@ def describe_setting(  # noqa: PLR0913  each is one thing that a page shows
 
     ``unit`` is SI ("m", "rad", "m/s", "rad/s", "count" of an encoder, "1" for a plain number), empty where the value
     is no number. A ``basic`` setting is one that a technician knows; ``drawing`` names a picture of a place or
-    direction; ``choices`` says each value of a choice in words; ``axes`` are counted from 1 and are shown and taken by
-    the names of the pendant.
+    direction; ``choices`` says each value of a choice in words; ``axes`` are counted from 1, and shown and
+    taken by the names of the pendant.
     """
     extra: dict[str, Any] = {"x-group": GROUP_NAMES[group], "x-unit": unit, "x-basic": basic}
     if drawing:

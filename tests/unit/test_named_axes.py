@@ -12,7 +12,8 @@ from cellcal.service.configuration.cell_file import read_cell_file
 from cellcal.service.demo.fake_cell import write_cell_file
 from cellcal.service.runs.named_axes import with_numbered_axes
 from cellcal.service.runs.settings import build_spec, spec_of
-from cellcal.service.runs.settings_description import schema_of, settings_of as described_settings
+from cellcal.service.runs.settings_description import schema_of
+from cellcal.service.runs.settings_description import settings_of as described_settings
 
 YASKAWA = tuple("SLURBT")
 KUKA = ("A1", "A2", "A3", "A4", "A5", "A6")
