@@ -59,11 +59,16 @@ def _parse_position(document: Any) -> KeptPosition:
         for name, axis, value in document["values"]
     }
     read_time(document["seen_utc"])
-    texts = (str(document[key]) for key in ("record_sha256", "seen_utc"))
-    marks = tuple(str(mark) for mark in document["marks"])
     lost_utc, lost_words, lost_axes = document.get("lost", ("", "", ()))
-    lost = (str(lost_utc), str(lost_words), tuple(int(axis) for axis in lost_axes))
-    answered = str(document.get("answered_run", ""))
     return KeptPosition(
-        str(document["robot"]), str(document["serial"]), values, marks, *texts, *lost, answered
+        robot=str(document["robot"]),
+        serial=str(document["serial"]),
+        values=values,
+        marks=tuple(str(mark) for mark in document["marks"]),
+        reference_key=str(document["record_sha256"]),
+        seen_utc=str(document["seen_utc"]),
+        lost_utc=str(lost_utc),
+        lost_words=str(lost_words),
+        lost_axes=tuple(int(axis) for axis in lost_axes),
+        answered_run=str(document.get("answered_run", "")),
     )
