@@ -28,24 +28,24 @@ def newest_cures(events: Iterable[JournalEvent], robot_serial: str) -> tuple[Pro
 
     A cure that is gone on with counts by its next end.
     """
-    cures, proved, unproved = set[str](), dict[str, ProvedCure](), ""
+    cures, proofs, open_run = set[str](), dict[str, ProvedCure](), ""
     for event in events:
         if event.kind == EventKind.STARTED and _is_cure(parse_json(event.body), robot_serial):
             cures.add(event.run_id)
         elif event.kind in (EventKind.RESUMED, EventKind.FORGOTTEN, EventKind.ENDED):
-            proved.pop(event.run_id, None)  # it goes on: only its next end counts
+            proofs.pop(event.run_id, None)  # it goes on: only its next end counts
         if event.kind == EventKind.ENDED and event.run_id in cures:
             end = parse_json(event.body)
             word = (end.get("judgement") or {}).get("word")
             if word == _PASS:
-                proved[event.run_id] = ProvedCure(event.run_id, _read_shown(end.get("result")))
-            unproved = "" if word == _PASS else event.run_id if word else unproved
-        elif event.kind == EventKind.STORED and (proved or unproved):
+                proofs[event.run_id] = ProvedCure(event.run_id, _read_shown(end.get("result")))
+            open_run = "" if word == _PASS else event.run_id if word else open_run
+        elif event.kind == EventKind.STORED and (proofs or open_run):
             fact = parse_json(event.body)
             if (fact["what"], fact["robot_serial"]) == (_RECORD, robot_serial):
-                proved.clear()
-                unproved = ""
-    return next(reversed(proved.values()), None), unproved
+                proofs.clear()
+                open_run = ""
+    return next(reversed(proofs.values()), None), open_run
 
 
 def _is_cure(header: Any, robot_serial: str) -> bool:

@@ -115,8 +115,8 @@ class PositionComparison:
         shown = await cast(TellsPositionData, robot).position_data()
         history = await _history_of(robot, last.marks)
         present, before = _zero_data(shown), {**reference.recorded_data(), **last.values}
-        found = _find_trouble(before, present, history, baseline) or _find_unproved(reference, last)
-        trouble = None if accept else found
+        trouble = _find_trouble(before, present, history, baseline) or _find_unproved(reference, last)
+        trouble = None if accept else trouble
         gap = "" if baseline is None or history.is_whole else _describe_gap(baseline)
         absent = sorted({name for name, axis in before if (name, axis) not in present})
         if absent:
@@ -125,8 +125,13 @@ class PositionComparison:
         if trouble is None:
             values, marks = {**before, **present}, history.marks or last.marks
             key = reference.key or last.reference_key
+<<<<<<< HEAD
             baseline_now = KeptPosition(robot.name, self._serial, values, marks, key, "")
             self._store_baseline(replace(baseline_now, answered_run=reference.unproved_run))
+=======
+            present_position = KeptPosition(robot.name, self._serial, values, marks, key, "")
+            self._store_baseline(replace(present_position, answered_run=reference.unproved_run))
+>>>>>>> c322c666b9222be3189a45f1070e8d53c40e6a54
         return PositionLook(_compared_with(reference, baseline, has_data=bool(before)), trouble, gap)
 
     def note_loss(self, robot: str, condition: Condition) -> None:
@@ -144,8 +149,8 @@ class PositionComparison:
             return
         axes = sorted({alarm.axis + 1 for alarm in condition.alarms if alarm.axis is not None})
         lost_utc = datetime.now(UTC).isoformat()
-        lost = replace(last, lost_utc=lost_utc, lost_words=condition.message, lost_axes=tuple(axes))
-        self._store_baseline(lost, seen_utc=last.seen_utc)
+        baseline = replace(last, lost_utc=lost_utc, lost_words=condition.message, lost_axes=tuple(axes))
+        self._store_baseline(baseline, seen_utc=last.seen_utc)
 
     def _valid_baseline(self, robot: str, reference: ZeroReference) -> KeptPosition | None:
         baseline = self._memory.load(robot)
@@ -231,11 +236,11 @@ def _find_unproved(reference: ZeroReference, last: KeptPosition) -> Trouble | No
         )
         return text, suspect_return(last.lost_axes)
     if reference.unproved_run and reference.unproved_run != last.answered_run:
-        unproved = make_message(
+        text = make_message(
             "run {run_id} did not prove that its position was brought back rightly",
             run_id=reference.unproved_run,
         )
-        return unproved, suspect_return(())
+        return text, suspect_return(())
     return None
 
 

@@ -80,15 +80,15 @@ def test_a_cure_that_is_gone_on_with_counts_by_its_next_end(tmp_path: Path) -> N
         journal.append_all(second, [NewEvent(EventKind.FORGOTTEN, {"keep": 1, "step": "measure"})])
     assert cure_in_force(config) == first
     with open_journal(config) as journal:
-        ended = {"verdict": "passed", "reason": "", "judgement": {"word": "fail"}}
-        journal.append_all(second, [NewEvent(EventKind.ENDED, ended)])
+        end = {"verdict": "passed", "reason": "", "judgement": {"word": "fail"}}
+        journal.append_all(second, [NewEvent(EventKind.ENDED, end)])
     assert cure_in_force(config) == first
 
 
 def test_what_the_controller_showed_in_the_cure_is_kept(tmp_path: Path) -> None:
     config = cell_config(tmp_path)
-    shown = [{"name": "offset", "value": "1.5", "axis": 0, "is_zero": True}]
-    add_run(config, 1, "position_cure", word="pass", result={"shown": shown})
+    values = [{"name": "offset", "value": "1.5", "axis": 0, "is_zero": True}]
+    add_run(config, 1, "position_cure", word="pass", result={"shown": values})
     with open_journal(config) as journal:
         cure, _ = RunStore(journal).cures_since_record(SERIAL)
     assert cure is not None
@@ -98,17 +98,17 @@ def test_what_the_controller_showed_in_the_cure_is_kept(tmp_path: Path) -> None:
 def test_a_cure_that_proved_nothing_is_told_until_one_passes_or_a_record_is_taken(tmp_path: Path) -> None:
     config = cell_config(tmp_path)
 
-    def unproved() -> str:
+    def open_run() -> str:
         with open_journal(config) as journal:
             return RunStore(journal).cures_since_record(SERIAL)[1]
 
     add_record(config, 1)
-    assert unproved() == ""
-    failed = add_run(config, 2, "position_cure", word="fail")
-    assert unproved() == failed
+    assert open_run() == ""
+    run_id = add_run(config, 2, "position_cure", word="fail")
+    assert open_run() == run_id
     add_run(config, 3, "position_cure", word="pass")
-    assert unproved() == ""
-    undecided = add_run(config, 4, "position_cure", word="undecided")
-    assert unproved() == undecided
+    assert open_run() == ""
+    run_id = add_run(config, 4, "position_cure", word="undecided")
+    assert open_run() == run_id
     add_record(config, 5)
-    assert unproved() == ""
+    assert open_run() == ""

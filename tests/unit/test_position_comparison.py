@@ -42,11 +42,11 @@ async def look(
     serial: str = "A1",
     *,
     cure: ProvedCure | None = None,
-    unproved: str = "",
+    open_run: str = "",
     **options: Any,
 ) -> Any:
     comparison = PositionComparison(
-        KeptPositions(folder), serial, lambda: ZeroReference(None, cure, unproved)
+        KeptPositions(folder), serial, lambda: ZeroReference(None, cure, open_run)
     )
     return await comparison.look(arm, **options)  # type: ignore[arg-type]
 
@@ -116,20 +116,20 @@ async def test_a_loss_that_was_seen_is_told_until_it_is_answered_although_nothin
 ) -> None:
     arm = ShowingArm()
     alarm = Alarm("-", "not mastered", 2, AlarmKind.TURNS)
-    lost = Condition(Readiness.POSITION_LOST, "not mastered: A3", alarms=(alarm,))
+    condition = Condition(Readiness.POSITION_LOST, "not mastered: A3", alarms=(alarm,))
     for first_looks in (0, 1):
         folder = tmp_path / str(first_looks)
         folder.mkdir()
         for _ in range(first_looks):
             await look(arm, folder)
-        PositionComparison(KeptPositions(folder), "A1", ZeroReference).note_loss("arm", lost)
+        PositionComparison(KeptPositions(folder), "A1", ZeroReference).note_loss("arm", condition)
         for _ in range(2):
             words, suspicion = (await look(arm, folder)).trouble
             assert "not mastered: A3" in words
             assert suspicion.axes == (3,)
         assert (await look(arm, folder, cure=ProvedCure("r1"))).trouble is None
         assert (await look(arm, folder, cure=ProvedCure("r1"))).trouble is None
-        PositionComparison(KeptPositions(folder), "A1", ZeroReference).note_loss("arm", lost)
+        PositionComparison(KeptPositions(folder), "A1", ZeroReference).note_loss("arm", condition)
         assert (await look(arm, folder, accept=True)).trouble is None
         assert (await look(arm, folder)).trouble is None
 
@@ -137,11 +137,11 @@ async def test_a_loss_that_was_seen_is_told_until_it_is_answered_although_nothin
 async def test_a_cure_without_a_proof_is_told_until_a_person_accepts_it(tmp_path: Path) -> None:
     arm = ShowingArm()
     await look(arm, tmp_path)
-    assert "r7" in (await look(arm, tmp_path, unproved="r7")).trouble[0]
-    assert "r7" in (await look(arm, tmp_path, unproved="r7")).trouble[0]
-    assert (await look(arm, tmp_path, unproved="r7", accept=True)).trouble is None
-    assert (await look(arm, tmp_path, unproved="r7")).trouble is None
-    assert "r8" in (await look(arm, tmp_path, unproved="r8")).trouble[0]
+    assert "r7" in (await look(arm, tmp_path, open_run="r7")).trouble[0]
+    assert "r7" in (await look(arm, tmp_path, open_run="r7")).trouble[0]
+    assert (await look(arm, tmp_path, open_run="r7", accept=True)).trouble is None
+    assert (await look(arm, tmp_path, open_run="r7")).trouble is None
+    assert "r8" in (await look(arm, tmp_path, open_run="r8")).trouble[0]
 
 
 async def test_a_damaged_file_is_a_first_look(tmp_path: Path) -> None:

@@ -15,15 +15,15 @@ from tests.wire.test_fanuc_watch import watch_robots, watched
 
 
 @pytest.fixture
-def served() -> Iterator[FanucFtpServer]:
+def server() -> Iterator[FanucFtpServer]:
     with ftp_controllers(FanucCabinet()) as servers:
         yield servers[0]
 
 
-def look(served: FanucFtpServer, records: Path, capsys) -> tuple[int, str, list[str]]:
+def look(server: FanucFtpServer, records: Path, capsys) -> tuple[int, str, list[str]]:
     """Return the exit code, the state and what was not compared."""
     capsys.readouterr()
-    code = watch_robots(records, address_of(served), "--json")
+    code = watch_robots(records, address_of(server), "--json")
     (robot,) = json.loads(capsys.readouterr().out)["robots"]
     return code, robot["state"], robot["not_compared"]
 
@@ -41,29 +41,29 @@ def look(served: FanucFtpServer, records: Path, capsys) -> tuple[int, str, list[
     ],
 )
 def test_a_file_that_is_missing_one_night_is_told(
-    served: FanucFtpServer, tmp_path: Path, capsys, name: str, part: str
+    server: FanucFtpServer, tmp_path: Path, capsys, name: str, part: str
 ) -> None:
-    take_record(address_of(served), tmp_path)
-    served.faults.missing = frozenset([name])
-    assert look(served, tmp_path, capsys) == (ExitCode.REFUSED, "not compared", [part])
-    served.cabinet.counts_at_zero[2] += 1
-    assert look(served, tmp_path, capsys)[:2] == (ExitCode.OUT_OF_TOLERANCE, "changed")
+    take_record(address_of(server), tmp_path)
+    server.faults.missing = frozenset([name])
+    assert look(server, tmp_path, capsys) == (ExitCode.REFUSED, "not compared", [part])
+    server.cabinet.counts_at_zero[2] += 1
+    assert look(server, tmp_path, capsys)[:2] == (ExitCode.OUT_OF_TOLERANCE, "changed")
 
 
-def test_without_the_mastering_nothing_was_read(served: FanucFtpServer, tmp_path: Path, capsys) -> None:
-    take_record(address_of(served), tmp_path)
-    served.faults.missing = frozenset(["sysmast.va"])
-    assert look(served, tmp_path, capsys)[:2] == (ExitCode.UNREACHABLE, "not read")
-    watch_robots(tmp_path, address_of(served))
+def test_without_the_mastering_nothing_was_read(server: FanucFtpServer, tmp_path: Path, capsys) -> None:
+    take_record(address_of(server), tmp_path)
+    server.faults.missing = frozenset(["sysmast.va"])
+    assert look(server, tmp_path, capsys)[:2] == (ExitCode.UNREACHABLE, "not read")
+    watch_robots(tmp_path, address_of(server))
     assert "there is no SYSMAST.VA" in " ".join(capsys.readouterr().err.split())
 
 
 def test_an_f_number_that_no_file_tells_is_not_compared(
-    served: FanucFtpServer, tmp_path: Path, capsys
+    server: FanucFtpServer, tmp_path: Path, capsys
 ) -> None:
-    take_record(address_of(served), tmp_path)
-    served.cabinet.f_number = ""
-    code, state, parts = look(served, tmp_path, capsys)
+    take_record(address_of(server), tmp_path)
+    server.cabinet.f_number = ""
+    code, state, parts = look(server, tmp_path, capsys)
     assert (code, state, parts) == (
         ExitCode.REFUSED,
         "not compared",
@@ -82,12 +82,12 @@ def test_what_a_backup_never_held_is_not_missed(tmp_path: Path) -> None:
 
 
 def test_other_gears_are_told_although_the_counts_are_those_of_the_record(
-    served: FanucFtpServer, tmp_path: Path, capsys
+    server: FanucFtpServer, tmp_path: Path, capsys
 ) -> None:
-    take_record(address_of(served), tmp_path)
-    cabinet = served.cabinet
+    take_record(address_of(server), tmp_path)
+    cabinet = server.cabinet
     cabinet.ratios = [*cabinet.ratios[:3], cabinet.ratios[3] * 1.02, *cabinet.ratios[4:]]
     cabinet.joints_deg = [0.0] * 6  # where the angles agree with any gears
-    code, changes = watched(served, tmp_path, capsys)
+    code, changes = watched(server, tmp_path, capsys)
     assert code == ExitCode.OUT_OF_TOLERANCE
     assert "of J4 differ from the record" in changes["drives"]

@@ -165,25 +165,25 @@ def compare_with_records(
         error = _without_mastering(files)
         return WatchedController(address, WatchState.FAILED, files.serial, error=error, error_code="device")
     changes: list[FileChange] = []
-    compared_with, not_compared, left_out, absent = "", set[str](), list[str](), list[str]()
+    compared_with, not_compared, left_out, absent_parts = "", set[str](), list[str](), list[str]()
     groups = {each.controller.group for each in ours}
     for group in sorted(groups):
         *earlier, last = [each for each in ours if each.controller.group == group]
         changes += compare_files(files, last, earlier, groups)
         changes += _find_copies(files, group, stored)
         compared_with = max(compared_with, last.day)
-        absent += list_absent_parts(files, last)
+        absent_parts += list_absent_parts(files, last)
         left_out += [describe_uncompared_angles(files, last), *list_unread_programs(files)]
         if last.controller.other_axes is None:
             others = find_other_axes(files, group)
             not_compared |= {name for name in others if int(name.partition(".")[0]) not in groups - {group}}
     unique = tuple(dict.fromkeys(changes))
-    state = WatchState.NOT_COMPARED if absent else WatchState.UNCHANGED
+    state = WatchState.NOT_COMPARED if absent_parts else WatchState.UNCHANGED
     state = WatchState.CHANGED if unique else state
     if any(change.kind is ChangeKind.LOSS for change in unique):
         state = WatchState.LOST
     axes = tuple(map(name_axis, sorted(not_compared)))
-    angles = tuple(dict.fromkeys(filter(None, (*absent, *left_out))))
+    angles = tuple(dict.fromkeys(filter(None, (*absent_parts, *left_out))))
     return WatchedController(address, state, files.serial, compared_with, unique, axes, angles)
 
 

@@ -26,21 +26,21 @@ _CONTENTS = {
 
 def list_absent_parts(files: ControllerFiles, last: StoredRecord) -> tuple[str, ...]:
     """Return what the record was made with and this reading does not give, as parts of a sentence."""
-    had = _files_of(last)
-    found = [
+    names = _files_of(last)
+    parts = [
         f"{content} (no {name})"
         for name, content in _CONTENTS.items()
-        if name in had and name in files.missing and name not in files.not_given
+        if name in names and name in files.missing and name not in files.not_given
     ]
-    found += [f"{name} (refused: {reason})" for name, reason in files.not_given.items() if name in _CONTENTS]
+    parts += [f"{name} (refused: {reason})" for name, reason in files.not_given.items() if name in _CONTENTS]
     unsigned = (last.controller.safety or {}).keys() - (files.safety or {}).keys()
     if unsigned and SAFETY not in files.missing:
-        found.append(f"DCS signatures of {list_some(sorted(unsigned))}")
+        parts.append(f"DCS signatures of {list_some(sorted(unsigned))}")
     if last.controller.programs and files.lists_nothing:
-        found.append("programs (no list of files)")
+        parts.append("programs (no list of files)")
     if not files.serial:
-        found.append("which controller it is (no F number)")
-    return tuple(found)
+        parts.append("which controller it is (no F number)")
+    return tuple(parts)
 
 
 def list_unread_programs(files: ControllerFiles) -> tuple[str, ...]:
@@ -53,7 +53,7 @@ def _files_of(last: StoredRecord) -> frozenset[str]:
     """Return the files that the record was made with; of an older record those that its content shows."""
     if last.controller.files is not None:
         return frozenset(last.controller.files)
-    shown = {
+    signs = {
         DRIVES: True,
         ALARMS: True,
         AXES: bool(last.record.reference_counts),
@@ -61,4 +61,4 @@ def _files_of(last: StoredRecord) -> frozenset[str]:
         SAFETY: bool(last.controller.safety),
         FRAMES: bool(last.controller.frames),
     }
-    return frozenset(name for name, is_shown in shown.items() if is_shown)
+    return frozenset(name for name, is_shown in signs.items() if is_shown)
