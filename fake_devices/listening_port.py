@@ -49,16 +49,31 @@ class ListeningPort:
 
     async def open(self) -> None:
         """Listen, where nothing listens yet; raise OSError when the address is taken."""
-        if self._server is None:
-            self._server = await asyncio.start_server(
-                self._accept_client,
-                self.host,
-                self.port,
-                limit=self._line_limit_bytes,
-                ssl=self._tls,
-                reuse_address=True,
-            )
-            self.port = self._server.sockets[0].getsockname()[1]
+        if self.is_listening:
+            return
+        # Its sockets are known here before anything is waited for: a task that is cancelled leaves none behind.
+        server = await asyncio.start_server(
+            self._accept_client,
+            self.host,
+            self.port,
+            limit=self._line_limit_bytes,
+            ssl=self._tls,
+            reuse_address=True,
+            start_serving=False,
+        )
+        await self._serve_on(server)
+
+    async def _serve_on(self, server: asyncio.Server) -> None:
+        if self.is_listening:  # another task was quicker
+            server.close()
+            return
+        self._server = server
+        self.port = server.sockets[0].getsockname()[1]
+        try:
+            await server.start_serving()
+        except OSError:
+            self.close()
+            raise
 
     def close(self) -> None:
         """Stop listening and cut every connection."""

@@ -76,10 +76,12 @@ class PositionCureSpec:
         tuple[Annotated[int, Field(ge=1)], ...],
         describe_setting(
             "Axes to bring back again",
-            "Axes that the controller takes as good and that are wrong all the same, such as 2, 3; empty: none.",
+            "Axes that the controller takes as good and that are wrong all the same, as the pendant names "
+            "them; empty: none.",
             "what",
             unit="1",
             basic=True,
+            axes=True,
         ),
     ] = ()
     limit_rad: Annotated[
@@ -106,7 +108,7 @@ async def position_cure(run: Run, spec: PositionCureSpec) -> PositionCureResult:
     cures = _planned_cures(spec, state, len(record.measured.counts_at_zero))
     for k, cure in enumerate(cures, 1):
         await run.step(f"bring back axis {k}", bring_back_axis, cure)
-    await run.step("see that no axis is lost", see_none_lost)
+    await run.step("see that no axis is lost", see_none_lost, tuple(cure.axis for cure in cures))
     await run.step("near the record's pose", make_ready, record.measured.reference_joints_rad)
     await run.ensure("the wire is hooked", ask_confirmation, HOOK_WIRE)
     shown = await run.step("read the position data", read_position_data)

@@ -33,18 +33,22 @@ def describe_setting(  # noqa: PLR0913  each is one thing that a page shows
     basic: bool = False,
     drawing: str = "",
     choices: Mapping[str, str] | None = None,
+    axes: bool = False,
 ) -> Any:
     """Return the text of a setting for its annotation.
 
     ``unit`` is SI ("m", "rad", "m/s", "rad/s", "count" of an encoder, "1" for a plain number), empty where the value
     is no number. A ``basic`` setting is one that a technician knows; ``drawing`` names a picture of a place or
-    direction; ``choices`` says each value of a choice in words.
+    direction; ``choices`` says each value of a choice in words; ``axes`` are counted from 1, and shown and
+    taken by the names of the pendant.
     """
     extra: dict[str, Any] = {"x-group": GROUP_NAMES[group], "x-unit": unit, "x-basic": basic}
     if drawing:
         extra["x-drawing"] = drawing
     if choices:
         extra["x-choices"] = dict(choices)
+    if axes:
+        extra["x-axes"] = True
     return Field(title=label, description=help_text, json_schema_extra=extra)
 
 

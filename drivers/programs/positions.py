@@ -144,6 +144,7 @@ class ProgramFrames:
     # What other files of its cell declare: true there, and not where the program is taken to.
     cell_base_frame: Mapping[str, Pose] = field(default_factory=dict)
     cell_flange_tip: Mapping[str, Pose] = field(default_factory=dict)
+    sets_tools: bool = False  # it sets its tools to these poses while it runs, whatever its controller has
 
 
 def with_unread(positions: Positions, unread: Sequence[tuple[str, int, str]]) -> Positions:

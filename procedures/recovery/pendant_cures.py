@@ -19,7 +19,7 @@ from cellcal.procedures.recovery.shown_position import (
     read_reached_condition,
     with_shown_motors,
 )
-from cellcal.procedures.run import ProcedureError
+from cellcal.procedures.run import ProcedureError, RefusalError
 
 Zero = Literal["kept", "new"]
 TRIES = 5
@@ -90,11 +90,13 @@ async def bring_back_axis(cell: Cell, what: AxisCure) -> CuredAxis:
     raise _not_back_error(state)
 
 
-async def see_none_lost(cell: Cell) -> AxisState:
+async def see_none_lost(cell: Cell, brought_back: tuple[int, ...]) -> AxisState:
     """Return the state of all axes once the controller shows none as lost; have the rest done at the pendant.
 
     Raises
     ------
+    RefusalError
+        An axis is lost that was not when the run began: nobody was led through bringing it back.
     NotBroughtBackError
         It still shows a lost position after several tries.
     """
@@ -102,6 +104,8 @@ async def see_none_lost(cell: Cell) -> AxisState:
     for _ in range(TRIES):
         if not state.is_lost:
             return state
+        if others := [axis for axis in state.lost_axes if axis not in brought_back]:
+            raise _lost_since_error(state, others)
         text = make_message(
             "The controller still shows a lost position: {words} Bring it back at the pendant and reset the alarm.",
             words=state.words,
@@ -201,6 +205,16 @@ async def _ask_and_watch(cell: Cell, what: AxisCure, wrong_text: str) -> None:
         guides.show_guidance(sentence, {"axis": what.axis, "is_lost": is_lost})
 
     await ask_while_watching(cell, cure_instruction(what, wrong_text), show_state, WATCH_S)
+
+
+def _lost_since_error(state: AxisState, axes: list[int]) -> RefusalError:
+    names = ", ".join(axis_name(state.cure, axis) for axis in axes)
+    return RefusalError(
+        make_message(
+            "axis {names} lost its position after this run had begun: {words}", names=names, words=state.words
+        ),
+        remedy="Start a new run: it leads through every axis that is lost, and proves all of them.",
+    )
 
 
 def _not_back_error(state: AxisState) -> NotBroughtBackError:

@@ -45,10 +45,11 @@ class MasteringRecoverySpec:
         tuple[Annotated[int, Field(ge=1)], ...],
         describe_setting(
             "Axes with exchanged parts",
-            "Axes whose motor, encoder, belt or gear was exchanged, such as 2, 3; empty: none.",
+            "Axes whose motor, encoder, belt or gear was exchanged, as the pendant names them; empty: none.",
             "what",
             unit="1",
             basic=True,
+            axes=True,
         ),
     ] = ()
     first_captures: Annotated[int, Field(ge=6, le=200), FIRST_CAPTURES] = 12

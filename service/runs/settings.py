@@ -17,6 +17,7 @@ from cellcal.service.configuration.cell_file import CellConfig
 from cellcal.service.configuration.usual_settings import bool_became_number, is_finite
 from cellcal.service.engineering.parameters.simulated_cells import with_files
 from cellcal.service.record.healthy_counts import LastHealthyCounts
+from cellcal.service.runs.named_axes import with_numbered_axes
 from cellcal.service.runs.settings_description import label_of
 
 
@@ -29,6 +30,8 @@ def build_spec(config: CellConfig, robot: str, procedure: str, settings: Mapping
         A setting is unknown or out of its type; every fault is named.
     """
     valid = _settings_of(procedure, settings)
+    names = config.robot_named(robot).capabilities.all_axis_names()
+    settings = with_numbered_axes(procedure, settings, names)
     if "last_counts" in valid and "last_counts" not in settings:
         healthy = LastHealthyCounts(config.cell.data_dir).load_counts(robot)
         settings = {**settings, "last_counts": None if healthy is None else healthy.counts}

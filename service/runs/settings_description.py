@@ -16,6 +16,7 @@ _BOUNDS = (
     ("maximum", "to"),
     ("exclusiveMaximum", "below"),
 )
+_AXES = "axes as the pendant names them, such as A2,A3, or by their numbers"
 _PLAIN = {
     "integer": "whole number",
     "number": "number",
@@ -58,7 +59,7 @@ def settings_of(procedure: str, usual: Mapping[str, Any] | None = None) -> tuple
             group=each["x-group"],
             unit=each["x-unit"],
             basic=each["x-basic"],
-            takes=_describe_type(each, definitions),
+            takes=_AXES if each.get("x-axes") else _describe_type(each, definitions),
             default=None if name in needed else _describe_default(each),
         )
         for name, each in schema.get("properties", {}).items()
@@ -118,7 +119,8 @@ def _describe_type(schema: Mapping[str, Any], definitions: Mapping[str, Any]) ->
     if "enum" in schema or "const" in schema:
         return ", ".join(map(str, schema.get("enum", [schema.get("const")])))
     if schema.get("type") == "array":
-        return _describe_list(schema, definitions)
+        axes = "axes as the pendant names them, such as A2,A3, or by their numbers"
+        return axes if schema.get("x-axes") else _describe_list(schema, definitions)
     if schema.get("type") == "object":
         return _describe_parts(schema)
     words = [_PLAIN.get(str(schema.get("type")), "JSON")]

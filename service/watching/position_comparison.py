@@ -125,14 +125,14 @@ class PositionComparison:
         if trouble is None:
             values, marks = {**before, **present}, history.marks or last.marks
             key = reference.key or last.reference_key
-            present_position = KeptPosition(robot.name, self._serial, values, marks, key, "")
-            self._store_baseline(replace(present_position, answered_run=reference.unproved_run))
+            baseline_now = KeptPosition(robot.name, self._serial, values, marks, key, "")
+            self._store_baseline(replace(baseline_now, answered_run=reference.unproved_run))
         return PositionLook(_compared_with(reference, baseline, has_data=bool(before)), trouble, gap)
 
     def note_loss(self, robot: str, condition: Condition) -> None:
         """Keep that a lost position was seen: it is told until a record, a proved cure or a person answers it.
 
-        A controller without a log shows nothing of it once somebody has brought the position back.
+        A controller without a log shows nothing of it once a person has brought the position back.
         """
         self._next_s = 0.0
         reference = self._newest()

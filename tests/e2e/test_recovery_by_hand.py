@@ -80,7 +80,7 @@ class PendantPerson(SimulatedTechnician):
 
     async def _move_arm(self, text: str) -> None:
         """Go by way of the corners: the last one makes every joint come from below."""
-        for corner in re.split(r"; (?:to|then) ", text.rpartition("bring the robot ")[2]):
+        for corner in re.split(r"; (?:to )?", text.rpartition("bring the robot ")[2]):
             joints = _JOINTS.findall(corner)
             assert [axis for axis, _ in joints] == list("123456"), text
             rad = [float(np.radians(float(angle))) for _, angle in joints]

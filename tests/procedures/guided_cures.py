@@ -3,8 +3,8 @@
 import asyncio
 import math
 import re
-from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager
+from collections.abc import AsyncIterator, Iterator
+from contextlib import asynccontextmanager, contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -200,6 +200,16 @@ class GuidedBench:
 @asynccontextmanager
 async def guided_bench(folder: Path, brand: str, seed: int = 1) -> AsyncIterator[GuidedBench]:
     """Play a robot with its wire in another process and open its cell."""
+    with guided_fakes(folder, brand, seed) as (path, hands):
+        config = read_cell_file(path)
+        async with open_cell(config, hands) as cell:
+            watched = replace(cell, limits=replace(cell.limits, look_s=LOOK_S))
+            yield GuidedBench(config, watched, hands)
+
+
+@contextmanager
+def guided_fakes(folder: Path, brand: str, seed: int = 1) -> Iterator[tuple[Path, PendantWorker]]:
+    """Play a robot with its wire in another process; yields the cell file and who stands at the pendant."""
     robot = robot_table(
         name="robot",
         motion=MOTION[brand],
@@ -213,11 +223,7 @@ async def guided_bench(folder: Path, brand: str, seed: int = 1) -> AsyncIterator
     world = fake_table(watchdog_factor=10.0, seed=seed, time_factor=600.0)
     text = cell_head("guided") + robot + wire + world
     with run_fakes(folder, text) as (path, fake_client):
-        hands = PendantWorker(brand, fake_client)
-        config = read_cell_file(path)
-        async with open_cell(config, hands) as cell:
-            watched = replace(cell, limits=replace(cell.limits, look_s=LOOK_S))
-            yield GuidedBench(config, watched, hands)
+        yield path, PendantWorker(brand, fake_client)
 
 
 @dataclass(frozen=True, slots=True)

@@ -198,14 +198,14 @@ async def test_one_robot_takes_one_run_at_a_time(journal: Journal) -> None:
 async def test_a_run_of_another_process_is_seen_to_go_on_and_nobody_who_looks_is_in_its_way(
     journal: Journal,
 ) -> None:
-    made, leases, seen = user_frame_scene(), journal.path.parent / "leases", []
+    made, leases, states = user_frame_scene(), journal.path.parent / "leases", []
 
     def look(_progress: StepProgress) -> None:
         (view,) = RunStore(journal).list_runs()
-        seen.append(view.state_seen(runs_under_way(leases)))
+        states.append(view.state_seen(runs_under_way(leases)))
 
     await run_procedure(made.cell, NAME, made.spec, journal, how=replace(HOW, on_event=look))
-    assert "running" in seen
+    assert "running" in states
     (view,) = RunStore(journal).list_runs()
     assert view.state_seen(runs_under_way(leases)) == "passed"
     assert runs_under_way(leases) == frozenset()

@@ -186,26 +186,26 @@ async def test_an_axis_is_called_back_or_not_only_where_the_controller_tells_eac
     cure_at_pendant: PositionCure, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(pendant_cures, "WATCH_S", 0.001)
-    told: list[str] = []
+    refusal_texts: list[str] = []
     made = await cure_scene(lost=(1,))
 
     class Watched(ScriptedTechnician):
         async def confirm(self, instruction: Instruction) -> Answer:
             for _ in range(50):  # looks are made meanwhile
-                if not told:
+                if not refusal_texts:
                     await asyncio.sleep(0.002)
             made.arm.lost_axes.clear()
             return await super().confirm(instruction)
 
         def show_guidance(self, text: str, values: Mapping[str, Any]) -> None:
-            told.append(text)
+            refusal_texts.append(text)
 
     assert isinstance(made.arm, ShownArm)
     made.arm.cure = cure_at_pendant
     cell = replace(made.cell, operator=Watched())
     await bring_back_axis(cell, AxisCure(1, cure_at_pendant, "kept", True))
     each_axis = cure_at_pendant is PositionCure.REVOLUTION_COUNTERS
-    assert told[:1] == (["Axis 2 is not brought back yet."] if each_axis else [])
+    assert refusal_texts[:1] == (["Axis 2 is not brought back yet."] if each_axis else [])
 
 
 async def test_a_person_who_jogs_is_asked_for_and_nothing_is_commanded() -> None:

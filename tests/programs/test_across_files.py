@@ -534,3 +534,21 @@ def test_a_fanuc_position_without_frame_is_taken_in_one_only_where_no_other_prog
         assert expected in found
     else:
         assert found == expected
+
+
+@pytest.mark.parametrize("call", ["CALL TOOL_4", "TOOL_4", "Tool 4"])
+@pytest.mark.parametrize("sets", [True, False])
+def test_a_macro_is_taken_for_the_program_of_its_name(tmp_path: Path, call: str, sets: bool) -> None:
+    """Its listing was there, and what the project says of programs that choose no tool counted instead."""
+    head = "/PROG  {}\n/ATTR\nDEFAULT_GROUP\t= 1,*,*,*,*;\n/MN\n"
+    place = "X = 600.000  mm,\tY = 0.000  mm,\tZ = 500.000  mm,\n\tW = 180.000 deg,\tP = 0.000 deg,\tR = 0.000 deg"
+    position = f"P[1]{{\n   GP1:\n\tUF : 1, UT : F,\t\tCONFIG : 'N U T, 0, 0, 0',\n\t{place}\n}};\n"
+    moves = f"   1:  {call} ;\n   2:L P[1] 100mm/sec FINE ;\n"
+    chooses = "   1:  UTOOL_NUM=4 ;\n" if sets else "   1:  DO[1]=ON ;\n"
+    files = {
+        "A.LS": f"{head.format('A')}{moves}/POS\n{position}/END\n",
+        "TOOL_4.LS": f"{head.format('TOOL_4')}{chooses}/POS\n/END\n",
+    }
+    barred = read_programs(tmp_path, files)["A.LS"].positions.barred
+    assert any("TOOL_4 in TOOL_4.LS" in why for why in barred.values()) == sets
+    assert bool(barred) == sets

@@ -117,10 +117,10 @@ def test_a_root_that_a_program_sets_leaves_every_place(statement: str, file: str
     }
     files[file] = src_file(Path(file).stem, statement)
     found = {Path(name).name: one.positions for name, one in read_programs(tmp_path, files).items()}
-    left = [
+    left_names = [
         name for row, name in enumerate(found["a.dat"].names) if found["a.dat"].barred.get(row) == ROOT_SET
     ]
-    assert left == ["XP0", "XP1", "XP2"]
+    assert left_names == ["XP0", "XP1", "XP2"]
     assert not found["c.dat"].barred  # of another controller
 
 

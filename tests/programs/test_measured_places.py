@@ -77,9 +77,9 @@ def move_modules(folder: Path, modules: dict[str, tuple[str, ...]], frame: str, 
 
 @pytest.mark.parametrize("way", WAYS)
 def test_a_place_that_is_taken_in_another_work_object_is_a_finding(way: str, tmp_path: Path) -> None:
-    (said,) = move_modules(tmp_path, WAYS[way], "w2", 35.0)
-    assert "in the user frame w1" in said
-    assert "in w2" in said
+    (finding,) = move_modules(tmp_path, WAYS[way], "w2", 35.0)
+    assert "in the user frame w1" in finding
+    assert "in w2" in finding
 
 
 @pytest.mark.parametrize("way", WAYS)

@@ -43,8 +43,8 @@ def findings_of(folder: Path, *lines: str, before: str = "", joints: str = "keep
     ],
 )
 def test_a_step_from_joint_angles_that_stay_is_a_finding(lines: tuple[str, ...], tmp_path: Path) -> None:
-    (said,) = findings_of(tmp_path, *lines, before=UP if "up()" in lines else "")
-    assert "stays" in said
+    (finding,) = findings_of(tmp_path, *lines, before=UP if "up()" in lines else "")
+    assert "stays" in finding
     assert not findings_of(tmp_path / "moved", *lines, before=UP if "up()" in lines else "", joints="move")
 
 
@@ -71,5 +71,5 @@ def test_a_step_from_what_moves_is_none(lines: tuple[str, ...], tmp_path: Path) 
 def test_a_place_of_the_base_that_is_taken_in_a_plane_is_a_finding(
     lines: tuple[str, ...], tmp_path: Path
 ) -> None:
-    (said,) = findings_of(tmp_path, *lines)
-    assert "takes where the robot stands" in said
+    (finding,) = findings_of(tmp_path, *lines)
+    assert "takes where the robot stands" in finding

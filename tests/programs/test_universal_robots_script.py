@@ -114,7 +114,7 @@ _SUB = ("def sub():", _SET_B, "end")
         ((_SET_A, "sub()", f"movel({_POSE})", *_SUB), "way"),
         ((*_SUB, _SET_A, f"movel({_POSE})", "sub()"), ""),
         ((*_SUB, f"movel({_POSE})", "sub()"), "way"),
-        ((*_SUB, "movel([0, -1, 1, -1, 0, 0])", "sub()"), ""),
+        ((*_SUB, "movel([0, -1, 1, -1, 0, 0])", "sub()"), "way"),
         ((*_SUB, "sub()", f"movel({_POSE})"), ""),
         (("if (b):", _SET_A, "end", f"movel({_POSE})"), "way"),
         ((*_SUB, "if (b):", "sub()", "end", f"movel({_POSE})"), "way"),

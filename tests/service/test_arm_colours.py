@@ -20,7 +20,7 @@ ARM = re.compile(r'<material name="arm">\s*<color rgba="([\d.]+) ([\d.]+) ([\d.]
 
 
 def test_makes_are_told_apart_by_the_colours_of_their_arms() -> None:
-    seen: dict[str, set[tuple[float, ...]]] = {}
+    colours_of_make: dict[str, set[tuple[float, ...]]] = {}
     for name, make in MAKES.items():
         config = read_cell_file(CELLS / f"{name}.toml")
         robot = config.robots[0].name
@@ -29,7 +29,7 @@ def test_makes_are_told_apart_by_the_colours_of_their_arms() -> None:
         rgb = tuple(float(share) for share in found.groups())
         shown = describe_surroundings(config, robot).arm_rgb
         assert rgb == tuple(round(int(shown[at : at + 2], 16) / 255, 3) for at in (1, 3, 5))
-        seen.setdefault(make, set()).add(rgb)
-    assert [len(colours) for colours in seen.values()] == [1] * 5
-    for (one,), (other,) in combinations(seen.values(), 2):
+        colours_of_make.setdefault(make, set()).add(rgb)
+    assert [len(colours) for colours in colours_of_make.values()] == [1] * 5
+    for (one,), (other,) in combinations(colours_of_make.values(), 2):
         assert max(abs(a - b) for a, b in zip(one, other, strict=True)) > 0.15

@@ -61,6 +61,17 @@ SEEN = """text => { const { left, top, bottom } = text.getBoundingClientRect();
 NAMES = ("J1", "J2", "J3", "J4", "J5", "J6")
 
 
+BRING_BACK = (
+    "Axis 2: in manual mode, jog this axis alone until its calibration marks meet. Then update the revolution counter "
+    "of this axis alone at the pendant."
+)
+NEAR_RECORD = (
+    "In manual mode bring the robot near the pose of the record, as the pendant shows the joints: J1 13.5, J2 11.0, "
+    "J3 -72.7, J4 -167.6, J5 -63.3, J6 -53.2 deg. Watch the arm: an axis may stand some motor turns from what is "
+    "shown. Then hook the draw-wire to the flange and make the controller ready to move."
+)
+
+
 def guidance(left_deg: float, advice: Advice, **more: Any) -> JogGuidance:
     left_rad = math.radians(left_deg)
     return JogGuidance(JogLeg(2, math.radians(12.0), 0.0, NAMES), 0.0, 0.01, left_rad, advice, **more)
@@ -117,9 +128,20 @@ async def test_a_turn_shows_key_rest_and_advice_while_it_is_made(
         await expect(page.get_by_test_id("jog-advice")).to_contain_text(german)
 
 
-async def test_a_question_is_seen_on_a_telephone_after_a_reload(page_viewer: PageViewer) -> None:
+@pytest.mark.parametrize(
+    ("text", "hold_to_move"),
+    [(TYPED["text"], False), (BRING_BACK, True), (NEAR_RECORD, True), (NEAR_RECORD, False)],
+)
+async def test_a_question_is_seen_on_a_telephone_after_a_reload(
+    page_viewer: PageViewer, text: str, hold_to_move: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(
+        RUN, "hold_to_move", hold_to_move
+    )  # its key takes as much of the screen as the answers
     async with page_viewer.open_page(size=(390, 844)) as page:
-        await ask_during_run(page, TYPED)
+        await ask_during_run(
+            page, {**TYPED, "text": text, "drawing": "pendant", "yes": "The axis is brought back"}
+        )
         words = page.get_by_test_id("instruction")
         await expect(words).to_be_visible()
         await page.evaluate("scrollTo(0, document.documentElement.scrollHeight)")

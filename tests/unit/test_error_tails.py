@@ -59,9 +59,9 @@ def _inside(seed, noise):
     )
     joints = random_joints(model, dice, 500)
     readings = simulated.truth.seen_from(0).base_flange(joints)[:, :3, 3] + noise(dice, 500)
-    said = predict_readings(found, joints)
-    away = np.linalg.norm(readings - said.positions_m, axis=1)
-    return float((away < said.expanded_m).mean()), said.model_error.tail_rows
+    prediction = predict_readings(found, joints)
+    away = np.linalg.norm(readings - prediction.positions_m, axis=1)
+    return float((away < prediction.expanded_m).mean()), prediction.model_error.tail_rows
 
 
 def _heavy(dice, count):

@@ -258,7 +258,7 @@ def test_a_set_of_another_nominal_model_is_refused():
 
 
 def test_a_folder_that_is_not_there_is_not_listed_as_an_empty_one(tmp_path: Path) -> None:
-    with pytest.raises(ParameterSetError, match="there is no folder") as told:
+    with pytest.raises(ParameterSetError, match="there is no folder") as refusal:
         list_sets(folder=tmp_path / "nowhere")
-    assert told.value.code == "usage"
+    assert refusal.value.code == "usage"
     assert list_sets(folder=tmp_path) == 0

@@ -53,8 +53,8 @@ def test_a_factor_is_found_with_its_deviation_and_mostly_refused(robot: str, fac
         scale = position_scale(true.model, spoilt)
         assert scale is not None
         assert abs(scale.factor - factor) < 4.0 * scale.sigma
-        told = is_wrong(scale) or bool(scale_note(scale))
-        assert told, (seed, scale)
+        is_reported = is_wrong(scale) or bool(scale_note(scale))
+        assert is_reported, (seed, scale)
         refused += is_wrong(scale)
     assert refused >= 3
 
@@ -91,14 +91,14 @@ def test_one_wrong_link_is_no_factor(robot: str, error_m: float) -> None:
 
 
 def test_a_factor_that_links_may_have_is_told_and_not_refused() -> None:
-    told = 0
+    reported_count = 0
     for seed in range(5):
         true = arm("fanuc_m6ib", seed, length_m=2e-5, count=80)
         spoilt = replace(true.observations, positions_m=true.observations.positions_m * 1.0017)
         scale = position_scale(true.model, spoilt)
         assert not is_wrong(scale), "a public series of an IRB 120 is so, by three targets"
-        told += len(scale_note(scale))
-    assert told >= 4
+        reported_count += len(scale_note(scale))
+    assert reported_count >= 4
 
 
 SAG_DEG_PER_M = 0.2  # of a collaborative arm

@@ -83,9 +83,9 @@ async def test_robot_web_services(head: bytes, how: str) -> None:
         link = WebLink(ServiceAddress("arm", "127.0.0.1", port), ("u", "p"), deadline_s=DEADLINE_S)
         await link.connect()
         began_s = time.monotonic()
-        with pytest.raises(DeviceError) as told:
+        with pytest.raises(DeviceError) as refusal:
             await link.get_state("/rw/panel/opmode")
-        assert isinstance(told.value, WireProtocolError) is (how != "dripping")
+        assert isinstance(refusal.value, WireProtocolError) is (how != "dripping")
         assert time.monotonic() - began_s < 2 * DEADLINE_S
         assert sent[0] < MOST_SENT
         await link.close()

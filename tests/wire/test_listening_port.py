@@ -2,6 +2,7 @@
 
 import ast
 import asyncio
+import gc
 import socket
 from pathlib import Path
 
@@ -39,6 +40,32 @@ async def test_a_port_keeps_its_number_and_can_be_opened_again() -> None:
         reader, writer = await asyncio.open_connection(port.host, number)
         assert await reader.read() == b"hello"
         writer.close()
+
+
+async def test_a_task_that_is_cancelled_while_it_opens_a_port_leaves_no_socket() -> None:
+    async def serve(_: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        writer.close()
+
+    for steps in range(8):
+        port = ListeningPort("127.0.0.1", 0, serve)
+        opening = asyncio.create_task(port.open())
+        for _ in range(steps):
+            await asyncio.sleep(0)
+        opening.cancel()
+        await asyncio.wait({opening})
+        await port.wait_closed()
+        gc.collect()  # a socket that was left raises a warning, which is an error here
+
+
+async def test_two_tasks_that_open_a_port_at_once_open_one() -> None:
+    async def serve(_: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        writer.close()
+
+    port = ListeningPort("127.0.0.1", 0, serve)
+    await asyncio.gather(port.open(), port.open())
+    assert port.is_listening
+    await port.wait_closed()
+    gc.collect()
 
 
 def test_no_other_server_is_started() -> None:

@@ -170,7 +170,10 @@ def _set_numbers(which: str, statements: bytes) -> set[str]:
 def _called_programs(statements: bytes) -> set[str]:
     named = {name.decode("cp437").upper() for name in _CALL.findall(statements)}
     macros = {words for words in _MACROS.findall(statements) if NO_MACRO.match(words) is None}
-    return named | {f"macro {words.decode()}" for words in macros}
+    texts = {words.decode() for words in macros}
+    # Which program a macro is stands in no listing; most are called as theirs.
+    by_name = {text.strip().upper().replace(" ", gap) for text in texts for gap in ("", "_")}
+    return named | by_name | {f"macro {text}" for text in texts}
 
 
 def _first_uses(statements: bytes) -> dict[str, int]:

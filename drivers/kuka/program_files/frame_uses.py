@@ -18,6 +18,7 @@ from cellcal.drivers.programs.call_graph import Marks, reached_settings, with_in
 from cellcal.drivers.programs.routine_calls import RoutineParameter
 
 UNKNOWN = "?"
+WRITTEN_OUT = "$"  # before the numbers of one that stands in the text
 TURNED_BY_AXIS = "!"  # a base that an external axis turns, by data of the controller
 RESET = "~"  # what the controller begins with: BAS(#INITMOV,0) sets it, behind what the routine sets
 BARRED = {

@@ -17,6 +17,7 @@ from cellcal.drivers.kuka.program_files.frame_uses import (
     RESET,
     TURNED_BY_AXIS,
     UNKNOWN,
+    WRITTEN_OUT,
     KrlRoutine,
 )
 from cellcal.drivers.kuka.program_files.krl_motions import KrlMotions
@@ -32,7 +33,7 @@ from cellcal.drivers.kuka.program_files.lines import (
     without_field_names,
     without_strings,
 )
-from cellcal.drivers.kuka.program_files.literals import KrlLiteral
+from cellcal.drivers.kuka.program_files.literals import POSE_FIELDS, KrlLiteral
 from cellcal.drivers.kuka.program_files.measured_points import MEASURED
 from cellcal.drivers.kuka.program_files.passed_points import parameters_of
 from cellcal.drivers.kuka.program_files.point_uses import PointUses
@@ -199,7 +200,7 @@ class KrlProgram(KrlMotions):
         self.found.add_remark(line.start, "computed", make_message(patterns.FRAME_SET_TEXT, which))
 
     def _frame_value(self, which: str, frame: re.Match[str], line: KrlLine) -> str:
-        """Return the number of a tool or base, ``$`` for one written out here, or that it is not known."""
+        """Return the number of a tool or base, the numbers of one written out here, or that it is not known."""
         text, place = self.found.source.text, line.start + frame.end()
         table = patterns.FROM_TABLE.fullmatch(text, place, line.end)
         if table is not None and not frame[2]:
@@ -216,8 +217,12 @@ class KrlProgram(KrlMotions):
         literal = self.found.read_literal(place, line.end) if text[place : line.end][:1] == "{" else None
         alone = literal is not None and not text[literal.end : line.end].strip()
         pose = self.found.pose_of(literal) if literal is not None and alone else None
-        self.points.set_frames[which].append(pose)
-        return "$" if pose is not None else UNKNOWN
+        if literal is None or pose is None:
+            return UNKNOWN
+        numbers = (f"{name} {float(text or 0)}" for name, text in zip(POSE_FIELDS, literal.main, strict=True))
+        value = f"{WRITTEN_OUT}{{{', '.join(numbers)}}}"
+        self.points.set_frames[which][value] = pose
+        return value
 
     def _take_assignment(self, line: KrlLine) -> None:
         text = self.found.source.text

@@ -2,7 +2,7 @@
 
 from collections.abc import Container, Set
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import NamedTuple, overload
 
 from cellcal.calibration.geometry import Pose
 from cellcal.drivers.kuka.program_files.collected_positions import KrlPositions
@@ -11,6 +11,7 @@ from cellcal.drivers.kuka.program_files.frame_uses import (
     RESET,
     TURNED_BY_AXIS,
     UNKNOWN,
+    WRITTEN_OUT,
     Branches,
     KrlRoutine,
     reached_from,
@@ -56,7 +57,9 @@ class PointUses:
     uses: dict[str, dict[tuple[int, Branches, str, int, str], PointMove]] = field(
         default_factory=dict
     )  # of named points
-    set_frames: dict[str, list[Pose | None]] = field(default_factory=lambda: {"TOOL": [], "BASE": []})
+    set_frames: dict[str, dict[str, Pose]] = field(
+        default_factory=lambda: {"TOOL": {}, "BASE": {}}
+    )  # those written out, by their values
     set_tables: set[str] = field(
         default_factory=set
     )  # "BASE 16": BASE_DATA[16] is set; "BASE *": one of them
@@ -186,27 +189,15 @@ class PointUses:
         why = why or ("" if tool_now else routine.tool.barred_reason(said_before=tool_said))
         if not joints:
             why = why or ("" if base_now else routine.base.barred_reason(said_before=base_said))
-            why = why or self._set_several_times(routine, base_said=base_said)
         if why:
             return MoveFrames(None, None, why, routine.name)
-        tool = tool_now or _resolve_value(
-            routine.tool.value_in_force(said_before=tool_said), self._name_of_set("TOOL")
-        )
-        base = base_now or _resolve_value(
-            routine.base.value_in_force(said_before=base_said), self._name_of_set("BASE")
-        )
+        tool = self._name_of("TOOL", tool_now or routine.tool.value_in_force(said_before=tool_said))
+        base = self._name_of("BASE", base_now or routine.base.value_in_force(said_before=base_said))
         why = in_set_table(self.set_tables, tool, None if joints else base)
         if why:
             return MoveFrames(None, None, why, routine.name)
         turned = not joints and base in self.turned_bases
         return MoveFrames(tool, base, TURNED_BASE if turned else "", routine.name)
-
-    def _set_several_times(self, routine: KrlRoutine, *, base_said: bool) -> str:
-        """Return why the base cannot be determined where it is written as numbers more than once."""
-        written = (
-            routine.base.value_in_force(said_before=base_said) == "$" and len(self.set_frames["BASE"]) > 1
-        )
-        return BARRED["several"] if written else ""
 
     def uses_in(self, routine: KrlRoutine, name: str) -> frozenset[ParameterUse]:
         """Return how a routine moves to a parameter, to an element of it, or to copies of it."""
@@ -333,15 +324,14 @@ class PointUses:
         """Return the tools or bases that a routine sets or takes, and those that are set below and around it."""
         use = routine.tool if which == "TOOL" else routine.base
         marked = {value for value, _ in (*use.below, *use.above)} - {UNKNOWN, TURNED_BY_AXIS, RESET}
-        named = self._name_of_set(which) or "$"
-        return self._values_in(routine, which) | {named if value == "$" else value for value in marked}
+        return self._values_in(routine, which) | {self._name_of(which, value) for value in marked}
 
     def _values_in(self, routine: KrlRoutine, which: str) -> Set[str]:
         """Return the tools or bases that a routine sets, or takes from frame data."""
-        named, use = self._name_of_set(which) or "$", routine.tool if which == "TOOL" else routine.base
+        use = routine.tool if which == "TOOL" else routine.base
         values = use.values - {UNKNOWN, TURNED_BY_AXIS, RESET}
         taken = {f"{FRAME_DATA}{data}" for data in routine.data_taken}
-        return taken | {named if value == "$" else value for value in values}
+        return taken | {self._name_of(which, value) for value in values}
 
     def routine_effects(self) -> dict[str, RoutineEffects]:
         """Return what routines set, for the files that call them."""
@@ -359,16 +349,23 @@ class PointUses:
         }
 
     def to_frames(self) -> ProgramFrames:
-        """Return ``$BASE`` and ``$TOOL`` where the program writes them once, as numbers."""
+        """Return ``$BASE`` and ``$TOOL`` as the program writes them, as numbers."""
         poses = {which: {"0": Pose((0.0, 0.0, 0.0))} for which in ("TOOL", "BASE")}
         for which, set_poses in self.set_frames.items():
-            if len(set_poses) == 1 and set_poses[0] is not None:
-                poses[which][f"${which}"] = set_poses[0]
+            poses[which] |= {self._name_of(which, value): pose for value, pose in set_poses.items()}
         return ProgramFrames(base_frame=poses["BASE"], flange_tip=poses["TOOL"])
 
-    def _name_of_set(self, which: str) -> str | None:
-        set_poses = self.set_frames[which]
-        return f"${which}" if len(set_poses) == 1 and set_poses[0] is not None else None
+    @overload
+    def _name_of(self, which: str, value: str) -> str: ...
+
+    @overload
+    def _name_of(self, which: str, value: str | None) -> str | None: ...
+
+    def _name_of(self, which: str, value: str | None) -> str | None:
+        """Return a tool's or base's name: ``$TOOL`` where one is written out, with its numbers where several are."""
+        if value is None or not value.startswith(WRITTEN_OUT):
+            return value
+        return f"${which}" if len(self.set_frames[which]) == 1 else f"${which}={value[1:]}"
 
 
 def data_of(move_frames: MoveFrames) -> str:
@@ -384,7 +381,3 @@ def in_set_table(set_tables: Container[str], tool: str | None, base: str | None,
         if is_table_entry and any(f"{prefix}{which} {one}" in set_tables for one in (number, "*")):
             return BARRED["computed"]
     return ""
-
-
-def _resolve_value(value: str | None, name_of_set: str | None) -> str | None:
-    return name_of_set if value == "$" else value

@@ -53,7 +53,8 @@ def _constant_poses(found: ScriptStatements) -> frozenset[str]:
     counts = Counter(
         literal.name for literal in found.literals if literal.role == "value" and literal.is_pose
     )
-    return frozenset(name for name, count in counts.items() if count == 1 and name not in found.assigned)
+    changed = found.assigned.keys() | {one.name for one in found.elements}
+    return frozenset(name for name, count in counts.items() if count == 1 and name not in changed)
 
 
 def _replace_use(

@@ -27,6 +27,7 @@ NOT_READ = "no move that is understood goes to it, and it is not changed"
 CONFLICTS = "the program goes to it in different frames"
 _LONGEST_NAME, _LONGEST_LIST = 60, 100_000
 _FUNCTION = re.compile(r"^[ \t]*+def[ \t]++(\w++)", re.ASCII | re.MULTILINE)
+_PARAMETERS = re.compile(r"^[ \t]*+def[ \t]+\w++[ \t]*+\(([^)\n]*+)\)", re.ASCII | re.MULTILINE)
 _NEAR_PAIR = re.compile(
     r"\bget_inverse_kin[ \t]*\(\s*([A-Za-z_]\w*)\s*,\s*qnear\s*=\s*([A-Za-z_]\w*)\s*\)", re.ASCII
 )
@@ -72,6 +73,9 @@ class PositionFinder:
         self.moves_to = settle_assigned_frames(found, text)  # literals that another name stands for in moves
         self.found = found
         self.lines = lines  # offsets of line feeds
+        self.functions = frozenset(_FUNCTION.findall(text))  # of the script itself
+        self.parameters = {word for one in _PARAMETERS.finditer(text) for word in re.findall(r"\w+", one[1])}
+        self.in_parts = frozenset(one.name for one in found.elements)
         self.literals_by_name: dict[str, list[ScriptLiteral]] = {}
         for literal in found.literals:
             if literal.role == "value":
@@ -90,7 +94,6 @@ class PositionFinder:
         self.frame_names = {
             name for name in frames if self._is_constant(name) and self.literals_by_name[name][0].is_pose
         }
-        self.functions = frozenset(_FUNCTION.findall(text))  # of the script itself
         self.text = text
         self.unused_poses: list[ScriptLiteral] = []  # poses that no move goes to
         self.steps: list[ScriptLiteral] = []  # poses that are a step from a place
@@ -275,7 +278,11 @@ class PositionFinder:
         return [(offset, *tools[offset]) for offset in calls]
 
     def _is_constant(self, name: str) -> bool:
-        return len(self.literals_by_name.get(name, ())) == 1 and name not in self.found.assigned
+        return len(self.literals_by_name.get(name, ())) == 1 and not self._is_changed(name)
+
+    def _is_changed(self, name: str) -> bool:
+        """Return whether a variable gets another value, an element gets one, or a function has it as a parameter."""
+        return name in self.found.assigned or name in self.in_parts or name in self.parameters
 
     def _one_place(self, first: ScriptLiteral, second: ScriptLiteral) -> bool:
         if not first.is_pose or second.is_pose:

@@ -84,7 +84,9 @@ class ScriptProgram:
         columns["barred"] |= dict(shifts.barred_places())
         remarks = (*list_remarks(finder), *tools.list_remarks(places))
         frames = ProgramFrames(
-            frames_of(source, finder.frame_literals()) | {BASE: Pose((0.0, 0.0, 0.0))}, tools.flange_tip
+            frames_of(source, finder.frame_literals()) | {BASE: Pose((0.0, 0.0, 0.0))},
+            tools.flange_tip,
+            sets_tools=True,
         )
         return cls(file, text, tuple(places), pose, Positions(**columns), remarks, frames)
 

@@ -42,7 +42,6 @@ _NO_NUMBER = re.compile(r"\][ \t]*+=(?!=)[ \t]*+(?:True|False|\"[^\"\n]*+\")[ \t
 _NEVER_SIX = re.compile(rf"{_B}(?:integer_to_binary_list|struct|str_\w++|to_str){_B}\(", re.ASCII)
 _FLAT_LIST = re.compile(r"\[[^\[\]()\n]*+\]")
 _COMMAS_OF_SIX = 5
-_PARAMETERS = re.compile(r"^[ \t]*+def[ \t]+\w++[ \t]*+\(([^)\n]*+)\)", re.ASCII | re.MULTILINE)
 _IN_BASE_AXES = ("speedl", "force_mode", "path_offset_set", "track_conveyor_linear")
 _BY_ANY_CHANGE = ("pose_inv", "speedj", "track_conveyor_circular")  # any change may cost something
 
@@ -65,9 +64,7 @@ class ScriptShifts:
             for name, literals in finder.literals_by_name.items()
             if any(not literal.is_pose for literal in literals)
         }
-        self.parameters = {
-            word for found in _PARAMETERS.finditer(text) for word in re.findall(r"\w+", found[1])
-        }
+        self.parameters = finder.parameters
 
     def barred_places(self) -> Mapping[int, str]:
         """Return the places of which an element is set to something, and not only added to."""

@@ -82,7 +82,7 @@ class ScriptTools:
             return "the program goes to it with different tools"
         if any(not name for name, _ in found):
             return "its tool is computed, or set below the move to it"
-        if not all(sure for _, sure in found) and (self.several or place.pose is not None):
+        if not all(sure for _, sure in found):
             return "which tool the program has there depends on the way that it takes"
         return ""
 

@@ -16,6 +16,7 @@ from cellcal.calibration.identification.estimator import ArmFit
 from cellcal.calibration.identification.identifiability import is_learnt, parameter_correlations
 from cellcal.calibration.identification.layouts import make_layout
 from cellcal.calibration.identification.parameters import GEOMETRY
+from cellcal.calibration.message import make_message
 from cellcal.calibration.orientation import elementary_rotation
 from cellcal.service.engineering.parameters.parameter_sets import (
     ParameterSet,
@@ -69,8 +70,13 @@ def calibrated_model(nominal: RobotModel, parameter_set: ParameterSet) -> Calibr
     """
     if parameter_set.model != nominal.name or parameter_set.nominal_sha256 != nominal_sha256(nominal):
         raise ParameterSetError(
-            f"version {parameter_set.version} of robot {parameter_set.robot_serial} refers to another nominal "
-            f"model than {nominal.name} as it is here.",
+            make_message(
+                "version {version} of robot {robot_serial} refers to another nominal model than {model} as it is "
+                "here.",
+                version=parameter_set.version,
+                robot_serial=parameter_set.robot_serial,
+                model=nominal.name,
+            ),
             remedy="Identify again, or use the release with which the set was made.",
         )
     entries = _geometry_entries(nominal)

@@ -20,6 +20,7 @@ from cellcal.calibration.documents import DocumentError
 from cellcal.calibration.documents.plain_files import read_plain_text
 from cellcal.calibration.documents.toml_text import parse_toml
 from cellcal.calibration.errors import CalibrationError
+from cellcal.calibration.message import make_message
 from cellcal.service.files import PRIVATE_FILE, make_private_folder
 from cellcal.service.times import has_time_zone
 
@@ -54,11 +55,21 @@ class ParameterValue:
     def __post_init__(self) -> None:
         spread = 0.0 if self.standard_uncertainty is None else self.standard_uncertainty
         if not all(-1.0 <= rho <= 1.0 for rho in self.correlations):
-            raise ParameterSetError(f"{self.name}: a correlation is between -1 and 1")
+            raise ParameterSetError(
+                make_message(
+                    "{name}: a correlation is between -1 and 1",
+                    name=self.name,
+                )
+            )
         if self.unit not in _SUFFIXES or not (
             math.isfinite(self.value) and math.isfinite(spread) and spread >= 0
         ):
-            raise ParameterSetError(f"{self.name}: a value is finite, in rad, m, rad/m or 1")
+            raise ParameterSetError(
+                make_message(
+                    "{name}: a value is finite, in rad, m, rad/m or 1",
+                    name=self.name,
+                )
+            )
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,7 +96,10 @@ class ParameterSet:
             raise ParameterSetError("a parameter set holds text that cannot be written") from broken
         if not has_time_zone(self.made_at):
             raise ParameterSetError(
-                f"made_at of a parameter set is {self.made_at[:60]!r}: it is no time with a time zone.",
+                make_message(
+                    "made_at of a parameter set is {found}: it is no time with a time zone.",
+                    found=repr(self.made_at[:60]),
+                ),
                 remedy="Write it as 2026-05-04T08:30:00+02:00.",
             )
         names = [value.name for value in self.values]
@@ -156,20 +170,37 @@ class ParameterSets:
         if not numbers:
             serials = ", ".join(self.robot_serials()) or "none"
             raise ParameterSetError(
-                f"there are no parameter sets of robot {robot_serial}.",
-                remedy=f"Robots with sets here: {serials}.",
+                make_message(
+                    "there are no parameter sets of robot {robot_serial}.",
+                    robot_serial=robot_serial,
+                ),
+                remedy=make_message(
+                    "Robots with sets here: {serials}.",
+                    serials=serials,
+                ),
                 code="usage",
             )
         sets: list[ParameterSet] = []
         for number in range(1, numbers[-1] + 1):
             path = folder / _file_name(number)
             if number not in numbers:
-                raise ParameterSetError(f"{path} is missing.", remedy="Restore it from a backup.")
+                raise ParameterSetError(
+                    make_message(
+                        "{path} is missing.",
+                        path=path,
+                    ),
+                    remedy="Restore it from a backup.",
+                )
             found = parse_set(read_plain_text(path), str(path))
             before = sets[-1].sha256 if sets else ""
             if (found.version, found.robot_serial, found.previous_sha256) != (number, robot_serial, before):
                 raise ParameterSetError(
-                    f"{path} does not follow version {number - 1} of robot {robot_serial}.",
+                    make_message(
+                        "{path} does not follow version {version} of robot {robot_serial}.",
+                        path=path,
+                        version=number - 1,
+                        robot_serial=robot_serial,
+                    ),
                     remedy="Restore the folder from a backup; import a foreign file as a new version.",
                 )
             sets.append(found)
@@ -182,8 +213,15 @@ class ParameterSets:
             return sets[-1]
         if not 1 <= version <= len(sets):
             raise ParameterSetError(
-                f"robot {robot_serial} has no version {version}.",
-                remedy=f"There are versions 1 to {len(sets)}.",
+                make_message(
+                    "robot {robot_serial} has no version {version}.",
+                    robot_serial=robot_serial,
+                    version=version,
+                ),
+                remedy=make_message(
+                    "There are versions 1 to {newest}.",
+                    newest=len(sets),
+                ),
                 code="usage",
             )
         return sets[version - 1]
@@ -246,11 +284,20 @@ def parse_set(text: str, where: str = "parameter set") -> ParameterSet:
     try:
         data = parse_toml(text)
     except DocumentError as broken:
-        raise ParameterSetError(f"{where} is not a parameter set: {broken}") from broken
+        raise ParameterSetError(
+            make_message(
+                "{where} is not a parameter set: {broken}",
+                where=where,
+                broken=broken,
+            )
+        ) from broken
     found = _from_data(data, where)
     if data.get("sha256") != found.sha256:
         raise ParameterSetError(
-            f"{where} was changed after it was written: its hash does not fit.",
+            make_message(
+                "{where} was changed after it was written: its hash does not fit.",
+                where=where,
+            ),
             remedy="Restore it from a backup, or import the values as a new version.",
         )
     return found
@@ -261,15 +308,25 @@ def _from_data(data: dict[str, Any], where: str) -> ParameterSet:
     missing = {*_WORDS, "version", "sha256", "parameter"} - data.keys()
     if data.get("format") != FORMAT or missing or data.keys() - valid_keys:
         raise ParameterSetError(
-            f"{where} is not a parameter set of format {FORMAT}: "
-            f"missing {sorted(missing)}, unknown {sorted(data.keys() - valid_keys)}"
+            make_message(
+                "{where} is not a parameter set of format {format}: missing {missing}, unknown {unknown}",
+                where=where,
+                format=FORMAT,
+                missing=", ".join(sorted(missing)) or "none",
+                unknown=", ".join(sorted(data.keys() - valid_keys)) or "none",
+            )
         )
     words = {key: data.get(key, "") for key in (*_WORDS, *_OPTIONAL)}
     numbers = {"version": data["version"], "rolls_back_to": data.get("rolls_back_to", 0)}
     tables = data["parameter"]
     valid = all(isinstance(v, str) for v in words.values()) and all(type(v) is int for v in numbers.values())
     if not valid or not isinstance(tables, list) or not all(isinstance(t, dict) for t in tables):
-        raise ParameterSetError(f"{where}: a word, a number or a table is of the wrong kind")
+        raise ParameterSetError(
+            make_message(
+                "{where}: a word, a number or a table is of the wrong kind",
+                where=where,
+            )
+        )
     values = tuple(_read_value(table, where) for table in tables)
     return ParameterSet(values=values, **words, **numbers)
 
@@ -288,7 +345,10 @@ def _read_value(table: dict[str, Any], where: str) -> ParameterValue:
                     table["name"], unit, float(table[key]), uncertainty, tuple(map(float, rho)), is_determined
                 )
     raise ParameterSetError(
-        f"{where}: a parameter has a name, a value and a standard uncertainty of one unit"
+        make_message(
+            "{where}: a parameter has a name, a value and a standard uncertainty of one unit",
+            where=where,
+        )
     )
 
 

@@ -1,7 +1,6 @@
 """The tool and user frame that a program names, in its cell; programs of another cell are refused."""
 
 from collections.abc import Mapping, Sequence
-from typing import TypeVar
 
 import numpy as np
 
@@ -12,6 +11,7 @@ from cellcal.calibration.message import make_message
 from cellcal.calibration.programs.transfer import same_place
 from cellcal.drivers.programs.errors import ProgramFileError
 from cellcal.drivers.programs.positions import ProgramFile
+from cellcal.service.engineering.programs.named_entries import CASELESS, brought_frames, entry_named
 from cellcal.service.engineering.programs.project import Project
 from cellcal.service.engineering.programs.project_poses import ProjectTool
 from cellcal.service.engineering.programs.robot_makes import (
@@ -21,9 +21,6 @@ from cellcal.service.engineering.programs.robot_makes import (
     runs_programs_of,
 )
 from cellcal.service.engineering.programs.written_tools import ALIKE_M, ALIKE_RAD, tool_at
-
-Entry = TypeVar("Entry")
-CASELESS = frozenset(("abb", "kuka"))  # brands whose languages take a name in any case
 
 _ALWAYS = {"yaskawa": ("BASE", "ROBOT")}  # a file may hold these, but does not bring them
 _NEAREST_M = 5e-3  # all points of a program within this of their frame's origin: another unit
@@ -38,24 +35,17 @@ _FARTHEST = 3.0  # times the arm's length
 
 def bring_their_own(programs: Sequence[ProgramFile]) -> bool:
     """Return whether any program holds tools or frames itself."""
-    return any(tools or bases for p in programs for tools, bases in [_brought_frames(p, at_home=True)])
-
-
-def _brought_frames(program: ProgramFile, *, at_home: bool) -> tuple[Mapping[str, Pose], Mapping[str, Pose]]:
-    """Return tools and frames that a program brings; ``at_home`` those of its cell's other files, too."""
-    frames = program.frames
-    if not at_home or not (frames.cell_flange_tip or frames.cell_base_frame):
-        return frames.flange_tip, frames.base_frame
-    return {**frames.cell_flange_tip, **frames.flange_tip}, {**frames.cell_base_frame, **frames.base_frame}
+    return any(tools or bases for p in programs for tools, bases in [brought_frames(p, at_home=True)])
 
 
 def tool_of(
-    project: Project, program: ProgramFile, name: str | None, *, at_home: bool = True
+    project: Project, program: ProgramFile, name: str | None, *, home: Project | None = None
 ) -> ProjectTool | None:
     """Return the tool that a position names or writes: of the project, of the program, or what every controller has.
 
-    ``at_home`` says that the project is the cell where the program is from.
+    ``home`` is the cell where the program is from, where that is not this one.
     """
+    home = project if home is None else home
     named = name if name is not None else project.unsaid_tool
     if named is None:
         return None
@@ -63,17 +53,17 @@ def tool_of(
     if entered is not None:
         return entered
     pose = _own_pose(
-        _brought_frames(program, at_home=at_home)[0], named, flange_of(program.brand), program.brand
+        brought_frames(program, at_home=project is home)[0], named, flange_of(program.brand), program.brand
     )
     if pose is None:
         return None
-    return tool_at(project, program.brand, pose) or ProjectTool(pose, pose)
+    return tool_at(project, home, program.brand, named, pose) or ProjectTool(pose, pose)
 
 
 def frame_of(
     project: Project, program: ProgramFile, name: str | None, *, at_home: bool = True
 ) -> Array | None:
-    """Return the user frame (4, 4) that a position names; ``at_home`` as for `tool_of`."""
+    """Return the user frame (4, 4) that a position names; ``at_home`` says that this is its own cell."""
     named = name if name is not None else project.unsaid_frame
     if named is None:
         return None
@@ -81,15 +71,8 @@ def frame_of(
     if entered is not None:
         return entered
     return _own_pose(
-        _brought_frames(program, at_home=at_home)[1], named, base_of(program.brand), program.brand
+        brought_frames(program, at_home=at_home)[1], named, base_of(program.brand), program.brand
     )
-
-
-def entry_named(entries: Mapping[str, Entry], name: str, brand: str) -> Entry | None:
-    """Return the entry of a name; a language that ignores case finds it in any case."""
-    if name in entries or brand not in CASELESS:
-        return entries.get(name)
-    return next((entry for key, entry in entries.items() if key.lower() == name.lower()), None)
 
 
 def name_in(project: Project, program: ProgramFile, name: str | None) -> str | None:
@@ -115,7 +98,7 @@ def find_contradiction(
     project: Project, program: ProgramFile, tool: str | None, frame: str | None, *, at_home: bool = True
 ) -> str:
     """Return why points are left whose tool or frame the program brings along, and the cell has another; or ""."""
-    tools, frames = _brought_frames(program, at_home=at_home)
+    tools, frames = brought_frames(program, at_home=at_home)
     tool = tool if tool is not None else project.unsaid_tool
     frame = frame if frame is not None else project.unsaid_frame
     brand = program.brand

@@ -42,17 +42,30 @@ class CloneRoute:
         for project in (master, clone):
             if project.alignment is None:
                 raise ProjectError(
-                    f"{project.path}: no alignment is named.",
+                    make_message(
+                        "{path}: no alignment is named.",
+                        path=project.path,
+                    ),
                     remedy="Measure the fixture in this cell and name the file under [fixture].",
                 )
             if project.identified is None:
                 raise ProjectError(
-                    f"{project.path}: no parameters of {project.serial} are named.",
+                    make_message(
+                        "{path}: no parameters of {serial} are named.",
+                        path=project.path,
+                        serial=project.serial,
+                    ),
                     remedy="Calibrate the robot and name its parameter set: base shift alone misses by millimetres.",
                 )
         if master.nominal.name != clone.nominal.name:
             raise ProjectError(
-                f"{master.path.name} has a {master.nominal.name}, {clone.path.name} a {clone.nominal.name}.",
+                make_message(
+                    "{master} has a {model}, {clone} a {other}.",
+                    master=master.path.name,
+                    model=master.nominal.name,
+                    clone=clone.path.name,
+                    other=clone.nominal.name,
+                ),
                 remedy="A program is cloned between robots of one type.",
             )
         assert master.alignment is not None
@@ -60,7 +73,11 @@ class CloneRoute:
         _refuse_other_gears(master, clone)
         if master.alignment.fixture != clone.alignment.fixture:
             raise ProjectError(
-                f"the alignments are of two fixtures: {master.alignment.fixture} and {clone.alignment.fixture}."
+                make_message(
+                    "the alignments are of two fixtures: {fixture} and {other}.",
+                    fixture=master.alignment.fixture,
+                    other=clone.alignment.fixture,
+                )
             )
         try:
             both = bases_together([clone.alignment, master.alignment])
@@ -71,8 +88,15 @@ class CloneRoute:
             ) from refused
         if not both.is_consistent():
             raise ProjectError(
-                f"{master.serial} and {clone.serial} found {clone.alignment.fixture} in two shapes "
-                f"(chi square {both.chi_square:.0f} at {both.degrees_of_freedom} degrees of freedom).",
+                make_message(
+                    "{serial} and {other} found {fixture} in two shapes "
+                    "(chi square {chi:.0f} at {freedom} degrees of freedom).",
+                    serial=master.serial,
+                    other=clone.serial,
+                    fixture=clone.alignment.fixture,
+                    chi=both.chi_square,
+                    freedom=both.degrees_of_freedom,
+                ),
                 remedy="See that its alignment points are whole and the same in both cells; measure it again.",
             )
         base = both.bases[0]
@@ -120,7 +144,11 @@ def _refuse_other_gears(master: Project, clone: Project) -> None:
     here, there = master.pulses_per_rad, clone.pulses_per_rad
     if here is not None and there is not None and not np.array_equal(here, there):
         raise ProjectError(
-            f"{master.path} and {clone.path} give different pulses per radian.",
+            make_message(
+                "{master} and {clone} give different pulses per radian.",
+                master=master.path,
+                clone=clone.path,
+            ),
             remedy="Robots of one type have the same gears: see the parameters of both controllers.",
         )
 

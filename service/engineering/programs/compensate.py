@@ -7,6 +7,7 @@ import numpy as np
 from cellcal.calibration.compensation.compensate import ProgramDirection
 from cellcal.calibration.compensation.pose_gap import TipArm
 from cellcal.calibration.geometry import Array
+from cellcal.calibration.message import make_message
 from cellcal.calibration.programs.transfer import TransferFrames
 from cellcal.drivers.programs.brands import ConfigurationRule
 from cellcal.service.engineering.programs.expected_accuracy import Expectation
@@ -67,7 +68,11 @@ def compensation_transfer(
     """
     if project.identified is None:
         raise ProjectError(
-            f"{project.path}: no parameters of {project.serial} are named.",
+            make_message(
+                "{path}: no parameters of {serial} are named.",
+                path=project.path,
+                serial=project.serial,
+            ),
             remedy="Calibrate the robot and name its parameter set under [robot].",
         )
     return ProgramTransfer(CompensationRoute(project, ProgramDirection(direction)), rule)

@@ -93,8 +93,13 @@ def change_between(before: Alignment, after: Alignment) -> Array:
     """
     if (before.robot_serial, before.fixture) != (after.robot_serial, after.fixture):
         raise CalibrationError(
-            f"the alignments are of {before.fixture} from {before.robot_serial} and of {after.fixture} from "
-            f"{after.robot_serial}.",
+            make_message(
+                "the alignments are of {before} from {before_serial} and of {after} from {after_serial}.",
+                before=before.fixture,
+                before_serial=before.robot_serial,
+                after=after.fixture,
+                after_serial=after.robot_serial,
+            ),
             remedy="A moved fixture is measured twice by one robot.",
         )
     change: Array = after.base_fixture.to_matrix() @ inverse_transform(before.base_fixture.to_matrix())

@@ -111,7 +111,7 @@ class ProgramTransfer:
         warnings = [
             *self._judge.unchecked_shapes(points),
             *unconfirmed_meanings(points),
-            *unmeasured_tools(points, source),
+            *unmeasured_tools(points, (source, self._route.target)),
         ]
         for group in groups_of(points, bring_their_own(programs) or self._rule is None):
             self._transfer_group(points, group, result, warnings)
@@ -194,12 +194,10 @@ class ProgramTransfer:
         homes = [project is route.source for project in ends]
         for project, at_home in zip(ends, homes, strict=True):
             why = find_contradiction(project, program, group.tool, group.frame, at_home=at_home)
-            if why := why or ambiguous_tool(project, program, group.tool):
+            if why := why or ambiguous_tool(project, route.source, program, group.tool):
                 points.refuse_points(group.rows, why)
                 return None
-        tools = [
-            tool_of(one, program, group.tool, at_home=home) for one, home in zip(ends, homes, strict=True)
-        ]
+        tools = [tool_of(one, program, group.tool, home=route.source) for one in ends]
         frames = [
             frame_of(one, program, group.frame, at_home=home) for one, home in zip(ends, homes, strict=True)
         ]

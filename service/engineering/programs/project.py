@@ -18,7 +18,7 @@ from cellcal.calibration.compensation.pose_gap import TipArm
 from cellcal.calibration.documents import DocumentError
 from cellcal.calibration.documents.plain_files import read_plain_text
 from cellcal.calibration.errors import CalibrationError, CellError
-from cellcal.calibration.geometry import Array
+from cellcal.calibration.geometry import Array, homogeneous_matrix
 from cellcal.calibration.identification.parameters import ArmState
 from cellcal.calibration.message import make_message
 from cellcal.calibration.motion.cell_shapes import CellShape
@@ -248,6 +248,8 @@ def _read_tools(
         if make is not None and name == make.flange:
             _refuse_moved(pose, f"{place}]", "flange")
         measured = pose if table.real.is_empty else pose_of(table.real, f"{place}.real]")
+        if not table.real.orientation_keys:  # three touches of a tip see no turn
+            measured = homogeneous_matrix(pose[:3, :3], measured[:3, 3])
         sigma_m = (table.real.sigma_mm or 0.0) / 1e3
         tools[name] = ProjectTool(pose, measured, sigma_m, not table.real.is_empty)
     return tools

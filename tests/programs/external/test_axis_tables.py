@@ -8,7 +8,8 @@ import pytest
 from cellcal.service.engineering.programs.project import read_project
 from cellcal.service.engineering.programs.project_poses import ProjectError
 from tests.programs.external.brands import BRANDS
-from tests.programs.external.cells import HandCell, rail, table
+from tests.programs.external.cells import HandCell, pose_text, rail, table
+from tests.programs.external.hand_geometry import pose
 
 TRACK = """[[track]]
 name = "rail"
@@ -105,3 +106,45 @@ def test_a_table_turns_a_frame_that_the_project_states_from_its_axis(tmp_path: P
     project = HandCell(spelling, (axis,), frame=axis.frame).project(tmp_path)
     assert np.allclose(project.frames["2"], axis.frame)
     assert np.allclose(project.table_frames["2"], axis.frame)
+
+
+@pytest.mark.parametrize("heading", ["track", "positioner"])
+@pytest.mark.parametrize("key", ["position", "orientation", "direction", "both", "zero"])
+def test_what_is_not_stated_of_an_identified_axis_is_as_entered(
+    tmp_path: Path, heading: str, key: str
+) -> None:
+    """A place alone took the axes of the cell for its own, and a turn alone the origin: up to 300 mm at a point."""
+    entered_pose, real_pose = (
+        pose((0.6, 0.05, 0.1), (0.1, -0.2, 0.4)),
+        pose((0.601, 0.05, 0.1), (0.1, -0.2, 0.402)),
+    )
+    place, turn = pose_text(real_pose).splitlines()
+    slides = heading == "track"
+    lines = f'[[{heading}]]\nname = "axis"\naxis = "E1"\nkind = "{"prismatic" if slides else "revolute"}"\n'
+    lines += f"{pose_text(entered_pose)}direction = [0, 0.6, 0.8]\ncoordinated = false\n"
+    lines += "" if slides else 'frames = ["2"]\n'
+    lines += f"[{heading}.real]\n"
+    lines += {
+        "position": place,
+        "orientation": turn,
+        "direction": "direction = [0, 0.64, 0.76837490]",
+        "both": f"{place}\n{turn}",
+        "zero": f"zero_{'mm' if slides else 'deg'} = 0.5",
+    }[key]
+    (axis,) = read(tmp_path, lines + "\n").axes  # type: ignore[attr-defined]
+
+    frame = entered_pose.copy()
+    if key in ("position", "both"):
+        frame[:3, 3] = real_pose[:3, 3]
+    if key in ("orientation", "both"):
+        frame[:3, :3] = real_pose[:3, :3]
+    direction = np.array([0, 0.64, 0.76837490]) if key == "direction" else np.array([0, 0.6, 0.8])
+    assert np.allclose(axis.real.origin_m, frame[:3, 3], atol=1e-12)
+    assert np.allclose(axis.real.direction, frame[:3, :3] @ direction, atol=1e-6)
+    assert axis.real.zero == pytest.approx(0.0 if key != "zero" else 0.5e-3 if slides else np.radians(0.5))
+
+
+def test_an_identified_axis_that_points_elsewhere_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(ProjectError) as refused:
+        read(tmp_path, TRACK + "real = { direction = [0, 1, 0] }\n")
+    assert "[[track]] 1 (rail): the identified axis points 90.0 deg away" in str(refused.value)

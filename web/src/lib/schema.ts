@@ -14,6 +14,7 @@ export interface Field {
   "x-group"?: string;
   "x-unit"?: string;
   "x-basic"?: boolean;
+  "x-axes"?: boolean; // axes, counted from 1
   "x-drawing"?: string;
   "x-choices"?: Record<string, string>;
   properties?: Record<string, Field>;

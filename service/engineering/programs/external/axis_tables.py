@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from cellcal.calibration.geometry import Array, homogeneous_matrix
+from cellcal.calibration.message import make_message
 from cellcal.service.configuration.device_keys import suggest_key
 from cellcal.service.engineering.programs.external.moving_axes import (
     ANY_FRAME,
@@ -22,12 +23,14 @@ from cellcal.service.engineering.programs.project_tables import (
     AxisTable,
     FixtureTable,
     ProjectTables,
+    RealAxisTable,
     read_identified_axis,
 )
 from cellcal.service.engineering.programs.robot_makes import RobotMake
 
 _UNIT_WITHIN = 1e-4
 _MOST_SCALE = 0.1  # a factor farther from 1 is a mistake, not an error of the axis
+_MOST_TILT_DEG = 5.0  # beyond it is another axis, or one seen from another frame
 # By brand: what its programs call external axes, and an example of each.
 _NAMES = {
     "fanuc": (re.compile(r"E[1-9]|GP[2-9]J[1-9]"), "E1 of the robot's group, or GP2 J1 of another"),
@@ -219,20 +222,38 @@ def _read_real(table: AxisTable, entered: AxisMotion, frame: Array, folder: Path
             f"{where}: scale {scale:g} is no error of an axis.",
             remedy="It is the travel for each unit of the value: near 1.",
         )
-    has_pose = real.position_mm is not None or bool(real.orientation_keys)
     stated: dict[str, object] = {}
     if real.zero_mm is None and real.zero_deg is None:
         stated[f"zero_{entered.kind.unit}"] = entered.zero / entered.kind.per_unit
-    if real.direction is None and (entered.kind is AxisKind.PRISMATIC or not has_pose):
+    if real.direction is None:
         stated["direction"] = (frame[:3, :3].T @ entered.direction).tolist()
-    return _read_motion(
-        real.model_copy(update=stated),
-        entered.kind,
-        _frame_of(real) if has_pose else frame,
-        entered.sign,
-        where,
-        scale,
+    found = _read_motion(
+        real.model_copy(update=stated), entered.kind, _real_frame(real, frame), entered.sign, where, scale
     )
+    _refuse_other_axis(found, entered, where)
+    return found
+
+
+def _real_frame(real: RealAxisTable, frame: Array) -> Array:
+    """Return the frame of an axis as it was identified; a place or a turn that is not stated is as entered."""
+    rotation = real.rotation() if real.orientation_keys else frame[:3, :3]
+    place = frame[:3, 3] if real.position_mm is None else np.asarray(real.position_mm) / 1e3
+    return homogeneous_matrix(rotation, place)
+
+
+def _refuse_other_axis(real: AxisMotion, entered: AxisMotion, where: str) -> None:
+    """Refuse a direction that no error of an axis makes: the numbers stand in another frame than the entered ones."""
+    apart_deg = float(np.degrees(np.arccos(np.clip(real.direction @ entered.direction, -1.0, 1.0))))
+    if apart_deg > _MOST_TILT_DEG:
+        raise ProjectError(
+            make_message(
+                "{where}: the identified axis points {apart_deg:.1f} deg away from the entered one, which no error "
+                "of an axis does.",
+                where=where,
+                apart_deg=apart_deg,
+            ),
+            remedy="State both in the cell frame, with the same direction in the frame of the axis.",
+        )
 
 
 def _refuse_double(axes: Sequence[ExternalAxis], where: str) -> None:
