@@ -11,6 +11,7 @@ from typing import Annotated, Any, ClassVar, NoReturn, get_args, get_origin
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, WrapValidator
 from pydantic_core import ErrorDetails, PydanticCustomError
 
+from cellcal.calibration.message import make_message
 from cellcal.service.configuration.device_keys import suggest_key
 
 _LONGEST_VALUE = 80  # characters of a wrong value in a sentence
@@ -102,7 +103,9 @@ def _fault_of(error: ErrorDetails, model: type[CheckedTable], data: Mapping[str,
     if error["type"] == "kind":
         return TableFault(heading, f"{key} {context[_SENTENCE]}", context[_REMEDY])
     if error["type"] == "missing":
-        return TableFault(heading, f"{key} is missing.", table.missing_remedies.get(key, ""))
+        return TableFault(
+            heading, make_message("{name} is missing.", name=key), table.missing_remedies.get(key, "")
+        )
     if error["type"] == "extra_forbidden":
         known = tuple(table.model_fields)
         meant = suggest_key(key, known)
