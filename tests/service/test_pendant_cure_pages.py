@@ -24,7 +24,7 @@ PLACES = (
     "#/procedure/position_cure",
     "#/programs",
 )
-LOSS_SHOWN = ("loss", "loss-first", "stopped", "where-stands")
+LOSS_IDS = ("loss", "loss-first", "stopped", "where-stands")
 
 
 @asynccontextmanager
@@ -43,10 +43,10 @@ async def yaskawa_with_record(folder: Path) -> AsyncIterator[tuple[PageViewer, P
 
 async def answer_until_ended(viewer: PageViewer, hands: PendantWorker) -> None:
     """Do what a run asks for, past the pages, until it passed."""
-    answered = None
+    last_id = None
     while True:
         session = await viewer.wait_until(
-            lambda s, last=answered: s["run"]["outcome"] or (s["prompt"] or {"id": last})["id"] != last
+            lambda s, last=last_id: s["run"]["outcome"] or (s["prompt"] or {"id": last})["id"] != last
         )
         if session["run"]["outcome"]:
             assert session["run"]["outcome"]["verdict"] == "passed", session["run"]["outcome"]
@@ -54,7 +54,7 @@ async def answer_until_ended(viewer: PageViewer, hands: PendantWorker) -> None:
         prompt = session["prompt"]
         await hands.confirm(Instruction(prompt["key"], prompt["text"]))
         await viewer.send_order(op="answer", prompt_id=prompt["id"])
-        answered = prompt["id"]
+        last_id = prompt["id"]
 
 
 async def do_one(page: Page, hands: PendantWorker) -> str:
@@ -68,11 +68,11 @@ async def do_one(page: Page, hands: PendantWorker) -> str:
     text = await words.inner_text()
     await hands.confirm(Instruction(key, text))
     await page.get_by_test_id("yes").click()
-    await expect(gone(page, key, text).or_(outcome)).to_be_visible()
+    await expect(without_question(page, key, text).or_(outcome)).to_be_visible()
     return key
 
 
-def gone(page: Page, key: str, text: str) -> Locator:
+def without_question(page: Page, key: str, text: str) -> Locator:
     """Return the page once it asks for something else, or works."""
     same = page.locator(f'[data-testid="prompt"][data-key="{key}"]').filter(
         has=page.get_by_test_id("instruction").get_by_text(text.splitlines()[0], exact=True)
@@ -112,8 +112,8 @@ async def test_a_cure_is_walked_by_its_pages_and_no_page_shows_the_loss_after_it
         await viewer.wait_until(lambda session: session["run"] is None and not session["losses"])
         for place in PLACES:
             await go_to_page(page, place)
-            for shown in LOSS_SHOWN:
-                await expect(page.get_by_test_id(shown)).to_have_count(0)
+            for test_id in LOSS_IDS:
+                await expect(page.get_by_test_id(test_id)).to_have_count(0)
         await go_to_page(page, "#/")
         await expect(page.get_by_test_id("glance").locator('[data-tone="bad"]')).to_have_count(0)
 

@@ -186,8 +186,8 @@ class ParameterSets:
             if number not in numbers:
                 raise ParameterSetError(
                     make_message(
-                        "{path} is missing.",
-                        path=path,
+                        "{name} is missing.",
+                        name=path,
                     ),
                     remedy="Restore it from a backup.",
                 )

@@ -104,7 +104,7 @@ def _fault_of(error: ErrorDetails, model: type[CheckedTable], data: Mapping[str,
         return TableFault(heading, f"{key} {context[_SENTENCE]}", context[_REMEDY])
     if error["type"] == "missing":
         return TableFault(
-            heading, make_message("{key} is missing.", key=key), table.missing_remedies.get(key, "")
+            heading, make_message("{name} is missing.", name=key), table.missing_remedies.get(key, "")
         )
     if error["type"] == "extra_forbidden":
         known = tuple(table.model_fields)
