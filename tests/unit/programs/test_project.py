@@ -52,7 +52,7 @@ def test_a_project_is_read_in_si(tmp_path: Path) -> None:
     tool = project.tools["1"]
     assert tool.entered[:3, 3].tolist() == [0.001, 0.002, 0.15]
     assert np.allclose(tool.entered[:3, :3], rotation_from("fanuc_wpr", np.deg2rad([10, 20, 30])))
-    assert tool.real is tool.entered
+    assert np.array_equal(tool.real, tool.entered)
     assert project.frames["2"][:3, 3].tolist() == [0.9, -0.2, 0.35]
     assert np.degrees(project.controller.lower_rad[0]) == pytest.approx(-100)
     assert project.identified is None
