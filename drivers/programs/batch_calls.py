@@ -68,7 +68,7 @@ class BatchCalls:
         calls, here, shown = (
             [self._numbers_called(file, sorted(names)) for file, names in some]
             for some in (
-                [(file, one.calls) for file, one in routines],
+                [(file, one.calls | one.likely_calls) for file, one in routines],
                 [(file, one.handlers) for file, one in routines],
                 [(file, one.shown_handlers) for file, one in routines],
             )
@@ -191,7 +191,9 @@ class BatchCalls:
             if one.flat:
                 by_folder[self._folders[file]] += [(file, *each) for each in one.routines.items()]
         reaching = {
-            folder: reached_missing({name: one.calls for _, name, one in some}, given[folder])
+            folder: reached_missing(
+                {name: one.calls | (one.likely_calls & given[folder]) for _, name, one in some}, given[folder]
+            )
             for folder, some in by_folder.items()
         }
         running: dict[str, dict[str, str]] = {}
@@ -212,7 +214,7 @@ class BatchCalls:
             (self._folders[file], name)
             for file, one in self._by_file.items()
             for routine in one.routines.values()
-            for name in routine.calls
+            for name in routine.calls | routine.likely_calls
         }
 
     def is_standalone(self, file: str) -> bool:

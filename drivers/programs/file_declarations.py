@@ -44,6 +44,7 @@ class RoutineEffects:
     frame_left: str | None = None  # chosen when it ends, "" for the one that it began with; None: not certain
     tool_left: str | None = None  # the same of the tool
     beside: frozenset[str] = frozenset()  # routines of its calls that go on while it and its callers run
+    likely_calls: frozenset[str] = frozenset()  # names that a call may mean, where a routine has one
 
 
 class BatchReasons(dict[str, str]):

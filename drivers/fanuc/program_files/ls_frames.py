@@ -55,6 +55,7 @@ def routine_effects_of(data: bytes) -> RoutineEffects:
         tools=frozenset(_set_numbers("tool", statements)),
         frames=frozenset(_set_numbers("frame", statements)),
         calls=frozenset(_called_programs(statements)),
+        likely_calls=frozenset(_programs_of_macros(statements)),
         computes=computed_places(data),
         frame_left=frame_left_by(data),
         tool_left=tool_left_by(data),
@@ -169,11 +170,16 @@ def _set_numbers(which: str, statements: bytes) -> set[str]:
 
 def _called_programs(statements: bytes) -> set[str]:
     named = {name.decode("cp437").upper() for name in _CALL.findall(statements)}
-    macros = {words for words in _MACROS.findall(statements) if NO_MACRO.match(words) is None}
-    texts = {words.decode() for words in macros}
-    # Which program a macro is stands in no listing; most are called as theirs.
-    by_name = {text.strip().upper().replace(" ", gap) for text in texts for gap in ("", "_")}
-    return named | by_name | {f"macro {text}" for text in texts}
+    return named | {f"macro {text}" for text in _macros_in(statements)}
+
+
+def _programs_of_macros(statements: bytes) -> set[str]:
+    """Return the programs that macros may be: no listing says which, and most are called as theirs."""
+    return {text.strip().upper().replace(" ", gap) for text in _macros_in(statements) for gap in ("", "_")}
+
+
+def _macros_in(statements: bytes) -> set[str]:
+    return {words.decode() for words in _MACROS.findall(statements) if NO_MACRO.match(words) is None}
 
 
 def _first_uses(statements: bytes) -> dict[str, int]:
