@@ -12,7 +12,7 @@ from playwright.async_api import Page, WebSocketRoute, expect
 
 from cellcal.calibration.message_table import with_messages
 from cellcal.procedures.motion.jog_guidance import Advice, JogGuidance, JogLeg
-from tests.service.browser_pages import CHOOSE, at_rest, hold_to_rules, wait_for_language
+from tests.service.browser_pages import CHOOSE, at_rest, hold_to_rules, wait_for_language, wait_for_value
 from tests.service.past_cell_view import view_past_cell
 from tests.service.test_pages import PageViewer
 
@@ -148,7 +148,7 @@ async def test_a_question_is_seen_on_a_telephone_after_a_reload(
         await page.reload()
         await expect(words).to_be_visible()
         await at_rest(page)
-        assert await words.evaluate(SEEN), "the question is covered or off the screen"
+        await wait_for_value(lambda: words.evaluate(SEEN))  # not covered, and on the screen
 
 
 async def test_guidance_of_another_question_is_not_shown(page_viewer: PageViewer) -> None:
