@@ -254,4 +254,4 @@ def _parse_finite(path: str, text: str | None) -> float:
     try:
         return parse_number(text)
     except ValueError as broken:
-        raise CalibrationError(f"the kinematics file: {path} is not a number: {text!r}") from broken
+        raise CalibrationError(f"the kinematics file: {path}: {broken}") from broken
