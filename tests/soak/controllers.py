@@ -47,6 +47,7 @@ def rmi_cuts(count: int) -> CampaignFigures:
 AXES = b"{E6AXIS: A1 10.0, A2 -90.0, A3 90.0, A4 0.0, A5 15.0, A6 -7.0, E1 0.0, E2 0.0}"
 POSE = b"{E6POS: X 10.0, Y -5.5, Z 1200.25, A 90.0, B 0.5, C -12.0, S 2, T 35, E1 0.0}"
 TOOL = b"[TRUE,[[31.4,0,229.14],[0.707107,0,0.707107,0]],[2.5,[0,0,100],[1,0,0,0],0,0,0]]"
+JOINT_TARGET = b"[[5.73,-11.46,17.19,0.5,-28.65,90],[9E+09,9E+09,9E+09,9E+09,9E+09,9E+09]]"
 TOOLS = b"//TOOL 0\r\n///NAME A\r\n-88.687,0.981,463.147,0.0,-45.0,0.0\r\n-4.0,0.0,118.0\r\n2.48\r\n0,0,0\r\n"
 HSES = bytes.fromhex(
     "59455243200008000301010000000080393939393939393981000000000000 00c400000040000000".replace(" ", "")
@@ -109,7 +110,7 @@ READERS: dict[str, tuple[Callable[[bytes], object], bytes]] = {
     "kuka axes": (_read_text(read_axes), AXES),
     "kuka pose": (_read_text(read_pose), POSE),
     "kuka frame": (_read_frame, FRAME),
-    "abb numbers": (_read_text(read_numbers), TOOL),
+    "abb numbers": (_read_text(read_numbers), JOINT_TARGET),
     "abb tool": (_read_text(read_tool), TOOL),
     "yaskawa answer": (lambda data: read_answer(data, 1), HSES),
     "yaskawa tools": (_read_text(read_tools), TOOLS),
