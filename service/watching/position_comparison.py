@@ -85,16 +85,18 @@ class PositionComparison:
         self._memory, self._serial, self._newest = memory, serial, newest
         self._warn, self._look_every_s = warn, look_every_s
         self._next_s = 0.0
+        self._has_noted_loss = False
         self.last_look: PositionLook | None = None
 
     def force_check(self) -> None:
         """Look at the next opportunity: a run may have taken a record."""
-        self._next_s = 0.0
+        self._next_s, self._has_noted_loss = 0.0, False
 
     async def find_trouble(self, robot: Any) -> Trouble | None:
         """Return in words what is wrong, and what is suspected; None: nothing. Between two looks the last stands."""
         now_s = time.monotonic()
         if now_s >= self._next_s:
+            self._has_noted_loss = False
             self.last_look = await self.look(robot)
             self._next_s = now_s + self._look_every_s
             if self.last_look.gap:
@@ -135,6 +137,9 @@ class PositionComparison:
         A controller without a log shows nothing of it once the position was brought back.
         """
         self._next_s = 0.0
+        if self._has_noted_loss:
+            return  # the journal need not be read at each look while the position is lost
+        self._has_noted_loss = True
         reference = self._newest()
         last = self._valid_baseline(robot, reference)
         if last is None:
