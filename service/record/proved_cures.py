@@ -1,6 +1,6 @@
 """Cures at the pendant that passed after a robot's position record, and what the controller showed in them."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,7 +11,8 @@ from cellcal.calibration.mastering.position_record import ShownValue
 from cellcal.procedures.run_history import EventKind
 from cellcal.service.record.journal import JournalEvent
 
-_CURE, _RECORD, _PASS = "position_cure", "position_record", "pass"
+POSITION_RECORD = "position_record"
+_CURE, _PASS = "position_cure", "pass"
 _SHOWN: TypeAdapter[tuple[ShownValue, ...]] = TypeAdapter(tuple[ShownValue, ...])
 
 
@@ -30,7 +31,7 @@ def newest_cures(events: Iterable[JournalEvent], robot_serial: str) -> tuple[Pro
     """
     cures, proofs, open_run = set[str](), dict[str, ProvedCure](), ""
     for event in events:
-        if event.kind == EventKind.STARTED and _is_cure(parse_json(event.body), robot_serial):
+        if event.kind == EventKind.STARTED and is_run_of(parse_json(event.body), _CURE, robot_serial):
             cures.add(event.run_id)
         elif event.kind in (EventKind.RESUMED, EventKind.FORGOTTEN, EventKind.ENDED):
             proofs.pop(event.run_id, None)  # it goes on: only its next end counts
@@ -42,15 +43,16 @@ def newest_cures(events: Iterable[JournalEvent], robot_serial: str) -> tuple[Pro
             open_run = "" if word == _PASS else event.run_id if word else open_run
         elif event.kind == EventKind.STORED and (proofs or open_run):
             fact = parse_json(event.body)
-            if (fact["what"], fact["robot_serial"]) == (_RECORD, robot_serial):
+            if (fact["what"], fact["robot_serial"]) == (POSITION_RECORD, robot_serial):
                 proofs.clear()
                 open_run = ""
     return next(reversed(proofs.values()), None), open_run
 
 
-def _is_cure(header: Any, robot_serial: str) -> bool:
+def is_run_of(header: Mapping[str, Any], procedure: str, robot_serial: str) -> bool:
+    """Return whether the head of a run is that of a procedure on a robot."""
     robot = header["cell"]["devices"][0]["identity"]["serial"]
-    return bool(header["procedure"] == _CURE and robot == robot_serial)
+    return bool(header["procedure"] == procedure and robot == robot_serial)
 
 
 def _read_shown(result: Any) -> tuple[ShownValue, ...]:

@@ -19,12 +19,11 @@ from cellcal.procedures.cell import Cell
 from cellcal.procedures.run_history import EventKind, RunHistory, fold_events
 from cellcal.service.record.journal import Journal, JournalEvent, StoreError
 from cellcal.service.record.mastering_backups import mastering_backups
-from cellcal.service.record.proved_cures import ProvedCure, newest_cures
+from cellcal.service.record.proved_cures import POSITION_RECORD, ProvedCure, is_run_of, newest_cures
 from cellcal.service.record.unconfirmed_mastering import UnconfirmedMastering, unconfirmed_masterings
 
 RECORD = "mastering_record"
 _SOFTWARE = ("software", "solver", "definition_sha256")
-POSITION_RECORD = "position_record"
 ALIGNMENT = "alignment"
 PARAMETER_SET = "parameter_set"
 DRIFT_REFERENCE = "drift_reference"
@@ -95,7 +94,7 @@ class RunStore:
     def last_begun_utc(self, procedure: str, robot_serial: str) -> str | None:
         """Return when a procedure was begun last on a robot, however that run ended; raises as `kept`."""
         self._journal.refuse_damaged()
-        return self._newest_utc(EventKind.STARTED, lambda body: _is_of(body, procedure, robot_serial))
+        return self._newest_utc(EventKind.STARTED, lambda body: is_run_of(body, procedure, robot_serial))
 
     def last_stored_utc(self, what: str, robot_serial: str) -> str | None:
         """Return when something of one kind was kept last of a robot; raises as `kept`."""
@@ -226,11 +225,6 @@ def stored_body(what: str, subject: str, robot_serial: str, value: Any) -> Store
         "value": value,
         "sha256": sha256_of(value),
     }
-
-
-def _is_of(header: Mapping[str, Any], procedure: str, robot_serial: str) -> bool:
-    robot = header["cell"]["devices"][0]["identity"]["serial"]
-    return bool(header["procedure"] == procedure and robot == robot_serial)
 
 
 def _fold_run(events: list[JournalEvent]) -> RunView:

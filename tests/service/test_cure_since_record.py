@@ -8,7 +8,8 @@ from cellcal.procedures.run_history import EventKind
 from cellcal.service.configuration.cell_file import CellConfig
 from cellcal.service.record.journal import NewEvent
 from cellcal.service.record.journal_files import open_journal
-from cellcal.service.record.run_store import POSITION_RECORD, RunStore
+from cellcal.service.record.proved_cures import POSITION_RECORD
+from cellcal.service.record.run_store import RunStore
 from tests.procedures.certified_runs import cell_config
 
 SERIAL = "F-1"

@@ -14,7 +14,7 @@ from cellcal.drivers.programs.shifts import UNKNOWN_FRAME, ProgramShift
 from cellcal.service.engineering.programs.cell_of_program import frame_of
 from cellcal.service.engineering.programs.program_points import ProgramPoints
 from cellcal.service.engineering.programs.result import PointFinding
-from cellcal.service.engineering.programs.transfer_route import TransferRoute
+from cellcal.service.engineering.programs.transfer_route import TransferRoute, change_angle_rad
 
 _OTHER_FRAME = (
     "{what} takes the numbers of {point} in user frame {frame}, which is not its own: the point then misses by "
@@ -94,7 +94,7 @@ def _unknown_finding(
     stays = route.source is route.target and bool((np.abs(route.change - np.eye(4)) < _LEAST_M).all())
     text = make_message(_UNKNOWN, what=shift.what, point=name)
     text = _uncorrected_text(_OF_ANOTHER_PLACE, shift, name, route) if stays else text
-    angle = float(np.linalg.norm(log_rotation(route.change[:3, :3])))
+    angle = change_angle_rad(route)
     return PointFinding(shift.line, name, shift.what, angle, math.nan, math.nan, text, row)
 
 

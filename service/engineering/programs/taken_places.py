@@ -5,14 +5,14 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from cellcal.calibration.geometry import inverse_transform, log_rotation
+from cellcal.calibration.geometry import inverse_transform
 from cellcal.calibration.message import make_message
 from cellcal.drivers.programs.positions import ProgramFile
 from cellcal.drivers.programs.shifts import UNKNOWN_FRAME, ProgramShift
 from cellcal.service.engineering.programs.cell_of_program import frame_of, name_in
 from cellcal.service.engineering.programs.program_points import ProgramPoints
 from cellcal.service.engineering.programs.result import PointFinding
-from cellcal.service.engineering.programs.transfer_route import TransferRoute
+from cellcal.service.engineering.programs.transfer_route import TransferRoute, change_angle_rad
 
 _GOES_ON = (
     "{what} is where {point} leaves the robot, and {point} stays: the place that is computed from it stays, too. "
@@ -54,7 +54,7 @@ def _steps_from_what_stays(
         and route.covers_frame(points.user_frames[start + row], bare_joints=False) is True
     ]
     names = [points.programs[points.of[start + row]].positions.names[row] for row in rows[:1]]
-    angle = float(np.linalg.norm(log_rotation(route.change[:3, :3])))
+    angle = change_angle_rad(route)
     return [
         PointFinding(
             shift.line,
@@ -84,7 +84,7 @@ def _measured_finding(shift: ProgramShift, program: ProgramFile, route: Transfer
     if all(covers) and before is not None and after is not None:
         across = after @ inverse_transform(before)
         misses = bool((np.abs(across @ route.change - route.change @ across) > _LEAST_M).any())
-    angle = float(np.linalg.norm(log_rotation(route.change[:3, :3])))
+    angle = change_angle_rad(route)
     names = (one or _ONE_THAT_IS_COMPUTED for one in (own, other))
     text = (
         make_message(_IN_ANOTHER_FRAME, what=shift.what, own=next(names), frame=next(names)) if misses else ""

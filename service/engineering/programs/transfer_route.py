@@ -3,7 +3,9 @@
 from dataclasses import dataclass
 from typing import Protocol
 
-from cellcal.calibration.geometry import Array
+import numpy as np
+
+from cellcal.calibration.geometry import Array, log_rotation
 from cellcal.calibration.programs.transfer import TransferFrames
 from cellcal.service.engineering.programs.expected_accuracy import Expectation
 from cellcal.service.engineering.programs.external.standing_tools import standing_change
@@ -68,6 +70,11 @@ class TransferRoute(Protocol):
     def make_expectation(self, frame_pair: FramePair) -> Expectation:
         """Return what the expected errors come from."""
         ...
+
+
+def change_angle_rad(route: TransferRoute) -> float:
+    """Return the angle by which a route's change turns what it carries."""
+    return float(np.linalg.norm(log_rotation(route.change[:3, :3])))
 
 
 @dataclass(frozen=True, eq=False)

@@ -2,7 +2,6 @@
 
 import numpy as np
 
-from cellcal.calibration.geometry import log_rotation
 from cellcal.service.engineering.programs.external.carried_points import (
     AxisEnd,
     CarriedPoints,
@@ -12,7 +11,7 @@ from cellcal.service.engineering.programs.external.carried_points import (
 from cellcal.service.engineering.programs.external.point_values import beyond_range
 from cellcal.service.engineering.programs.program_points import PointGroup, ProgramPoints, Rows
 from cellcal.service.engineering.programs.project import Project
-from cellcal.service.engineering.programs.transfer_route import FramePair, TransferRoute
+from cellcal.service.engineering.programs.transfer_route import FramePair, TransferRoute, change_angle_rad
 
 _LEAST_RAD = 1e-9
 _ALONG_TOOL = (
@@ -57,7 +56,7 @@ def _frame_name(project: Project, group: PointGroup) -> str | None:
 
 def _refuse_shifted_work(points: ProgramPoints, rows: Rows, route: TransferRoute) -> None:
     """Leave work in the gripper whose program moves along axes of the standing tool, which the change turns."""
-    angle = float(np.linalg.norm(log_rotation(route.change[:3, :3])))
+    angle = change_angle_rad(route)
     shifting = any(remark.code in _SHIFTING for program in points.programs for remark in program.remarks)
     if angle > _LEAST_RAD and shifting:
         points.refuse_points(rows, _ALONG_TOOL)
