@@ -16,7 +16,7 @@ from typing import Any, TypeVar
 
 import uvicorn
 from fastapi import FastAPI
-from playwright.async_api import Browser, Page, async_playwright, expect
+from playwright.async_api import Browser, Locator, Page, async_playwright, expect
 
 from cellcal.service.web.middleware import RequestBudget, RequestFilter
 from cellcal.service.web.pages import DIST
@@ -166,6 +166,15 @@ async def go_to_page(page: Page, place: str) -> None:
     await page.evaluate(GO, place)
     await expect(page.locator("main h1").first).to_be_visible()
     await at_rest(page)
+
+
+async def unfold(part: Locator | Page) -> None:
+    """Open the first part that is folded, as a person does: who sees it still folded taps again."""
+    summary = part.locator("summary").first
+    ends_s = asyncio.get_running_loop().time() + PATIENCE_S
+    while not await summary.evaluate("summary => summary.parentElement.open"):
+        assert asyncio.get_running_loop().time() < ends_s, "it stays folded"
+        await summary.click()  # a picture that is drawn in this moment can move the line away under the tap
 
 
 async def wait_for_language(page: Page, locale: str) -> None:

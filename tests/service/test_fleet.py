@@ -32,6 +32,7 @@ from tests.service.browser_pages import (
     hold_to_rules,
     open_chromium,
     serve_app,
+    unfold,
     wait_for_language,
     wait_for_value,
 )
@@ -240,7 +241,7 @@ async def test_cell_messages_are_shown_in_the_language_of_the_page(tmp_path: Pat
     async with page_of(hall, tmp_path) as page:
         row = page.get_by_test_id("cell-cell-000")
         await expect(row).to_contain_text("Drift check against the reference")
-        await page.locator("summary").click()
+        await unfold(page)
         for locale, expected_texts in SAID.items():
             await page.locator("select").select_option(locale)
             await wait_for_language(page, locale)

@@ -10,7 +10,7 @@ from playwright.async_api import FilePayload, Page, expect
 
 from cellcal.service.demo.fake_cell import write_cell_file
 from cellcal.service.engineering.parameters.parameter_sets import ParameterSets
-from tests.service.browser_pages import hold_to_rules, hold_to_rules_in_languages, wait_for_language
+from tests.service.browser_pages import hold_to_rules, hold_to_rules_in_languages, unfold, wait_for_language
 from tests.service.service_client import ServiceClock
 from tests.service.service_with_tablets import (
     ServiceWithTablets,
@@ -84,10 +84,10 @@ async def _is_read(page: Page) -> None:
     await expect(page.get_by_test_id("unknown")).to_contain_text("J1 offset")
     rows = page.get_by_test_id("parameters").locator("tbody tr")
     await expect(rows.first).to_be_hidden()
-    await page.get_by_test_id("parameters").locator("summary").click()
+    await unfold(page.get_by_test_id("parameters"))
     await expect(rows.filter(has_text="J2 offset")).to_contain_text("°")
     for part in ("errors", "reasons"):
-        await page.get_by_test_id(part).locator("summary").click()
+        await unfold(page.get_by_test_id(part))
     await expect(page.get_by_test_id("reasons")).to_contain_text("mastering offsets")
     await page.get_by_test_id("language").select_option("de")
     await wait_for_language(page, "de")
@@ -138,9 +138,7 @@ async def test_a_file_that_does_not_fit_is_reported_with_its_cause_and_cure(
 
 async def _open_drawer(page: Page, *testids: str) -> None:
     for testid in testids:
-        drawer = page.get_by_test_id(testid)
-        if await drawer.get_attribute("open") is None:
-            await drawer.locator("summary").first.click()
+        await unfold(page.get_by_test_id(testid))
 
 
 def _in_memory(name: str, content: bytes) -> FilePayload:
@@ -169,7 +167,7 @@ async def test_an_engineer_computes_again_with_a_level_and_a_check_file(
         await expect(page.get_by_test_id("check-error")).to_contain_text("check.csv, 20 rows: 0.")
         await page.get_by_test_id("language").select_option("de")
         await wait_for_language(page, "de")
-        await page.get_by_test_id("reasons").locator("summary").click()
+        await unfold(page.get_by_test_id("reasons"))
         await expect(page.get_by_test_id("reasons")).to_contain_text("verlangt")
         await expect(page.locator("main [lang=en]")).to_have_count(0)
 

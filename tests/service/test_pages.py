@@ -35,6 +35,7 @@ from tests.service.browser_pages import (
     locales_for,
     open_chromium,
     serve_app,
+    unfold,
     wait_for_language,
     wait_for_value,
 )
@@ -173,7 +174,7 @@ async def test_the_picture_stands_as_the_robot_does_and_follows_it(page_viewer: 
             flange_m = load_model(model).base_flange(np.array([shown["joints_rad"]]))[0, :3, 3]
             assert np.allclose(shown["flange_m"], flange_m, atol=1e-6)
         await page_viewer.send_order(op="select_robot", robot="fanuc")
-        await page.get_by_test_id("joints").locator("summary").click()
+        await unfold(page.get_by_test_id("joints"))
         shown = await _shown_picture(page)
         await expect(page.get_by_test_id("joints").locator("dd")).to_have_count(6)
         await wait_for_value(

@@ -18,6 +18,7 @@ from tests.service.browser_pages import (
     hold_to_rules,
     hold_to_rules_in_languages,
     locales_for,
+    unfold,
     wait_for_language,
 )
 from tests.service.service_client import ServiceClock
@@ -121,7 +122,7 @@ async def _ask_for_a_move(page: Page, files: list[Path]) -> None:
     await expect(page.get_by_test_id("make")).to_be_enabled()
     await hold_to_rules_in_languages(page, "the question")
     await page.get_by_test_id("cell").select_option("here:fanuc")
-    await page.locator("summary").click()
+    await unfold(page)
     await page.get_by_test_id("add-tool").click()
     await hold_to_rules(page, "tools that are entered")
     await page.get_by_test_id("cell").select_option("kept:door line, cell 1")

@@ -19,6 +19,7 @@ from tests.service.browser_pages import (
     hold_to_rules,
     layout_faults,
     locales_for,
+    unfold,
     wait_for_language,
     wait_for_value,
 )
@@ -103,7 +104,7 @@ async def test_the_table_shows_and_does_the_same_as_the_plot(review_view: Seen) 
     viewer, past = review_view
     async with viewer.open_page(f"#/history/{past.spoilt}") as page:
         await plot_points(page)
-        await page.get_by_test_id("residuals").locator("summary").click()
+        await unfold(page.get_by_test_id("residuals"))
         rows = page.get_by_test_id("residual-table").locator("tbody tr")
         await expect(rows).to_have_count(READINGS)
         await expect(page.locator("tr[data-outlier=true]")).to_have_count(1)
@@ -120,7 +121,7 @@ async def test_too_few_readings_are_refused_in_words(review_view: Seen) -> None:
     viewer, past = review_view
     async with viewer.open_page(f"#/history/{past.touches}") as page:
         at = await plot_points(page)
-        await page.get_by_test_id("residuals").locator("summary").click()
+        await unfold(page.get_by_test_id("residuals"))
         rows = page.get_by_test_id("residual-table").locator("tbody tr")
         refused = page.get_by_test_id("what-if-refused")
         for i in range(len(at)):
@@ -148,7 +149,7 @@ async def test_a_frames_point_is_left_out_by_a_tap_and_put_back_in_the_table(rev
         assert abs(value["value"] - value["signed"]) > 1e-5
         await expect(table).to_contain_text(f"{value['value'] * 1e3:.3f} mm")
         await expect(table).to_contain_text(f"{value['signed'] * 1e3:.3f} mm")
-        await page.get_by_test_id("residuals").locator("summary").click()
+        await unfold(page.get_by_test_id("residuals"))
         rows = page.get_by_test_id("residual-table").locator("tbody tr")
         for i, point in enumerate(refit["points"]):
             await expect(rows.nth(i)).to_contain_text(f"{point['residual_m'] * 1e3:.3f} mm")
@@ -166,7 +167,7 @@ async def test_a_point_that_cannot_be_spared_is_refused_in_the_pages_language(
     async with viewer.open_page(f"#/history/{past.frame}", locale=locale) as page:
         await wait_for_language(page, locale)
         await plot_points(page)
-        await page.get_by_test_id("residuals").locator("summary").click()
+        await unfold(page.get_by_test_id("residuals"))
         rows = page.get_by_test_id("residual-table").locator("tbody tr")
         async with page.expect_response("**/what-if") as answer:  # residuals of zero lie on the plot's edge
             await rows.nth(1).get_by_role("button").click()

@@ -19,6 +19,7 @@ from tests.service.browser_pages import (
     at_rest,
     hold_to_rules_in_languages,
     layout_faults,
+    unfold,
     wait_for_language,
     wait_for_value,
 )
@@ -270,7 +271,7 @@ async def test_a_plan_is_looked_at_before_the_robot_moves(pendant: FakePendant, 
         await expect(page.get_by_test_id("instruction")).to_contain_text("is the wire free, are no cables")
         await expect(page.get_by_test_id("plan-count")).to_have_text(re.compile(r"^\s*12"))
         await expect(page.get_by_test_id("plan-checks").locator(".good")).to_have_count(4)
-        await page.get_by_test_id("plan-poses").locator("summary").click()
+        await unfold(page.get_by_test_id("plan-poses"))
         rows = page.get_by_test_id("plan-poses").locator("tbody tr")
         await expect(rows).to_have_count(12)
         plan = (await pendant.viewer.read_session())["prompt"]["data"]["plan"]
@@ -322,7 +323,7 @@ async def test_the_approved_plan_is_drawn_until_the_run_has_left_it(
                 drawn = await wait_for_value(lambda tablet=tablet: tablet.evaluate("window.__robot?.ghosts"))  # type: ignore[misc]
                 states = ["measured"] * taken + ["next"] + ["to_do"] * (11 - taken)
                 assert [ghost["state"] for ghost in drawn] == states
-        await page.get_by_test_id("legend").locator("summary").click()
+        await unfold(page.get_by_test_id("legend"))
         await _save_screenshots(page, tmp_path, "series")
         await page.locator("aside").screenshot(path=tmp_path / "series_drawn.png")
         await page.get_by_test_id("hold").hover()
@@ -425,7 +426,7 @@ async def test_settings_show_their_units_and_doubt_what_looks_like_another_one(p
         await doubt.wait_for()
         await expect(doubt).to_contain_text("0,18 m = 180,0 mm")
         await page.get_by_test_id("unit-meant").click()
-        await page.get_by_test_id("all-settings").locator("summary").first.click()
+        await unfold(page.get_by_test_id("all-settings"))
         await page.get_by_test_id("value-sigma_m").fill("0,125")
         await page.get_by_test_id("value-sigma_m").press("Tab")
         units = page.get_by_test_id("settings").locator("[data-testid=unit]")

@@ -12,7 +12,7 @@ import pytest_asyncio
 from playwright.async_api import Page, WebSocketRoute, expect
 
 from cellcal.calibration.arm.kinematics import load_model
-from tests.service.browser_pages import at_rest, wait_for_value
+from tests.service.browser_pages import at_rest, unfold, wait_for_value
 from tests.service.cell_with_history import ROBOT, PastRuns
 from tests.service.past_cell_view import view_past_cell
 from tests.service.test_pages import NO_WEBGL, PageViewer
@@ -118,7 +118,7 @@ async def test_frames_are_named_and_the_doubt_is_drawn_to_a_stated_scale(picture
         drawn_m = max(ellipsoid["semi_axes_m"]) * ellipsoid["times"]
         assert 0.1 <= drawn_m <= 0.25
         legend = page.get_by_test_id("legend")
-        await legend.locator("summary").click()
+        await unfold(legend)
         await expect(page.get_by_test_id("doubt")).to_contain_text(
             f"{max(uncertainty['semi_axes_m']) * 1e3:.3f}"
         )
@@ -177,7 +177,7 @@ async def test_without_webgl_frames_and_doubt_are_words(picture_view: Seen) -> N
         await page.add_init_script(NO_WEBGL)
         await page.reload()
         await page.get_by_test_id("joints").locator("dd").nth(5).wait_for()
-        await page.get_by_test_id("legend").locator("summary").click()
+        await unfold(page.get_by_test_id("legend"))
         await expect(page.get_by_test_id("doubt")).to_contain_text("mm")
         await expect(page.get_by_test_id("legend")).to_contain_text("tool 3")
 

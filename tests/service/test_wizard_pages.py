@@ -20,6 +20,7 @@ from tests.service.browser_pages import (
     hold_to_rules_in_languages,
     layout_faults,
     locales_for,
+    unfold,
     wait_for_language,
 )
 from tests.service.step_page_actions import FakePendant, at_the_pages, wait_for_question
@@ -44,7 +45,7 @@ def raw_names(schema: dict[str, Any]) -> Iterator[str]:
 
 async def unfold_intentions(page: Page) -> None:
     for intention in INTENTIONS:
-        await page.get_by_test_id(f"intention-{intention}").locator("summary").first.click()
+        await unfold(page.get_by_test_id(f"intention-{intention}"))
 
 
 async def expect_five_answers_in_viewport(page: Page) -> None:
@@ -113,7 +114,7 @@ async def test_no_page_of_a_procedure_shows_a_raw_name_or_english_in_another_lan
 
 async def test_what_an_engineer_changed_can_be_set_back_to_the_usual_value(pendant: FakePendant) -> None:
     async with pendant.viewer.open_page("#/procedure/mastering_record") as page:
-        await page.get_by_test_id("all-settings").locator("summary").first.click()
+        await unfold(page.get_by_test_id("all-settings"))
         field = page.get_by_test_id("value-samples")
         await expect(page.get_by_test_id("help-samples")).to_contain_text("Usually 5. From 1 to 1000")
         await field.fill("9")

@@ -17,7 +17,7 @@ from cellcal.procedures.procedure_guide import GUIDE
 from cellcal.service.web.app import create_app
 from cellcal.service.web.context import ServiceSettings
 from tests.machine_speed import stretched_s
-from tests.service.browser_pages import NO_WEBGL, PATIENCE_MS, open_chromium, serve_app
+from tests.service.browser_pages import NO_WEBGL, PATIENCE_MS, open_chromium, serve_app, unfold
 from tests.stories.day_cell import PACE, day_cell
 from tests.stories.form_filling import FormFiller
 from tests.stories.page_words import PageWords, label_settings
@@ -207,10 +207,7 @@ class BrowserTechnician:
         await heading.wait_for()
 
     async def _unfold(self, main: Locator, group: str) -> None:
-        summary = main.locator("summary", has_text=group)
-        await summary.wait_for()
-        if await summary.evaluate("summary => !summary.parentElement.open"):
-            await summary.click()
+        await unfold(main.locator("details", has=self.page.locator("summary", has_text=group)))
 
     async def _start_run(self, story: ProcedureStory) -> None:
         await self._save_picture(f"{story.procedure}_before")
