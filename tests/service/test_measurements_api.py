@@ -352,16 +352,18 @@ async def test_joints_of_another_file_go_with_the_readings_and_stay_with_the_nex
         for names in (("q1", "q2", "q3", "q4", "q5", "q6"), ("x", "y", "z"))
     )
     async with an_engineer(tmp_path) as service_client:
-        whole = await run_job(service_client, points_file.name, bytes_of(points_file))
+        whole = await run_job(service_client, points_file.name, bytes_of(points_file), level=1)
         alone = await run_job(service_client, "readings.csv", readings)
         assert "Joints in another file" in alone["fault"]["message"] + alone["fault"]["remedy"]
-        paired = await _run_again(service_client, alone, joints=uploaded_file("joints.csv", joints))
+        paired = await _run_again(
+            service_client, alone, joints=uploaded_file("joints.csv", joints), wishes={"level": 1}
+        )
         assert (paired["file"], paired["joints"]) == ("readings.csv", "joints.csv")
         assert {"x", "q1"} <= set(paired["headings"])
         found, expected = paired["result"]["report"], whole["result"]["report"]
         assert found["level"] == expected["level"]
         assert found["held_out"] == pytest.approx(expected["held_out"])
-        again = await _run_again(service_client, paired, wishes={"level": 1})
+        again = await _run_again(service_client, paired, wishes={"level": 0})
         assert (again["joints"], again["state"]) == ("joints.csv", "done")
 
 
@@ -380,11 +382,11 @@ async def test_columns_that_no_heading_tells_are_named_by_the_page(tmp_path: Pat
             wishes={
                 "columns": {"joints": joints, "position": position},
                 "units": {"joints": "deg", "position": "mm"},
-                "level": 2,
+                "level": 1,
             },
         )
         assert found["state"] == "done", found["fault"]
-        known = await run_job(service_client, points_file.name, bytes_of(points_file), level=2)
+        known = await run_job(service_client, points_file.name, bytes_of(points_file), level=1)
         assert found["result"]["understood"]["columns"] == {"joints": joints, "position": position}
         assert found["result"]["report"]["held_out"] == pytest.approx(
             known["result"]["report"]["held_out"], rel=1e-6
@@ -392,7 +394,7 @@ async def test_columns_that_no_heading_tells_are_named_by_the_page(tmp_path: Pat
         columns = f"[columns]\njoints = {json.dumps(joints)}\nposition = {json.dumps(position)}\n"
         layout = columns + "[units]\njoints = 'deg'\nposition = 'mm'\n"
         same = await _run_again(
-            service_client, failed, layout=uploaded_file("a.toml", layout.encode()), wishes={"level": 2}
+            service_client, failed, layout=uploaded_file("a.toml", layout.encode()), wishes={"level": 1}
         )
         assert same["state"] == "done", same["fault"]
         assert same["result"]["report"]["level"] == found["result"]["report"]["level"]
