@@ -141,3 +141,45 @@ async def test_a_robot_out_of_reach_is_no_change(nights: Nights) -> None:
     assert found.state == "not read"
     assert night_exit_code([found]) is ExitCode.UNREACHABLE
     assert (await nights.look()).state == "unchanged"
+
+
+@pytest.fixture(params=["rmi", "any_maker"])
+async def blind_nights(
+    request: pytest.FixtureRequest, cell: CellConfig, fake_client: FakeCellClient, tmp_path: Path
+) -> AsyncIterator[Nights]:
+    """A healthy robot whose link shows nothing of its zero."""
+    async with open_at_home(CASES[request.param], cell, fake_client):
+        pass
+    yield Nights(cell, request.param, tmp_path)
+    await heal(cell, fake_client, request.param)
+
+
+async def test_a_link_that_shows_no_zero_is_called_so_each_night_until_that_is_accepted(
+    blind_nights: Nights,
+) -> None:
+    for _ in range(2):
+        found = await blind_nights.look()
+        assert (found.state, night_exit_code([found])) == ("not compared", ExitCode.REFUSED), found
+        assert "--accept" in found.sentence
+    for accept in (True, False):
+        found = await blind_nights.look(accept=accept)
+        assert (found.state, night_exit_code([found])) == ("nothing shown", ExitCode.PASS), found
+        assert "shows nothing of its zero" in found.sentence
+    found = await blind_nights.at("127.0.77.1").look()
+    assert night_exit_code([found]) is ExitCode.UNREACHABLE
+
+
+@pytest.mark.parametrize("blind_nights", ["rmi"], indirect=True)
+async def test_a_loss_that_the_controller_shows_no_more_is_told_until_it_is_accepted(
+    blind_nights: Nights, fake_client: FakeCellClient
+) -> None:
+    await blind_nights.look(accept=True)
+    await fake_client.inject_fault("alarm", device="rmi")
+    assert (await blind_nights.look()).state == "position lost"
+    await fake_client.inject_fault("clear_alarms", device="rmi")
+    for _ in range(2):
+        found = await blind_nights.look()
+        assert (found.state, night_exit_code([found])) == ("changed", ExitCode.OUT_OF_TOLERANCE), found
+        assert "SRVO-062" in found.sentence
+    assert (await blind_nights.look(accept=True)).state == "nothing shown"
+    assert (await blind_nights.look()).state == "nothing shown"
