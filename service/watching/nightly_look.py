@@ -106,7 +106,8 @@ async def _look_over(config: CellConfig, entry: RobotConfig, robot: Robot, *, ac
         text = make_message(
             "{detected_by}: {words}.", detected_by=losses[0].detected_by, words=losses[0].suspicion.words
         )
-        return LookedAtRobot(entry.name, NightState.LOST if lost else NightState.CHANGED, text)
+        state = NightState.LOST if lost else NightState.CHANGED
+        return LookedAtRobot(entry.name, state, join_messages(" ", (text, *remarks)))
     if robot.capabilities.reads_mastering:
         state, text = _describe_mastering(config, entry.serial)
     else:

@@ -2,6 +2,7 @@
 
 from collections.abc import AsyncIterator
 from dataclasses import replace
+from errno import ENOSPC
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +11,7 @@ import pytest
 from cellcal.service.configuration.cell_file import CellConfig
 from cellcal.service.demo.fake_cell_client import FakeCellClient
 from cellcal.service.exit_codes import ExitCode
+from cellcal.service.record.shown_positions import KeptPositions
 from cellcal.service.watching.nightly_look import LookedAtRobot, look_at_cell, night_exit_code
 from tests.wire.driver_cases import ROBOTS, open_at_home, open_retrying
 
@@ -134,6 +136,20 @@ async def test_a_lost_position_is_told_as_such(nights: Nights, inject: Any) -> N
     found = await nights.look()
     assert found.state == "position lost"
     assert night_exit_code([found]) is ExitCode.OUT_OF_TOLERANCE
+
+
+@pytest.mark.parametrize("nights", ["kuka"], indirect=True)
+async def test_a_loss_that_cannot_be_kept_says_so(
+    nights: Nights, inject: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(*_: object) -> None:
+        raise OSError(ENOSPC, "No space left on device")
+
+    await inject((("mastering_lost", {"axes": "A2"}),))
+    monkeypatch.setattr(KeptPositions, "save", refuse)
+    found = await nights.look()
+    assert found.state == "position lost"
+    assert "what it shows cannot be kept: No space left on device" in found.sentence
 
 
 async def test_a_robot_out_of_reach_is_no_change(nights: Nights) -> None:
