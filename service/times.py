@@ -1,4 +1,4 @@
-"""Times of day as files and messages carry them: ISO 8601 with a time zone; and one that nobody sets."""
+"""Times of day as files and messages carry them: ISO 8601 with a time zone; and one that setting the clock leaves."""
 
 import sys
 import time
