@@ -1,9 +1,20 @@
-"""Times of day as files and messages carry them: ISO 8601 with a time zone."""
+"""Times of day as files and messages carry them: ISO 8601 with a time zone; and one that setting the clock leaves."""
 
+import sys
+import time
 from datetime import date, datetime
 from typing import Annotated
 
 from pydantic import AfterValidator
+
+# Linux' goes on while the computer sleeps.
+_UPTIME = time.CLOCK_BOOTTIME if sys.platform == "linux" else time.CLOCK_MONOTONIC
+_STARTED_S = time.time() - time.clock_gettime(_UPTIME)
+
+
+def steady_time() -> float:
+    """Return the time of day [s] at the start of this process and what passed since, however the clock is set."""
+    return _STARTED_S + time.clock_gettime(_UPTIME)
 
 
 def read_time(text: str) -> datetime:

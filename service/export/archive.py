@@ -192,10 +192,12 @@ def _read_manifest(path: Path, tar: tarfile.TarFile) -> BackupManifest:
     except (KeyError, TypeError, ValueError) as error:
         raise damaged_error(path, f"its {MANIFEST} names no files") from error
     wrong = [entry.path for entry in listed if not (_is_safe(entry.path) and is_backup_name(entry.path))]
-    if wrong or len({entry.path for entry in listed}) != len(listed) or len(listed) > _MOST_FILES:
+    if wrong:
         raise damaged_error(
             path, f"its list names files that no backup has: {', '.join(map(repr, wrong[:3]))}"
         )
+    if len({entry.path for entry in listed}) != len(listed) or len(listed) > _MOST_FILES:
+        raise damaged_error(path, f"its list names a file twice, or more than {_MOST_FILES} files")
     return BackupManifest(checked.content, {entry.path: entry for entry in listed}, checked.public_key)
 
 

@@ -6,7 +6,7 @@ _NAME = r"[\w .@+-]{1,120}"
 _ALLOWED = re.compile(
     r"cell\.toml|keys\.sealed"
     r"|data/(journal|people)\.db"
-    rf"|data/last_healthy_{_NAME}\.json"
+    rf"|data/(last_healthy|shown_position)_{_NAME}\.json"
     rf"|data/certificates/{_NAME}\.(json|txt|pdf|html|csv|svg)"
     rf"|data/pictures/{_NAME}/[0-9a-f]{{64}}\.(jpg|jpeg|png)"
     rf"|data/programs/({_NAME}/){{0,4}}{_NAME}"

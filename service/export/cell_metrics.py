@@ -136,6 +136,9 @@ class CellMetrics:
             counted.drifts[self._ledger.drift[-1]["robot_serial"]] = self._ledger.drift[-1]
 
     def _history_metrics(self, readable: bool) -> Iterator[MetricFamily]:
+        from cellcal.service.record.journal_files import lease_folder  # noqa: PLC0415  heavy: not while the service starts
+        from cellcal.service.record.robot_lock import runs_under_way, state_seen  # noqa: PLC0415  as above
+
         counted = self._counted
         yield MetricFamily(
             "cellcal_journal_readable", "gauge", "Whether the journal can be read."
@@ -144,8 +147,9 @@ class CellMetrics:
             counted.head
         )
         runs = MetricFamily("cellcal_runs", "gauge", "Runs in the journal, by how they stand or ended.")
-        for procedure, state in counted.runs.values():
-            key = (("outcome", state), ("procedure", procedure))
+        under_way = runs_under_way(lease_folder(self._config))
+        for run_id, (procedure, state) in counted.runs.items():
+            key = (("outcome", state_seen(state, run_id, under_way)), ("procedure", procedure))
             runs.samples[key] = runs.samples.get(key, 0.0) + 1.0
         yield runs
         yield from self._certificate_metrics()

@@ -8,7 +8,8 @@ from cellcal.service.certificates.points import list_readings
 from cellcal.service.configuration.cell_file import CellConfig
 from cellcal.service.engineering.parameters.parameter_sets import ParameterSets
 from cellcal.service.export.tables import ExportColumn, ExportError, ExportTable, Value, unit_of
-from cellcal.service.record.journal_files import open_journal
+from cellcal.service.record.journal_files import lease_folder, open_journal
+from cellcal.service.record.robot_lock import runs_under_way
 from cellcal.service.record.run_store import RunStore, RunView
 
 SETS = "parameter_sets"  # beside the cell file
@@ -35,10 +36,11 @@ def runs_table(config: CellConfig) -> ExportTable:
     """Return every run, oldest first."""
     with open_journal(config) as journal:
         views = RunStore(journal).list_runs()
+    under_way = runs_under_way(lease_folder(config))
     rows = [
         (
             view.run_id, view.procedure, view.version, _robot_serial(view), view.started_utc, view.begun_by,
-            view.state, str((view.judgement or {}).get("word", "")), view.reason,
+            view.state_seen(under_way), str((view.judgement or {}).get("word", "")), view.reason,
         )
         for view in views
     ]  # fmt: skip

@@ -50,10 +50,12 @@ def prove_backup(archive: Path, passphrase: str | None = None) -> ProvedBackup:
     Raises
     ------
     BackupError
-        Anything in it is not as it was put there.
+        Anything in it is not as it was put there, or no cell could be put back from it on an empty computer.
     """
     with tempfile.TemporaryDirectory(prefix="cellcal-restore-") as folder:
-        return _unpack_and_prove(archive, Path(folder), passphrase)
+        found = _unpack_and_prove(archive, Path(folder), passphrase)
+        _set_data_dir(Path(folder) / CELL_FILE)
+        return found
 
 
 def restore_backup(
@@ -101,8 +103,11 @@ def _unpack_and_prove(archive: Path, stage: Path, passphrase: str | None) -> Pro
     made_utc = str(content.get("made_utc", ""))
     if not has_time_zone(made_utc):
         raise damaged_error(archive, f"it says {made_utc[:60]!r} as when it was made")
+    cell = content.get("cell")
+    if not isinstance(cell, str) or not cell.isprintable():
+        raise damaged_error(archive, "it does not name its cell")
     return ProvedBackup(
-        cell=str(content.get("cell", "")),
+        cell=cell,
         made_utc=made_utc,
         events=int(content["journal"]["events"]),
         certificates=certificates,

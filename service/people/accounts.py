@@ -21,6 +21,7 @@ from cellcal.service.people.errors import PeopleError, TooManyGuessesError, Wron
 from cellcal.service.people.naming import clean_name, fold_name
 from cellcal.service.people.rate_limits import DAY_S, DEVICE, PERSON, STATION, wait_s
 from cellcal.service.people.roles import Role
+from cellcal.service.times import steady_time
 
 REGISTER_NAME = "people.db"
 ENROL_S = 600.0
@@ -60,11 +61,14 @@ class EnrolledDevice:
 
 
 class AccountStore:
-    """The file, read and written in short transactions; ``clock`` is the time of day in seconds."""
+    """The file, read and written in short transactions; ``clock`` is the time of day in seconds.
 
-    def __init__(self, data_dir: Path, clock: Callable[[], float] = time.time) -> None:
+    By default waits for a PIN go by a clock of their own: setting the computer's changes none of them.
+    """
+
+    def __init__(self, data_dir: Path, clock: Callable[[], float] | None = None) -> None:
         self.path = data_dir / REGISTER_NAME
-        self._clock = clock
+        self._clock, self._guess_clock = clock or time.time, clock or steady_time
 
     # people
 
@@ -215,10 +219,10 @@ class AccountStore:
         TooManyGuessesError
             The person, the device or the whole station has used up what is allowed.
         """
-        now = self._clock()
+        now = self._guess_clock()
         with self._write_transaction(None, "") as at:
             at.execute("DELETE FROM failure WHERE at < ?", (now - DAY_S,))
-            at.execute("UPDATE failure SET at = ? WHERE at > ?", (now, now))  # the clock was set back
+            at.execute("UPDATE failure SET at = ? WHERE at > ?", (now, now))  # it was ahead before a restart
             rows = at.execute("SELECT at, person, device, cleared FROM failure ORDER BY at, id").fetchall()
             mine = [row for row in rows if row[1] == fold_name(name)]
             here = [row for row in rows if row[2] == device_id]

@@ -51,7 +51,7 @@ class Authenticator:
     data_dir: Path
     open_access: bool = False
     clock: Callable[[], float] = time.monotonic  # of sessions and challenges
-    wall_clock: Callable[[], float] = time.time  # of what is kept
+    wall_clock: Callable[[], float] | None = None  # of what is kept; None: the time of day
     make_hasher: Callable[[bytes], PinHasher] = PinHasher
     on_console_token: Callable[[str], None] | None = None
     accounts: AccountStore = field(init=False)

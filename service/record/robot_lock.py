@@ -4,7 +4,7 @@ import fcntl
 import os
 import re
 import time
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -94,6 +94,11 @@ def runs_under_way(directory: Path) -> frozenset[str]:
     """Return the identifiers of the runs that go on in any process of this computer."""
     holders = [_holder_of(path) for path in directory.glob("*.lock")]
     return frozenset(found[1] for each in holders if each and (found := _RUN_AT_END.search(each)))
+
+
+def state_seen(state: str, run_id: str, under_way: Collection[str]) -> str:
+    """Return the state of a run, "running" where it has no end yet and is one of those that go on in some process."""
+    return "running" if state == "interrupted" and run_id in under_way else state
 
 
 def _holder_of(path: Path) -> str | None:

@@ -20,6 +20,7 @@ from cellcal.procedures.run_history import EventKind, RunHistory, fold_events
 from cellcal.service.record.journal import Journal, JournalEvent, StoreError
 from cellcal.service.record.mastering_backups import mastering_backups
 from cellcal.service.record.proved_cures import POSITION_RECORD, ProvedCure, is_run_of, newest_cures
+from cellcal.service.record.robot_lock import state_seen
 from cellcal.service.record.unconfirmed_mastering import UnconfirmedMastering, unconfirmed_masterings
 
 RECORD = "mastering_record"
@@ -58,7 +59,7 @@ class RunView:
 
     def state_seen(self, under_way: Collection[str]) -> str:
         """Return the state, "running" where the run is one of those that go on in some process."""
-        return "running" if self.state == "interrupted" and self.run_id in under_way else self.state
+        return state_seen(self.state, self.run_id, under_way)
 
 
 class RunStore:

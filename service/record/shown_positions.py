@@ -25,6 +25,7 @@ class KeptPosition:
     lost_words: str = ""
     lost_axes: tuple[int, ...] = ()  # from 1
     answered_run: str = ""  # of a cure without a proof that a person accepted
+    accepted_utc: str = ""  # when a person accepted last what was shown
 
 
 class KeptPositions:
@@ -49,6 +50,7 @@ class KeptPositions:
             "seen_utc": baseline.seen_utc,
             "lost": [baseline.lost_utc, baseline.lost_words, list(baseline.lost_axes)],
             "answered_run": baseline.answered_run,
+            "accepted_utc": baseline.accepted_utc,
         }
         self._files.save_document(baseline.robot, document)
 
@@ -71,4 +73,5 @@ def _parse_position(document: Any) -> KeptPosition:
         lost_words=str(lost_words),
         lost_axes=tuple(int(axis) for axis in lost_axes),
         answered_run=str(document.get("answered_run", "")),
+        accepted_utc=str(document.get("accepted_utc", "")),
     )

@@ -8,6 +8,7 @@ from pathlib import Path
 from cellcal.calibration.documents.plain_files import read_plain_bytes
 from cellcal.service.record.journal import JournalEvent
 from cellcal.service.record.journal_reading import journal_to_read
+from cellcal.service.record.robot_lock import runs_under_way
 from cellcal.service.site.journal_tail import event_to_json
 from cellcal.service.site.keys import SiteError
 from cellcal.service.site.ledger import SiteLedger
@@ -26,8 +27,11 @@ _EVENTS = (
 class CellAnswers:
     """The verbs. Each gives JSON bodies to be signed, or messages that are signed already."""
 
-    def __init__(self, journal: Path, outbox: Path, certificates: Path, ledger: SiteLedger) -> None:
+    def __init__(
+        self, journal: Path, outbox: Path, certificates: Path, ledger: SiteLedger, *, leases: Path
+    ) -> None:
         self._journal, self._outbox, self._certificates, self._ledger = journal, outbox, certificates, ledger
+        self._leases = leases  # who works on which robot
         self.verbs: Mapping[str, Callable[[Mapping[str, str]], Iterator[Mapping[str, object] | bytes]]] = {
             "outbox": self._outbox_rows,
             "runs": self._list_runs,
@@ -71,7 +75,7 @@ class CellAnswers:
 
     def _list_runs(self, parameters: Mapping[str, str]) -> Iterator[Mapping[str, object]]:
         del parameters
-        yield {"runs": self._ledger.list_runs()}
+        yield {"runs": self._ledger.list_runs(runs_under_way(self._leases))}
 
     def _run_events(self, parameters: Mapping[str, str]) -> Iterator[Mapping[str, object]]:
         run_id, after = parameters.get("id", ""), _integer_parameter(parameters, "after", 0)

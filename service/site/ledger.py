@@ -4,13 +4,14 @@ A fold over the journal's events, one at a time, so that a long journal is read 
 """
 
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from typing import Any, TypedDict
 
 from cellcal.calibration.documents.json_text import parse_json
 from cellcal.procedures.run_history import EventKind
 from cellcal.service.record.journal import JournalEvent
+from cellcal.service.record.robot_lock import state_seen
 
 _RUNS_KEPT = 100
 _TREND_KEPT = 20
@@ -85,9 +86,10 @@ class SiteLedger:
         """Return one of the newest runs as it stands."""
         return self._runs.get(run_id)
 
-    def list_runs(self) -> list[dict[str, object]]:
-        """Return the newest runs, newest first."""
-        return [run.as_json() for run in reversed(list(self._runs.values()))]  # zenoh's threads ask, too
+    def list_runs(self, under_way: Collection[str] = ()) -> list[dict[str, object]]:
+        """Return the newest runs, newest first; those that go on in some process are running."""
+        newest = reversed(list(self._runs.values()))  # zenoh's threads ask, too
+        return [run.as_json() | {"state": state_seen(run.state, run.run_id, under_way)} for run in newest]
 
     def _begin_run(self, event: JournalEvent, header: Mapping[str, object]) -> None:
         serial = _value_at(header, "cell", "devices", 0, "identity", "serial")

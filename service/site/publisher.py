@@ -22,7 +22,7 @@ import zenoh
 from cellcal.calibration.message_table import with_messages
 from cellcal.service.configuration.cell_file import CellConfig, read_cell_file
 from cellcal.service.record.journal import JournalEvent
-from cellcal.service.record.journal_files import journal_path
+from cellcal.service.record.journal_files import journal_path, lease_folder
 from cellcal.service.record.signing import station_key
 from cellcal.service.session_documents import DeviceDocument
 from cellcal.service.site.alarms import CellAlarm
@@ -172,7 +172,8 @@ def run_publisher(config: CellConfig, stream: BinaryIO | None, leave: threading.
         parts = PublisherParts(config, keys, sealer, outbox, tap, DueDates(config, link.own_certificate))
         ledger = SiteLedger()
         publisher = SitePublisher(parts, ledger)
-        answers = CellAnswers(journal_path(config), outbox.path, config.cell.data_dir / CERTIFICATES, ledger)
+        certificates, leases = config.cell.data_dir / CERTIFICATES, lease_folder(config)
+        answers = CellAnswers(journal_path(config), outbox.path, certificates, ledger, leases=leases)
         publisher.catch_up()
         try:
             with Station(_check_config(link.zenoh_config), keys, sealer, outbox, answers) as station:

@@ -22,6 +22,7 @@ from cellcal.service.watching.mastering_comparison import MasteringComparison, j
 from cellcal.service.watching.position_comparison import PositionComparison, journalled_position
 from cellcal.service.watching.watch import PositionLoss, RobotWatch, ZeroComparison
 from cellcal.service.watching.watch_coverage import describe_coverage, sees_losses
+from cellcal.service.watching.zero_comparisons import ZeroComparisons
 
 _LOG = logging.getLogger(__name__)
 _RETRY_S = 5.0
@@ -69,17 +70,14 @@ class RobotWatches:
         self._watches[name].use_connection(robot)
         return self._watches[name]
 
-    def _comparison_for(self, name: str, robot: Robot) -> ZeroComparison | None:
+    def _comparison_for(self, name: str, robot: Robot) -> ZeroComparison:
         serial = self.config.robot_named(name).serial
+        mastering = MasteringComparison(journalled_mastering(self.config, serial))
         if robot.capabilities.writes_mastering:
-            return MasteringComparison(journalled_mastering(self.config, serial))
-        if robot.capabilities.shows_position_data:
-            memory, newest = (
-                KeptPositions(self.config.cell.data_dir),
-                journalled_position(self.config, serial),
-            )
-            return PositionComparison(memory, serial, newest, warn=self._warn)
-        return None
+            return mastering
+        memory, newest = KeptPositions(self.config.cell.data_dir), journalled_position(self.config, serial)
+        position = PositionComparison(memory, serial, newest, warn=self._warn)
+        return ZeroComparisons(mastering, position) if robot.capabilities.reads_mastering else position
 
     def existing_watch(self, name: str) -> RobotWatch | None:
         """Return the watch of a robot that was reached before."""

@@ -13,7 +13,7 @@ import numpy as np
 
 from cellcal.calibration.mastering.counts import MasteringRecord
 from cellcal.calibration.message import make_message
-from cellcal.drivers.interfaces import Condition, Counts, MasteringData, MasteringStore
+from cellcal.drivers.interfaces import Condition, Counts, MasteringData, ReadsMastering
 from cellcal.service.configuration.cell_file import CellConfig
 from cellcal.service.record.journal import StoreError
 from cellcal.service.record.journal_files import journal_path, open_journal
@@ -51,7 +51,7 @@ class MasteringComparison:
     def note_loss(self, robot: str, condition: Condition) -> None:
         """Do nothing: the counts and the mastering that a controller holds are compared after a loss, too."""
 
-    async def find_trouble(self, encoders: MasteringStore) -> tuple[str, Suspicion] | None:
+    async def find_trouble(self, encoders: ReadsMastering) -> tuple[str, Suspicion] | None:
         """Return in words what is wrong with the controller's mastering, and what is suspected; None: nothing.
 
         Between two looks the last answer stands.

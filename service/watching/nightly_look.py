@@ -8,7 +8,7 @@ from enum import StrEnum
 from cellcal.calibration.errors import CellError
 from cellcal.calibration.message import join_messages, make_message
 from cellcal.drivers.errors import WrongDeviceError
-from cellcal.drivers.interfaces import Condition, Readiness, Robot
+from cellcal.drivers.interfaces import Condition, PositionCure, Readiness, Robot
 from cellcal.drivers.registry import RobotConfig
 from cellcal.service.configuration.cell_file import CellConfig
 from cellcal.service.exit_codes import ExitCode, gravest_exit_code
@@ -19,7 +19,9 @@ from cellcal.service.watching.follow import RobotWatches
 from cellcal.service.watching.loss_response import answer_to
 from cellcal.service.watching.mastering_comparison import journalled_mastering
 from cellcal.service.watching.position_comparison import PositionComparison, PositionLook
-from cellcal.service.watching.watch import PositionLoss
+from cellcal.service.watching.watch import PositionLoss, RobotWatch
+from cellcal.service.watching.watch_coverage import describe_coverage
+from cellcal.service.watching.zero_comparisons import ZeroComparisons
 
 
 class NightState(StrEnum):
@@ -29,6 +31,7 @@ class NightState(StrEnum):
     CHANGED = "changed"
     LOST = "position lost"
     NOT_COMPARED = "not compared"
+    NOT_SHOWN = "nothing shown"  # by a link that shows no zero, which a person has accepted
     FAILED = "not read"
 
 
@@ -37,6 +40,7 @@ _EXIT_CODES = {
     NightState.CHANGED: ExitCode.OUT_OF_TOLERANCE,
     NightState.FAILED: ExitCode.UNREACHABLE,
     NightState.NOT_COMPARED: ExitCode.REFUSED,
+    NightState.NOT_SHOWN: ExitCode.PASS,
     NightState.UNCHANGED: ExitCode.PASS,
 }
 
@@ -90,7 +94,7 @@ async def _look_over(config: CellConfig, entry: RobotConfig, robot: Robot, *, ac
         losses.append(loss)
 
     watch = RobotWatches(config, on_loss, remarks.append).watch_of(entry.name, robot)
-    position = watch.comparison if isinstance(watch.comparison, PositionComparison) else None
+    position = _position_of(watch)
     if accept and position is not None:
         await position.look(robot, accept=True)
     await watch.look_once()
@@ -102,27 +106,61 @@ async def _look_over(config: CellConfig, entry: RobotConfig, robot: Robot, *, ac
         text = make_message(
             "{detected_by}: {words}.", detected_by=losses[0].detected_by, words=losses[0].suspicion.words
         )
-        return LookedAtRobot(entry.name, NightState.LOST if lost else NightState.CHANGED, text)
-    has_record = journalled_mastering(config, entry.serial)().record is not None
-    state, text = _describe_look(None if position is None else position.last_look, has_record=has_record)
+        state = NightState.LOST if lost else NightState.CHANGED
+        return LookedAtRobot(entry.name, state, join_messages(" ", (text, *remarks)))
+    if robot.capabilities.reads_mastering:
+        state, text = _describe_mastering(config, entry.serial)
+    else:
+        state, text = _describe_look(robot, None if position is None else position.last_look)
     stops = [_words_of(watch.condition)] if watch.condition.readiness is Readiness.STOPPED else []
     return LookedAtRobot(entry.name, state, join_messages(" ", (text, *remarks, *stops)))
 
 
-def _describe_look(look: PositionLook | None, *, has_record: bool) -> tuple[NightState, str]:
+def _position_of(watch: RobotWatch) -> PositionComparison | None:
+    """Return what compares with earlier looks, where the robot has that."""
+    comparison = watch.comparison
+    if isinstance(comparison, ZeroComparisons):
+        return comparison.position
+    return comparison if isinstance(comparison, PositionComparison) else None
+
+
+def _describe_mastering(config: CellConfig, serial: str) -> tuple[NightState, str]:
+    """Say what the mastering of a robot that shows no trouble was compared with."""
+    if journalled_mastering(config, serial)().record is not None:
+        return NightState.UNCHANGED, "as in its mastering record."
+    text = "its mastering was compared with nothing: there is no mastering record of it."
+    return NightState.NOT_COMPARED, text
+
+
+def _describe_look(robot: Robot, look: PositionLook | None) -> tuple[NightState, str]:
     """Say what a robot that shows no trouble was compared with."""
-    if look is not None and not look.compared_with:
+    shows = robot.capabilities
+    if look is None:  # its controller did not answer
+        return NightState.NOT_COMPARED, "nothing of its zero was compared."
+    if look.compared_with:
+        texts = [make_message("as in {compared_with}.", compared_with=look.compared_with)]
+        if shows.position_cure is PositionCure.MASTERING_GAUGE:
+            texts.append(
+                "No variable tells of an axis that was unmastered and mastered again between two looks."
+            )
+        state = NightState.NOT_COMPARED if look.gap else NightState.UNCHANGED
+        return state, join_messages(" ", texts)
+    if shows.shows_position_data or shows.keeps_position_history:
         first = "looked at for the first time: what it shows of its zero is kept for the next night."
         return NightState.NOT_COMPARED, first
-    if look is not None:
-        text = make_message("as in {compared_with}.", compared_with=look.compared_with)
-        return NightState.NOT_COMPARED if look.gap else NightState.UNCHANGED, text
-    if has_record:
-        return NightState.UNCHANGED, "as in its mastering record."
-    return (
-        NightState.NOT_COMPARED,
-        "nothing of its zero was compared; only what it says of itself was looked at.",
+    coverage = describe_coverage(shows)
+    if not look.accepted_utc:
+        text = make_message(
+            "this link shows nothing of its zero: {coverage}. Who knows that, says so once with --accept.",
+            coverage=coverage,
+        )
+        return NightState.NOT_COMPARED, text
+    text = make_message(
+        "this link shows nothing of its zero, as was accepted at {accepted_utc}: {coverage}.",
+        accepted_utc=look.accepted_utc[:16],
+        coverage=coverage,
     )
+    return NightState.NOT_SHOWN, text
 
 
 def _words_of(condition: Condition) -> str:

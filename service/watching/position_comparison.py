@@ -46,13 +46,14 @@ class ZeroReference:
     record: ArmPositionRecord | None = None
     cure: ProvedCure | None = None  # that passed after the record: what was shown in it is right since then
     unproved_run: str = ""  # of a cure after both whose lengths proved nothing, or that an axis is wrong
+    mastering_sha256: str = ""  # of the newest mastering record, of a robot that has one
 
     @property
     def key(self) -> str:
         """What tells this reference from others; "" for none."""
         if self.cure is not None:
             return self.cure.run_id
-        return "" if self.record is None else self.record.measured.sha256
+        return self.mastering_sha256 if self.record is None else self.record.measured.sha256
 
     def recorded_data(self) -> dict[Datum, str]:
         """Return the data of the record, or of the cure that has replaced it."""
@@ -68,6 +69,7 @@ class PositionLook:
     compared_with: str  # "": nothing, it was the first look
     trouble: Trouble | None
     gap: str = ""  # what the log does not tell
+    accepted_utc: str = ""  # when a person accepted last what is shown, or that nothing is
 
 
 class PositionComparison:
@@ -111,10 +113,10 @@ class PositionComparison:
         DeviceError
             The controller does not answer.
         """
-        reference = self._newest()
+        reference, has_log = self._newest(), robot.capabilities.keeps_position_history
         baseline = self._valid_baseline(robot.name, reference)
         last = baseline or KeptPosition(robot.name, self._serial, {}, (), "", "")
-        shown = await cast(TellsPositionData, robot).position_data()
+        shown = await _data_of(robot)
         history = await _history_of(robot, last.marks)
         present, before = _zero_data(shown), {**reference.recorded_data(), **last.values}
         trouble = _find_trouble(before, present, history, baseline) or _find_unproved(reference, last)
@@ -128,8 +130,13 @@ class PositionComparison:
             values, marks = {**before, **present}, history.marks or last.marks
             key = reference.key or last.reference_key
             baseline_now = KeptPosition(robot.name, self._serial, values, marks, key, "")
-            self._store_baseline(replace(baseline_now, answered_run=reference.unproved_run))
-        return PositionLook(_compared_with(reference, baseline, has_data=bool(before)), trouble, gap)
+            accepted_utc = datetime.now(UTC).isoformat() if accept else last.accepted_utc
+            last = replace(baseline_now, answered_run=reference.unproved_run, accepted_utc=accepted_utc)
+            self._store_baseline(last)
+        compared_with = (
+            _compared_with(reference, baseline, has_data=bool(before)) if before or has_log else ""
+        )
+        return PositionLook(compared_with, trouble, gap, last.accepted_utc)
 
     def note_loss(self, robot: str, condition: Condition) -> None:
         """Keep that a lost position was seen: it is told until a record, a proved cure or a person answers it.
@@ -173,7 +180,11 @@ def journalled_position(config: CellConfig, serial: str) -> Callable[[], ZeroRef
         try:
             with open_journal(config) as journal:
                 store = RunStore(journal)
-                return ZeroReference(store.position_record(serial), *store.cures_since_record(serial))
+                mastering = store.mastering_record(serial)
+                sha256 = "" if mastering is None else mastering.sha256
+                return ZeroReference(
+                    store.position_record(serial), *store.cures_since_record(serial), mastering_sha256=sha256
+                )
         except StoreError as error:
             _LOG.warning("what the controller shows is not compared with its position record: %s", error)
             return ZeroReference()
@@ -194,6 +205,12 @@ def _compared_with(reference: ZeroReference, baseline: KeptPosition | None, *, h
     if reference.cure is not None:
         return make_message("the cure {run_id}", run_id=reference.cure.run_id) if has_data else ""
     return "" if reference.record is None else "the position record"
+
+
+async def _data_of(robot: Robot) -> tuple[ShownValue, ...]:
+    if not robot.capabilities.shows_position_data:
+        return ()
+    return await cast(TellsPositionData, robot).position_data()
 
 
 async def _history_of(robot: Robot, since: tuple[str, ...]) -> PositionHistory:

@@ -165,7 +165,7 @@ class RobotWatch:
         """Whether the last look found nothing wrong, and the controller holds a mastering."""
         if self.is_still_lost or self.condition.alarms or self.condition.readiness is Readiness.UNREACHABLE:
             return False
-        if not self._robot.capabilities.writes_mastering:
+        if not self._robot.capabilities.reads_mastering:
             return True  # its mastering cannot be read
         return (await cast(ReadsMastering, self._robot).read_mastering()).mastered
 

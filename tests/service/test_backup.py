@@ -56,6 +56,7 @@ def lived_in(folder: Path) -> CellConfig:
     )
     ParameterSets(folder / "parameter_sets").save_draft(draft)
     (data_dir / "last_healthy_fanuc.json").write_text('{"robot": "fanuc", "counts": [1], "epoch": 1}')
+    (data_dir / "shown_position_abb.json").write_text('{"robot": "abb", "lost": ["2026-01-01", "SRVO", [1]]}')
     (data_dir / "under_way.json").write_text("{}")
     (data_dir / "site_outbox.sqlite").write_text("numbers that must not be said twice")
     (data_dir / "programs").mkdir()
@@ -193,6 +194,14 @@ def _rewrite_journal(files: dict[str, bytes]) -> None:
 def _rewrite_certificate(files: dict[str, bytes]) -> None:
     name = next(name for name in files if name.startswith("data/certificates/") and name.endswith(".json"))
     files[name] = files[name].replace(b'"pass"', b'"fail"')
+
+
+def test_a_drill_fails_where_no_cell_could_be_put_back_from_it(tmp_path: Path) -> None:
+    config = lived_in(tmp_path / "old")
+    archive = back_up(config, tmp_path / "kept").path
+    forge_archive(archive, station_key(tmp_path / "stranger"), lambda files: files.update({"cell.toml": b""}))
+    with pytest.raises(CellError):
+        prove_backup(archive)
 
 
 @pytest.mark.parametrize(

@@ -19,7 +19,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from openpyxl import load_workbook
 
+from cellcal.calibration.documents.json_text import parse_json
 from cellcal.calibration.errors import CellError
+from cellcal.procedures.run_history import EventKind
 from cellcal.service.certificates.certificate import issue_certificate
 from cellcal.service.certificates.points import list_readings
 from cellcal.service.cli.app import run_command_line
@@ -30,7 +32,8 @@ from cellcal.service.exit_codes import ExitCode
 from cellcal.service.export.cell_tables import history_table, parameters_table, points_table, runs_table
 from cellcal.service.export.table_files import BOM, as_csv, as_csv_file, as_xlsx_file
 from cellcal.service.export.tables import ExportColumn, ExportError, ExportTable, Value, unit_of
-from cellcal.service.record.journal_files import open_journal
+from cellcal.service.record.journal_files import lease_folder, open_journal
+from cellcal.service.record.robot_lock import acquire_lease
 from tests.procedures.certified_runs import cell_config, run_in
 from tests.procedures.procedure_scenes import user_frame_scene
 from tests.service.service_client import open_service_client
@@ -170,6 +173,16 @@ def test_every_number_of_the_journal_is_in_the_tables(tmp_path: Path) -> None:
     for wrong in (lambda: points_table(config, "none"), lambda: parameters_table(config, "x")):
         with pytest.raises(CellError):
             wrong()
+
+
+def test_a_run_that_goes_on_in_another_process_is_running(tmp_path: Path) -> None:
+    config, run_id = lived_in(tmp_path)
+    with open_journal(config) as journal:
+        started = next(event for event in journal.list_events(run_id) if event.kind == EventKind.STARTED)
+        journal.append("open-1", EventKind.STARTED, parse_json(started.body))
+    assert [row[6] for row in runs_table(config).rows] == ["passed", "interrupted"]
+    with acquire_lease(lease_folder(config), "F-1", "a run (open-1)"):
+        assert [row[6] for row in runs_table(config).rows] == ["passed", "running"]
 
 
 def _numbers_in(value: Any) -> list[float]:

@@ -17,7 +17,8 @@ from cellcal.service.export.cell_metrics import CONTROLLER_SILENT_S, CellMetrics
 from cellcal.service.export.exposition import MetricFamily, render_text
 from cellcal.service.people.pin_hashing import pepper_of
 from cellcal.service.record.journal import NewEvent
-from cellcal.service.record.journal_files import journal_path, open_journal
+from cellcal.service.record.journal_files import journal_path, lease_folder, open_journal
+from cellcal.service.record.robot_lock import acquire_lease
 from cellcal.service.web.app import create_app
 from cellcal.service.web.context import ServiceSettings
 from tests.procedures.certified_runs import cell_config, run_in
@@ -193,6 +194,9 @@ def test_runs_certificates_drift_and_what_is_due(tmp_path: Path) -> None:
     read = parse_exposition(meter.render_metrics())
     assert read("cellcal_runs", procedure="three_point_frame", outcome="passed") == 1
     assert read("cellcal_runs", procedure="drift_check", outcome="interrupted") == 1
+    with acquire_lease(lease_folder(config), "F-1", "a run (drift-2)"):
+        running = parse_exposition(CellMetrics(config).render_metrics())
+        assert running("cellcal_runs", procedure="drift_check", outcome="running") == 1
     assert read("cellcal_journal_events_total") == events
     assert read("cellcal_drift_change_rms_meters", robot_serial="F-1") == 0.00012
     assert read("cellcal_drift_change_max_meters", robot_serial="F-1") == 0.0003

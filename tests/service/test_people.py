@@ -6,6 +6,7 @@ import io
 import re
 import sqlite3
 import threading
+import time
 from collections.abc import Callable
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -230,6 +231,18 @@ def test_a_clock_that_is_set_back_causes_no_lockout_for_years(tmp_path: Path) ->
     register.note_guess("Tina", "tablet")
     clock.pass_by(3601.0)
     register.note_guess("Tom", "tablet")
+
+
+def test_the_computers_clock_shortens_and_lengthens_no_wait(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    register, now_s = AccountStore(tmp_path), time.time()
+    for _ in range(5):
+        register.note_guess("Tom", "tablet")
+    for moved_s in (3700.0, 2 * DAY_S, -2 * DAY_S, 0.0):
+        monkeypatch.setattr(time, "time", lambda moved_s=moved_s: now_s + moved_s)
+        with pytest.raises(TooManyGuessesError, match="60 min"):
+            register.note_guess("Tom", "tablet")
 
 
 def test_guesses_are_counted_over_a_restart_and_taken_back_by_a_reset(tmp_path: Path) -> None:

@@ -102,7 +102,7 @@ async def one_question(tablet_service: ServiceWithTablets) -> AsyncIterator[OneQ
     double.orders.clear()
     tablet_service.release_control()
     yield double
-    tablet_service.authenticator.accounts._clock = tablet_service.authenticator.wall_clock
+    tablet_service.authenticator.accounts._guess_clock = tablet_service.authenticator.clock
     tablet_service.authenticator.sessions._clock = tablet_service.authenticator.clock
 
 
@@ -197,8 +197,8 @@ async def test_wrong_pins_are_reported_and_then_delayed(tablet_service: ServiceW
         await tablet_service.enrol_tablet(page, "tablet 4")
         await page.evaluate("location.hash = '#/sign-in'")
         await page.get_by_test_id("person").filter(has_text="Tina").click()
-        now_s = tablet_service.authenticator.wall_clock()
-        tablet_service.authenticator.accounts._clock = lambda: (
+        now_s = tablet_service.authenticator.clock()
+        tablet_service.authenticator.accounts._guess_clock = lambda: (
             now_s
         )  # an hour, also where keys are pressed slowly
         for _ in range(5):
@@ -206,7 +206,7 @@ async def test_wrong_pins_are_reported_and_then_delayed(tablet_service: ServiceW
             await expect_shown(page, "secret-fault")
         await give_pin(page, PINS["Tina"])
         await expect(page.get_by_test_id("secret-fault")).to_contain_text("60 min")
-        tablet_service.authenticator.accounts._clock = lambda: now_s + 3601.0
+        tablet_service.authenticator.accounts._guess_clock = lambda: now_s + 3601.0
         await give_pin(page, PINS["Tina"])
         await page.locator("[data-testid=who][data-role=technician]").wait_for()
 

@@ -19,6 +19,7 @@ from cellcal.service.demo.fake_cell import write_cell_file
 from cellcal.service.exit_codes import ExitCode
 from cellcal.service.record.journal import Journal
 from cellcal.service.record.journal_files import certificates_folder
+from cellcal.service.record.robot_lock import acquire_lease
 from cellcal.service.record.signing import CellKey, station_key
 from cellcal.service.site.access import ASKING, CELL_MESSAGES, cell_access, router_access
 from cellcal.service.site.alarms import CALM_S, AlarmSet, CellAlarm, wrong_in
@@ -346,6 +347,20 @@ def test_the_ledger_knows_the_last_certificate_and_the_trend(tmp_path: Path) -> 
     assert [run["run_id"] for run in ledger.list_runs()] == ["d-4", "d-3", "d-2", "d-1"]
 
 
+def test_a_run_without_an_end_is_running_while_a_process_has_it(tmp_path: Path) -> None:
+    ledger = SiteLedger()
+    with closing(Journal.open_file(tmp_path / "j.db")) as journal:
+        for run in ("d-1", "d-2"):
+            journal.append(run, "run_started", {"procedure": "drift_check", "cell": {"devices": []}})
+        for event in journal.list_events():
+            ledger.take_event(event)
+    answers = CellAnswers(tmp_path / "j.db", tmp_path, tmp_path, ledger, leases=tmp_path / "leases")
+    with acquire_lease(tmp_path / "leases", "F-1", "a run (d-2)"):
+        (told,) = answers.answer_query("runs", {})
+    assert isinstance(told, dict)
+    assert {run["run_id"]: run["state"] for run in told["runs"]} == {"d-1": "interrupted", "d-2": "running"}
+
+
 def test_certificates_are_looked_for_where_they_are_kept(tmp_path: Path) -> None:
     config = read_cell_file(write_cell_file(tmp_path, "127.0.0.1", seed=1, time_factor=1.0))
     folder = certificates_folder(config)
@@ -353,7 +368,9 @@ def test_certificates_are_looked_for_where_they_are_kept(tmp_path: Path) -> None
     folder.mkdir(parents=True)
     (folder / "run-1-refused.json").write_text("refused")
     (tmp_path / "data" / "signing_key.json").write_text("secret")
-    answers = CellAnswers(tmp_path / "none", tmp_path / "none", folder, SiteLedger())
+    answers = CellAnswers(
+        tmp_path / "none", tmp_path / "none", folder, SiteLedger(), leases=tmp_path / "leases"
+    )
     assert answers.read_certificate("run-1") == b"refused"
     for name in ("run-2", "../signing_key", "", "a/b", "run-1\x00"):
         with pytest.raises(CellError, match="no certificate"):

@@ -144,6 +144,14 @@ def test_an_alarm_that_is_not_understood_does_not_pass_for_none() -> None:
         read_alarm_report(b" \r\n")
 
 
+@pytest.mark.parametrize("missing", range(1, 100, 9))
+def test_a_list_of_alarms_that_was_cut_off_does_not_pass_for_none(missing: int) -> None:
+    head = "ERRACT.LS      Robot Name R 01 27-AUG-26 13:14:06  \n\n"
+    line = '4428" 27-AUG-26 12:02:10 " SRVO-062 BZAL alarm (Group:1 Axis:3)   " " SERVO   00110110" \n'
+    with pytest.raises(ProgramFileError):
+        read_alarm_report((head + line)[: -missing - 1].rstrip("\n").encode())
+
+
 def test_whose_controller_it_is() -> None:
     text = (
         "F Number: F1\nVERSION : HandlingTool\n$VERSION: V8.30273     5/6/2020\n\nVERSION INFORMATION::\n"

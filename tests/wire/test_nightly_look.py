@@ -2,6 +2,7 @@
 
 from collections.abc import AsyncIterator
 from dataclasses import replace
+from errno import ENOSPC
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +11,7 @@ import pytest
 from cellcal.service.configuration.cell_file import CellConfig
 from cellcal.service.demo.fake_cell_client import FakeCellClient
 from cellcal.service.exit_codes import ExitCode
+from cellcal.service.record.shown_positions import KeptPositions
 from cellcal.service.watching.nightly_look import LookedAtRobot, look_at_cell, night_exit_code
 from tests.wire.driver_cases import ROBOTS, open_at_home, open_retrying
 
@@ -136,8 +138,64 @@ async def test_a_lost_position_is_told_as_such(nights: Nights, inject: Any) -> N
     assert night_exit_code([found]) is ExitCode.OUT_OF_TOLERANCE
 
 
+@pytest.mark.parametrize("nights", ["kuka"], indirect=True)
+async def test_a_loss_that_cannot_be_kept_says_so(
+    nights: Nights, inject: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(*_: object) -> None:
+        raise OSError(ENOSPC, "No space left on device")
+
+    await inject((("mastering_lost", {"axes": "A2"}),))
+    monkeypatch.setattr(KeptPositions, "save", refuse)
+    found = await nights.look()
+    assert found.state == "position lost"
+    assert "what it shows cannot be kept: No space left on device" in found.sentence
+
+
 async def test_a_robot_out_of_reach_is_no_change(nights: Nights) -> None:
     found = await nights.at("127.0.77.1").look()
     assert found.state == "not read"
     assert night_exit_code([found]) is ExitCode.UNREACHABLE
     assert (await nights.look()).state == "unchanged"
+
+
+@pytest.fixture(params=["rmi", "any_maker"])
+async def blind_nights(
+    request: pytest.FixtureRequest, cell: CellConfig, fake_client: FakeCellClient, tmp_path: Path
+) -> AsyncIterator[Nights]:
+    """A healthy robot whose link shows nothing of its zero."""
+    async with open_at_home(CASES[request.param], cell, fake_client):
+        pass
+    yield Nights(cell, request.param, tmp_path)
+    await heal(cell, fake_client, request.param)
+
+
+async def test_a_link_that_shows_no_zero_is_called_so_each_night_until_that_is_accepted(
+    blind_nights: Nights,
+) -> None:
+    for _ in range(2):
+        found = await blind_nights.look()
+        assert (found.state, night_exit_code([found])) == ("not compared", ExitCode.REFUSED), found
+        assert "--accept" in found.sentence
+    for accept in (True, False):
+        found = await blind_nights.look(accept=accept)
+        assert (found.state, night_exit_code([found])) == ("nothing shown", ExitCode.PASS), found
+        assert "shows nothing of its zero" in found.sentence
+    found = await blind_nights.at("127.0.77.1").look()
+    assert night_exit_code([found]) is ExitCode.UNREACHABLE
+
+
+@pytest.mark.parametrize("blind_nights", ["rmi"], indirect=True)
+async def test_a_loss_that_the_controller_shows_no_more_is_told_until_it_is_accepted(
+    blind_nights: Nights, fake_client: FakeCellClient
+) -> None:
+    await blind_nights.look(accept=True)
+    await fake_client.inject_fault("alarm", device="rmi")
+    assert (await blind_nights.look()).state == "position lost"
+    await fake_client.inject_fault("clear_alarms", device="rmi")
+    for _ in range(2):
+        found = await blind_nights.look()
+        assert (found.state, night_exit_code([found])) == ("changed", ExitCode.OUT_OF_TOLERANCE), found
+        assert "SRVO-062" in found.sentence
+    assert (await blind_nights.look(accept=True)).state == "nothing shown"
+    assert (await blind_nights.look()).state == "nothing shown"

@@ -55,7 +55,8 @@ def read_alarm_report(data: bytes, file: str = "erract.ls") -> AlarmReport:
     Raises
     ------
     ProgramFileError
-        A line is no alarm: an alarm that is not understood must not pass for none.
+        A line is no alarm, or the last one has no end: an alarm that is not understood, or is missing, must not
+        pass for none.
     """
     lines = decode_report(file, data)
     alarms = []
@@ -63,6 +64,8 @@ def read_alarm_report(data: bytes, file: str = "erract.ls") -> AlarmReport:
         if '"' not in line and _ANY_CODE.search(line) is None:
             continue  # blank, or a heading
         alarms.append(_parse_line(line, file, number))
+    if lines[-1]:
+        raise damaged_report_error(file, "it ends within a line: alarms may be missing.", len(lines))
     head = " ".join(lines[:_HEADING_LINES])
     name = _NAME.search(head)
     return AlarmReport(name[1] if name else "", parse_date(lines[0]), tuple(alarms))
