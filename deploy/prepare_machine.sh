@@ -4,7 +4,7 @@
 set -euo pipefail
 python=${PYTHON:-python3}
 
-# Chromium without windows: it opens a page in a quarter of the processor time. Where it cannot be had, any Chromium does.
+# Chromium without windows opens a page in a quarter of the processor time. Where it cannot be had, the whole one does.
 windowless_browser=chromium-headless-shell
 
 can_install() { [ "$(id -u)" = 0 ] && command -v apt-get >/dev/null; }
@@ -14,7 +14,7 @@ install() {
   apt-get update -qq && DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends "$@" >/dev/null
 }
 
-has_browser() { command -v "$windowless_browser" >/dev/null || command -v chromium >/dev/null || command -v chromium-browser >/dev/null; }
+has_browser() { command -v chromium >/dev/null || command -v chromium-browser >/dev/null; }
 
 has_chinese_font() {
   if command -v fc-list >/dev/null; then

@@ -28,7 +28,7 @@ _LINKS = "main a.button[href^='#/procedure/']"
 
 async def time_taps(url: str, rounds: int) -> dict[str, list[float]]:
     """Return for each procedure how long it took from a tap on the first page [ms]."""
-    async with open_chromium() as browser:
+    async with open_chromium(whole=True) as browser:
         page = await browser.new_page(viewport={"width": 800, "height": 1280})
         await page.add_init_script(NO_WEBGL)
         await page.goto(url, timeout=PATIENCE_MS)

@@ -78,10 +78,14 @@ class PageViewer:
 
     @asynccontextmanager
     async def open_page(
-        self, at: str = "#/", locale: str = "en", size: tuple[int, int] = (1280, 800)
+        self,
+        at: str = "#/",
+        locale: str = "en",
+        size: tuple[int, int] = (1280, 800),
+        browser: Browser | None = None,
     ) -> AsyncIterator[Page]:
         """Open a page of its own, wait until live values flow, and hold it to a clean console."""
-        context = await self.browser.new_context(viewport={"width": size[0], "height": size[1]})
+        context = await (browser or self.browser).new_context(viewport={"width": size[0], "height": size[1]})
         context.set_default_timeout(PATIENCE_MS)
         await context.add_init_script(COUNT_ASKED)
         await context.add_init_script(f"localStorage.setItem('locale', {json.dumps(locale)})")

@@ -12,13 +12,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 import pytest_asyncio
-from playwright.async_api import Page, expect
+from playwright.async_api import Browser, Page, expect
 
 from tests.service.browser_pages import (
     CHOOSE,
     at_rest,
     hold_to_rules_in_languages,
     layout_faults,
+    open_chromium,
     unfold,
     wait_for_language,
     wait_for_value,
@@ -56,12 +57,17 @@ async def pendant(tmp_path_factory: pytest.TempPathFactory) -> AsyncIterator[Fak
 
 @asynccontextmanager
 async def a_run(
-    pendant: FakePendant, procedure: str, *, hold: bool = False, **settings: object
+    pendant: FakePendant,
+    procedure: str,
+    *,
+    hold: bool = False,
+    browser: Browser | None = None,
+    **settings: object,
 ) -> AsyncIterator[Page]:
     """Start a run and look at it; end it afterwards, whatever came of it."""
     viewer = pendant.viewer
     pendant.release_control()
-    async with viewer.open_page() as page:
+    async with viewer.open_page(browser=browser) as page:
         await viewer.send_order(op="start", procedure=procedure, settings=settings, hold_to_move=hold)
         try:
             yield page
@@ -374,7 +380,10 @@ async def test_a_photo_is_taken_with_the_camera_or_the_page_says_what_else_to_do
     pendant: FakePendant,
 ) -> None:
     """Witness marks: a real picture of the browser's camera; no camera, a forbidden one, and one out of reach."""
-    async with a_run(pendant, "mastering_record", poses=12) as page:
+    async with (
+        open_chromium(whole=True) as browser,
+        a_run(pendant, "mastering_record", browser=browser, poses=12) as page,
+    ):
         await wait_for_question(page, "wire_is_hooked")
         opens, hint = page.get_by_test_id("open-camera"), page.get_by_test_id("photo-told")
         await opens.click()  # it was not allowed
