@@ -1,6 +1,7 @@
 """Motions to places that no file of a batch declares: what the controller holds counts."""
 
 import re
+from collections import defaultdict
 from collections.abc import Collection, Iterator, Mapping
 
 from cellcal.drivers.programs.barred import OVERWRITTEN
@@ -10,11 +11,13 @@ from cellcal.drivers.programs.spans import ProgramText
 
 _WORD_BEGINS = r"(?<![\w.$])"
 _WORD = re.compile(rf"{_WORD_BEGINS}([A-Za-z_$]\w*+)")
+_ELEMENT = r"[ \t]*(?:\[[^\]\n]*\]|\{[^}\n]*\})?"
+_COMPONENT = rf"{_ELEMENT}((?:\.\w++)*+)"  # of a record: what is moved to, or gets a value
 _FILLED = re.compile(
-    rf"{_WORD_BEGINS}([A-Za-z_$]\w*+)[ \t]*\("
-    r"|^[ \t]*([A-Za-z_$]\w*+)[ \t]*(?:\[[^\]\n]*\]|\{[^}\n]*\})?[ \t]*:?=(?!=)",
+    rf"{_WORD_BEGINS}([A-Za-z_$]\w*+)[ \t]*\(|^[ \t]*([A-Za-z_$]\w*+){_COMPONENT}{_ELEMENT}[ \t]*:?=(?!=)",
     re.MULTILINE,
 )
+_MOVED_TO = re.compile(_WORD.pattern + _COMPONENT)
 _GIVE_IT = "Give the file that declares it, too, or teach it there."
 
 
@@ -89,14 +92,16 @@ class _WordIndex:
         self._code, self._motion = code, motion
         self._first: dict[str, tuple[int, str]] = {}
         self._moved_to: dict[str, tuple[int, str]] = {}
-        self._filled = {
-            (found[1] or found[2]).lower() for found in _FILLED.finditer(code) if found[1] or found[2]
-        }
+        self._components: dict[str, set[str]] = defaultdict(set)  # that motions go to; "" for the whole
+        self._filled: dict[str, set[str]] = defaultdict(set)
+        for found in _FILLED.finditer(code):
+            self._filled[(found[1] or found[2]).lower()].add((found[3] or "").lower())
         for found in _WORD.finditer(code):
             self._first.setdefault(found[1].lower(), (found.start(1), found[1]))
         for statement in re.finditer(motion.removesuffix("?"), code, re.IGNORECASE):
-            for found in _WORD.finditer(code, statement.start() + 1, statement.end()):
+            for found in _MOVED_TO.finditer(code, statement.start() + 1, statement.end()):
                 self._moved_to.setdefault(found[1].lower(), (found.start(1), found[1]))
+                self._components[found[1].lower()].add(found[2].lower())
 
     def first_moved_to(self, name: str) -> tuple[int, str] | None:
         """Return where a motion first goes to a name, and how it is written; None for nowhere."""
@@ -111,8 +116,14 @@ class _WordIndex:
         return self._first.get(name.lower()) if name.isascii() else _first_place(self._code, "", name)
 
     def is_filled(self, name: str) -> bool:
-        """Return whether a name is a function's, or gets a whole value in this file, which says where it is from."""
-        return name.lower() in self._filled if name.isascii() else _is_filled(self._code, name)
+        """Return whether a name is a function's, or gets a whole value in this file, which says where it is from.
+
+        Of a record it is enough that the components get one that motions go to.
+        """
+        if not name.isascii():
+            return _is_filled(self._code, name)
+        filled = self._filled.get(name.lower(), set())
+        return "" in filled or (bool(filled) and self._components.get(name.lower(), {""}) <= filled)
 
 
 def _is_filled(code: str, name: str) -> bool:

@@ -68,7 +68,7 @@ class BatchCalls:
         calls, here, shown = (
             [self._numbers_called(file, sorted(names)) for file, names in some]
             for some in (
-                [(file, one.calls | one.likely_calls) for file, one in routines],
+                [(file, one.calls.union(*one.likely_calls)) for file, one in routines],
                 [(file, one.handlers) for file, one in routines],
                 [(file, one.shown_handlers) for file, one in routines],
             )
@@ -101,11 +101,47 @@ class BatchCalls:
             for (file, _), one in zip(self._numbers, routines, strict=True)
         ]
         return (
-            reached_settings(self._calls, [one.tools | its for one, its in zip(routines, more, strict=True)]),
-            reached_settings(
-                self._calls, [one.frames | its for one, its in zip(routines, more, strict=True)]
-            ),
+            self._settings_around([one.tools | its for one, its in zip(routines, more, strict=True)]),
+            self._settings_around([one.frames | its for one, its in zip(routines, more, strict=True)]),
         )
+
+    def _settings_around(self, own: Sequence[Iterable[str]]) -> "_Around":
+        """Return what is set below routines, and around them: also by those whose calls may mean them."""
+        below, above = reached_settings(self._calls, own)
+        if self._open_calls:
+            hubs = {folder: len(own) + number for number, folder in enumerate(self._open_calls)}
+            calls = [
+                [
+                    *called,
+                    *({hubs[folder]} if self._calls_any(file, self._by_file[file].routines[name]) else ()),
+                ]
+                for called, (file, name) in zip(self._calls, self._names, strict=True)
+                for folder in [self._folders[file]]
+            ]
+            unnamed = [
+                [self._numbers[each] for each in self._names if self._is_unnamed(folder, *each)]
+                for folder in hubs
+            ]
+            _, above = reached_settings([*calls, *unnamed], [*own, *([()] * len(hubs))])
+        return below, above[: len(own)]
+
+    def _is_unnamed(self, folder: str, file: str, name: str) -> bool:
+        return self._folders[file] == folder and (folder, name) not in self._called_in
+
+    def _calls_any(self, file: str, routine: RoutineEffects) -> bool:
+        """Return whether it calls what no file tells, under a name that no routine beside it has."""
+        return any(not self._numbers_called(file, names) for names in routine.likely_calls)
+
+    @cached_property
+    def _open_calls(self) -> dict[str, bool]:
+        """Return the folders in which a call may mean any routine, and whether also one that is no macro."""
+        found: dict[str, bool] = {}
+        for file, one in self._by_file.items():
+            for routine in one.routines.values():
+                if self._calls_any(file, routine):
+                    folder = self._folders[file]
+                    found[folder] = found.get(folder, False) or frozenset() in routine.likely_calls
+        return found
 
     def _has_missing_calls(self, file: str, routine: RoutineEffects) -> bool:
         return self._by_file[file].flat and not all(
@@ -192,7 +228,11 @@ class BatchCalls:
                 by_folder[self._folders[file]] += [(file, *each) for each in one.routines.items()]
         reaching = {
             folder: reached_missing(
-                {name: one.calls | (one.likely_calls & given[folder]) for _, name, one in some}, given[folder]
+                {
+                    name: one.calls | (frozenset().union(*one.likely_calls) & given[folder])
+                    for _, name, one in some
+                },
+                given[folder],
             )
             for folder, some in by_folder.items()
         }
@@ -214,14 +254,18 @@ class BatchCalls:
             (self._folders[file], name)
             for file, one in self._by_file.items()
             for routine in one.routines.values()
-            for name in routine.calls | routine.likely_calls
+            for name in routine.calls.union(*routine.likely_calls)
         }
 
     def is_standalone(self, file: str) -> bool:
-        """Return whether a program calls none and is called by none: a person runs it, to set up the cell."""
+        """Return whether a program calls none and is called by none: a person runs it, to set up the cell.
+
+        A macro, or where a register names what is called any program, may be called where no file says so.
+        """
         folder = self._folders[file]
+        in_macros, anywhere = folder in self._open_calls, self._open_calls.get(folder, False)
         return not any(
-            routine.calls or (folder, name) in self._called_in
+            anywhere or routine.calls or (folder, name) in self._called_in or (in_macros and routine.by_macro)
             for name, routine in self._by_file[file].routines.items()
         )
 

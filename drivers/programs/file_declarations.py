@@ -44,7 +44,10 @@ class RoutineEffects:
     frame_left: str | None = None  # chosen when it ends, "" for the one that it began with; None: not certain
     tool_left: str | None = None  # the same of the tool
     beside: frozenset[str] = frozenset()  # routines of its calls that go on while it and its callers run
-    likely_calls: frozenset[str] = frozenset()  # names that a call may mean, where a routine has one
+    likely_calls: frozenset[frozenset[str]] = (
+        frozenset()
+    )  # of each call whose routine no file tells: the names that it may have, none for any name
+    by_macro: bool = False  # the controller's table of macros has it
 
 
 class BatchReasons(dict[str, str]):

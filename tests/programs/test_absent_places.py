@@ -89,6 +89,20 @@ def test_a_rapid_motion_is_found_wherever_its_target_stands(lines, line, tmp_pat
     assert moved.code == ExitCode.REFUSED
 
 
+@pytest.mark.parametrize(
+    ("component", "is_finding"),
+    [("pos", False), ("pos.trans.x", True), ("via", True)],
+)
+def test_a_component_that_gets_a_whole_value_is_no_place_of_the_controller(
+    component, is_finding, tmp_path: Path
+):
+    filled = f"st.{component}:=CRobT(\\Tool:=tool0\\WObj:=wobj0);"
+    text = rapid(filled, f"MoveL st.pos,v100,fine,tool0{WORK}")
+    moved = move_program(tmp_path, "abb", "pdisp_rotated.mod", offset=SHIFTED, text=text)
+    found = [one for one in moved.report["findings"] if one["text"].startswith(STAYS.format("st"))]
+    assert bool(found) is is_finding
+
+
 @pytest.mark.parametrize("name", ["p\u00c4u\u00dfen", "P\u00c4"])
 def test_a_rapid_motion_to_a_name_with_umlauts_is_found(name, tmp_path: Path):
     text = rapid(f"MoveL {name},v100,fine,tool0{WORK}")

@@ -523,6 +523,28 @@ ALONE = pick_lines("UFRAME_NUM=3", MOVE)
         ({"pick.ls": ALONE, "robot2/init.ls": fanuc_listing("INIT", "UFRAME[3]=PR[1]", "CALL PICK")}, ("2", "3")),
         ({"pick.ls": IN_3, "robot2/grip.ls": fanuc_listing("GRIP", "DO[1]=ON")}, "not given"),
         ({"pick.ls": IN_3, "grip.ls": fanuc_listing("GRIP", "UFRAME_NUM=4").replace("/POS", "")}, "GRIP in grip.ls, which"),
+        # a macro of another name, or what a register names, may be any program that no other names
+        ({"pick.ls": pick_lines(MOVE), "main.ls": fanuc_listing("MAIN", "UFRAME_NUM=3", "TAKE PART")}, "MAIN in main.ls sets"),
+        ({"pick.ls": pick_lines(MOVE), "main.ls": fanuc_listing("MAIN", "UFRAME_NUM=3", "CALL SR[1]")}, "MAIN in main.ls sets"),
+        ({"pick.ls": pick_lines(MOVE), "main.ls": fanuc_listing("MAIN", "UFRAME_NUM=3", "CALL OTHER")}, ("2", None)),
+        ({"pick.ls": pick_lines(MOVE), "r2/main.ls": fanuc_listing("MAIN", "UFRAME_NUM=3", "TAKE PART")}, ("2", None)),
+        (
+            {
+                "pick.ls": pick_lines(MOVE),
+                "main.ls": fanuc_listing("MAIN", "UFRAME_NUM=3", "TAKE PART"),
+                "take.ls": fanuc_listing("TAKE_PART", "DO[1]=ON"),
+            },
+            ("2", None),
+        ),
+        (
+            {
+                "pick.ls": ALONE,
+                "main.ls": fanuc_listing("MAIN", "TAKE PART"),
+                "init.ls": fanuc_listing("INIT\t  Macro", "UFRAME[3]=PR[1]"),
+            },
+            "INIT sets its frame",
+        ),
+        ({"pick.ls": ALONE, "init.ls": fanuc_listing("INIT\t  Macro", "UFRAME[3]=PR[1]")}, ("2", "3")),
     ],
 )  # fmt: skip
 def test_a_fanuc_position_without_frame_is_taken_in_one_only_where_no_other_program_chooses_another(

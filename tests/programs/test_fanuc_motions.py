@@ -8,6 +8,7 @@ import pytest
 from cellcal.calibration.geometry import homogeneous_matrix
 from cellcal.drivers.fanuc.program_files.ls_registers import indirect_line, registers_used
 from cellcal.drivers.fanuc.program_files.programs import BRAND
+from cellcal.drivers.programs.cross_file_uses import BatchDeclarations
 from cellcal.drivers.programs.shifts import ShiftAxes
 from cellcal.service.engineering.programs.move import move_transfer
 from cellcal.service.engineering.programs.project import read_project
@@ -302,3 +303,25 @@ def test_a_shift_says_in_which_axes_it_is() -> None:
     shifts = BRAND.read("a.ls", listing_bytes("L P[1] 100mm/sec FINE Offset,PR[3]")).positions.shifts
 
     assert [(one.line, one.axes, one.rows) for one in shifts] == [(5, ShiftAxes.USER_FRAME, (0,))]
+
+
+@pytest.mark.parametrize(
+    ("lines", "other"),
+    [
+        (("PR[3,6]=5", "OFFSET CONDITION PR[3]", "L P[1] 100mm/sec FINE Offset"), ()),
+        (("LBL[1]", "L P[1] 100mm/sec FINE Offset", "PR[3,6]=5", "OFFSET CONDITION PR[3]", "JMP LBL[1]"), ()),
+        (("PR[3,3]=5", "CALL B", "L P[1] 100mm/sec FINE Offset,PR[3]"), ("PR[3,6]=10",)),
+        (("OFFSET CONDITION PR[3]", "CALL B", "L P[1] 100mm/sec FINE Offset"), ("PR[3,4]=R[1]",)),
+    ],
+)
+def test_a_register_that_turns_a_shift_is_a_finding_of_a_step_too(
+    lines: tuple[str, ...], other: tuple[str, ...], tmp_path: Path
+) -> None:
+    data = listing_bytes("PR[3]=LPOS-LPOS", *lines)
+    files = {"a.ls": data, "b.ls": listing_bytes(*other, records=()).replace(b"/PROG  A", b"/PROG  B")}
+    across = BatchDeclarations({file: BRAND.read(file, each).declarations for file, each in files.items()})
+    program = BRAND.read("a.ls", data).with_external_uses(across.uses_of_file("a.ls"))
+
+    (shift,) = program.positions.shifts
+
+    assert shift.quaternion is None

@@ -14,6 +14,7 @@ POINTS = (
 )
 TO_P1 = ("FDAT_ACT=FP1", "BAS(#CP_PARAMS,2)", "LIN XP1")
 SET_BOTH = ("$BASE=BASE_DATA[1]", "$TOOL=TOOL_DATA[1]")
+WRITTEN_FRAMES = ("$TOOL={X 0,Y 0,Z 150,A 0,B 0,C 0}", "$BASE={X 1600,Y 0,Z 0,A 0,B 0,C 0}")
 TAKING_FRAME = ("END", "DEF SETIT(F:OUT)", "DECL FRAME F", "F=BASE_DATA[2]")
 
 
@@ -132,3 +133,33 @@ COPIED_OTHERWISE = "it was taught in another frame than a.src sets where it move
 def test_a_copy_is_moved_to_in_the_base_of_the_inline_forms_before_it(lines, expected, tmp_path):
     files = {"a.dat": dat_file("A", *POINTS), "a.src": src_file("A", "DECL E6POS XH", *lines)}
     assert frames_of_position(read_programs(tmp_path, files)["a.dat"], "XP1") == expected
+
+
+@pytest.mark.parametrize(
+    ("others", "expected"),
+    [
+        ({}, "written"),
+        ({"b.src": src_file("B", *WRITTEN_FRAMES, "LIN XP2")}, "written"),
+        (
+            {"b.src": src_file("B", WRITTEN_FRAMES[0], "$BASE={X 1,Y 0,Z 0,A 0,B 0,C 0}", "LIN XP1")},
+            "different",
+        ),
+        (
+            {"b.src": src_file("B", "$TOOL={X 0,Y 0,Z 9,A 0,B 0,C 0}", WRITTEN_FRAMES[1], "LIN XP1")},
+            "different",
+        ),
+    ],
+)
+def test_frames_written_out_in_one_file_count_for_points_of_another(others, expected, tmp_path):
+    data = dat_file(
+        "$CONFIG", *(f"DECL GLOBAL E6POS X{name}={POINT}" for name in ("P1", "P2")), public="PUBLIC"
+    )
+    files = {"a.src": src_file("A", *WRITTEN_FRAMES, "LIN XP1"), "$config.dat": data, **others}
+    program = read_programs(tmp_path, files)["$config.dat"]
+    found = frames_of_position(program, "XP1")
+    if expected == "written":
+        tool, base = found
+        assert program.frames.flange_tip[tool].position_m == (0.0, 0.0, 0.15)
+        assert program.frames.base_frame[base].position_m == (1.6, 0.0, 0.0)
+    else:
+        assert expected in found

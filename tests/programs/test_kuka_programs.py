@@ -208,8 +208,8 @@ def test_points_inside_moves_have_the_frames_that_the_routine_sets_once():
     assert src_text(point, "BAS(#BASE,1)").positions.user_frames == (None,)
     assert src_text("BAS(#BASE,1)", "BAS(#CP_PARAMS,1)", point).positions.user_frames == (None,)
     written = src_text("$BASE={X 1000.0,Y 0,Z 0,A 0,B 0,C 0}", point)
-    assert written.positions.user_frames == ("$BASE",)
-    assert written.frames.base_frame["$BASE"].position_m == (1.0, 0.0, 0.0)
+    (base,) = written.positions.user_frames
+    assert written.frames.base_frame[base].position_m == (1.0, 0.0, 0.0)
 
 
 @pytest.mark.parametrize(

@@ -73,3 +73,39 @@ def test_a_place_of_the_base_that_is_taken_in_a_plane_is_a_finding(
 ) -> None:
     (finding,) = findings_of(tmp_path, *lines)
     assert "takes where the robot stands" in finding
+
+
+INTO_PLANE = "movel(pose_trans(plane, {}))"
+HERE = "def here():\n  at = get_actual_tcp_pose()\n  return at\nend\ndef there():\n  return here()\nend\n"
+GO = f"def go(x):\n  movel(pose_trans({PLANE}, x))\nend\ndef pass_on(y):\n  go(y)\nend\n"
+
+
+@pytest.mark.parametrize(
+    ("lines", "before"),
+    [
+        (("here = get_actual_tcp_pose()", "copy = here", "last = copy", INTO_PLANE.format("last")), ""),
+        (("ps = [get_actual_tcp_pose()]", INTO_PLANE.format("ps[0]")), ""),
+        (("here = get_forward_kin()", "pass_on(here)"), GO),
+        (("go(get_actual_tcp_pose())",), GO),
+        ((INTO_PLANE.format("here()"),), HERE),
+        (("at = there()", "copy = at", INTO_PLANE.format("copy")), HERE),
+        (("go(there())",), HERE + GO),
+    ],
+)
+def test_a_place_of_the_base_is_followed_into_a_frame(
+    lines: tuple[str, ...], before: str, tmp_path: Path
+) -> None:
+    planes = () if GO in before else (f"plane = {PLANE}",)
+    findings = findings_of(tmp_path, HOME, WORK, *planes, *lines, before=before)
+    assert [one for one in findings if "user frame base" in one]
+
+
+def test_a_pose_of_a_frame_whose_copy_is_gone_to_without_it_is_left(tmp_path: Path) -> None:
+    inside = "a = p[0.05,0.05,0.1,0,3.1415,0]"
+    lines = (HOME, "plane = p[-0.5,-0.3,0.1,0,0,0.5]", inside, "b = a", INTO_PLANE.format("a"), "movel(b)")
+    text = "def work():\n  set_tcp(p[0,0,0,0,0,0])\n" + "".join(f"  {line}\n" for line in lines) + "end\n"
+    moved = move_program(
+        tmp_path, "ur", "component_assignment.script", offset=TURNED, text=text, joints="keep"
+    )
+    assert moved.code == ExitCode.REFUSED
+    assert {one["point"]: one["status"] for one in moved.report["points"]}["a"] == "left"

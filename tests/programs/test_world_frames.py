@@ -152,9 +152,13 @@ def test_kuka(named: str, tmp_path: Path) -> None:
         "R1/Program/a.src": src_file("A", base, "$TOOL=TOOL_DATA[1]", point),
     }
     found = next(one for name, one in read_below(tmp_path, named, files).items() if name.endswith("a.src"))
-    assert np.allclose(found.frames.base_frame["$BASE"].to_matrix()[:3, 3], [-0.7, 0.0, 0.5])
+    assert np.allclose(
+        found.frames.base_frame[found.positions.user_frames[0]].to_matrix()[:3, 3], [-0.7, 0.0, 0.5]
+    )
     assert np.allclose(found.frames.base_frame["0"].to_matrix()[:3, 3], [0.0, 0.0, 0.6])
     carried = machine.replace("ENDDAT", "DECL EX_KIN $EX_KIN={ET1 #ERSYS,ET2 #NONE}\r\nENDDAT")
     files["R1/Mada/$machine.dat"] = carried
     found = next(one for name, one in read_below(tmp_path, named, files).items() if name.endswith("a.src"))
-    assert np.allclose(found.frames.base_frame["$BASE"].to_matrix()[:3, 3], [0.7, 0.0, 0.1])
+    assert np.allclose(
+        found.frames.base_frame[found.positions.user_frames[0]].to_matrix()[:3, 3], [0.7, 0.0, 0.1]
+    )

@@ -129,6 +129,25 @@ def test_an_amount_computed_from_a_taught_point_is_a_finding_without_a_turn(tmp_
     assert result.exit_code is ExitCode.REFUSED
 
 
+@pytest.mark.parametrize(
+    ("lines", "turns"),
+    [
+        (("MSHIFT PX050 BF PX051 PX052",), True),
+        (("MSHIFT PX053 BF PX051 PX052", "SET P050 P053"), True),
+        (("SETE P050 (6) 10000",), True),
+        (("SETE P050 (B000) D001",), True),
+        (("SETE P050 (3) 10000",), False),
+        (("SUB P050 P050", "SETE P050 (6) 0"), False),
+    ],
+)
+def test_an_amount_that_turns_is_a_finding_without_a_turn(
+    lines: tuple[str, ...], turns: bool, tmp_path: Path
+) -> None:
+    shifted = (*lines, "SFTON P050 BF", "MOVL C00000 V=1.0", "SFTOF")
+    result = move_job(job_bytes("MOVL P001 V=1.0", *shifted), tmp_path, turn=False)
+    assert {finding.point for finding in result.findings} == ({"C00000"} if turns else set())
+
+
 def test_shifts_say_in_which_axes_they_are() -> None:
     program = BRAND.read(
         "a.jbi", job_bytes("SFTON P050 UF#(2)", "MOVL C00001 V=1.0", "SFTON P050 RF", "MOVL C00000 V=1.0")

@@ -30,7 +30,7 @@ _BRANCHES = re.compile(
     rb"\b(?:IF|WENN|LBL|MARKE|JMP|SPRUNG|SELECT|FOR|WHILE|CALL|AUFRUF|RUN|MONITOR)\b"
     rb"|\A[A-Za-z]\w*+(?:[ \t]++\w++)*+\Z"  # words alone: a macro
 )
-ANY_PLACE, ADDED = "PR[...]", "+"
+ANY_PLACE, ADDED, TURNED = "PR[...]", "+", "~"
 _MM = 1e-3
 _LENGTHS = 3  # elements X, Y and Z; W, P and R come after
 
@@ -115,12 +115,16 @@ def _note_joints(found: ComputedRegisters, match: re.Match[bytes], joint_positio
 
 
 def computed_places(data: bytes) -> frozenset[str]:
-    """Return the registers that a program computes: PR[n], PR[n]+ where it only adds lengths, PR[...] for any."""
+    """Return the registers that a program computes: PR[n], PR[n]+ where it only adds lengths, PR[...] for any.
+
+    PR[n]~ stands beside it where W, P or R get a value.
+    """
     if b"PR[" not in data.upper():
         return frozenset()
     found = registers_of([(each, None) for each in read_statements(data) if is_computing(each)])
     more_than_added = found.altered_whole | found.set_to.keys() | found.turned
     names = {f"PR[{number}]{'' if number in more_than_added else ADDED}" for number in found.altered}
+    names |= {f"PR[{number}]{TURNED}" for number in found.turned}
     return frozenset(names | ({ANY_PLACE} if found.any_altered else set()))
 
 
@@ -232,6 +236,7 @@ def _assign_whole(found: ComputedRegisters, match: re.Match[bytes], line: int, l
 class RegisterContents:
     """The contents of registers while a program without branches and calls runs from its first line."""
 
+    conditions: frozenset[int] = frozenset()  # registers that shift motions which name none
     certain: bool = True
     elements: dict[tuple[int, int], float] = field(default_factory=dict)
 
@@ -257,7 +262,7 @@ class RegisterContents:
     def shift_of_motion(self, motion: MotionStatement, turned: set[int]) -> tuple[Triple, Quaternion | None]:
         """Return the shift of a motion; NaN and None where it is not certain."""
         registers = motion.offset_registers
-        quaternion = None if turned & set(registers) else NO_TURN
+        quaternion = None if turned & set(registers or self.conditions) else NO_TURN
         if not self.certain or len(registers) != 1:
             return UNREADABLE, quaternion
         x, y, z = (self._length_m(registers[0], each) for each in (1, 2, 3))

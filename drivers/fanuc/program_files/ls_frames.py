@@ -42,6 +42,7 @@ _INDIRECT = re.compile(rb"P(?<![A-Za-z]P)\[ *+[A-Za-z]")
 
 # A register that names the program is a name that no program has.
 _CALL = re.compile(rb"\b(?:CALL|AUFRUF|RUN|MONITOR)[ \t]++(?!END\b)([^\s;(,]{1,80}+)")
+_MACRO_HEAD = re.compile(rb"/PROG[ \t]++\S++[ \t]++Macro\b", re.IGNORECASE)
 _MACROS = re.compile(
     rb"^[ \t]*+\d++[ \t]*+:[ \t]*+(" + MACRO_WORDS + rb")[ \t]*+" + MACRO_ARGUMENTS + rb";", re.MULTILINE
 )
@@ -55,7 +56,8 @@ def routine_effects_of(data: bytes) -> RoutineEffects:
         tools=frozenset(_set_numbers("tool", statements)),
         frames=frozenset(_set_numbers("frame", statements)),
         calls=frozenset(_called_programs(statements)),
-        likely_calls=frozenset(_programs_of_macros(statements)),
+        likely_calls=frozenset(_untold_programs(statements)),
+        by_macro=_MACRO_HEAD.search(data) is not None,
         computes=computed_places(data),
         frame_left=frame_left_by(data),
         tool_left=tool_left_by(data),
@@ -173,9 +175,16 @@ def _called_programs(statements: bytes) -> set[str]:
     return named | {f"macro {text}" for text in _macros_in(statements)}
 
 
-def _programs_of_macros(statements: bytes) -> set[str]:
-    """Return the programs that macros may be: no listing says which, and most are called as theirs."""
-    return {text.strip().upper().replace(" ", gap) for text in _macros_in(statements) for gap in ("", "_")}
+def _untold_programs(statements: bytes) -> set[frozenset[str]]:
+    """Return of each call whose program no listing tells its likely names: most macros are called as theirs.
+
+    A register may have any name.
+    """
+    of_macros = {
+        frozenset(text.strip().upper().replace(" ", gap) for gap in ("", "_"))
+        for text in _macros_in(statements)
+    }
+    return of_macros | {frozenset[str]() for name in _CALL.findall(statements) if b"[" in name}
 
 
 def _macros_in(statements: bytes) -> set[str]:

@@ -56,12 +56,22 @@ class MotionFindings:
     assigned: list[tuple[Statement, int | None]] = field(default_factory=list)
 
 
-def find_motions(data: bytes, in_joints: frozenset[int]) -> MotionFindings:
-    """Return what the motions of a listing do; ``in_joints`` are the positions that are held in joint angles."""
-    found, contents, region = MotionFindings(), RegisterContents(), False
+def find_motions(
+    data: bytes, in_joints: frozenset[int], turned: frozenset[int] = frozenset()
+) -> MotionFindings:
+    """Return what the motions of a listing do; ``in_joints`` are the positions that are held in joint angles.
+
+    ``turned`` are the registers of which other programs set W, P or R.
+    """
+    found, region = MotionFindings(), False
     last: int | None = None
-    computing = [(each, None) for each in read_statements(data) if is_computing(each)]
-    registers = registers_of(computing, in_joints)
+    registers = registers_of(
+        [(each, None) for each in read_statements(data) if is_computing(each)], in_joints
+    )
+    may_turn = registers.turned | registers.joints | turned
+    contents = RegisterContents(
+        frozenset(n for each in read_statements(data) for n in condition_of(each, tool=False))
+    )
     for statement in read_statements(data):
         if not statement.is_motion:
             contents.follow_statement(statement)
@@ -79,9 +89,7 @@ def find_motions(data: bytes, in_joints: frozenset[int]) -> MotionFindings:
             _add_shift(found, motion, ProgramShift(motion.line, motion.search, ShiftAxes.USER_FRAME))
         if motion.offset or region:
             amount, quaternion = (
-                contents.shift_of_motion(motion, registers.turned | registers.joints)
-                if not region
-                else (UNREADABLE, None)
+                contents.shift_of_motion(motion, may_turn) if not region else (UNREADABLE, None)
             )
             option = "Offset" if motion.offset else "Touch Offset"
             axes = axes_of(registers, *motion.offset_registers)

@@ -7,6 +7,7 @@ from math import nan
 
 from cellcal.calibration.message import make_message
 from cellcal.drivers.fanuc.program_files.ls_computed import (
+    TURNED,
     ComputedRegisters,
     registers_of,
 )
@@ -58,7 +59,7 @@ def with_motions(positions: Positions, data: bytes, external_uses: ExternalUses 
         # as in nearly all
         return positions
     in_joints = _positions_in_joints(positions)
-    found = find_motions(data, in_joints)
+    found = find_motions(data, in_joints, _turned_elsewhere(external_uses))
     registers = registers_of(found.assigned, in_joints)
     found.amounts |= found.conditions
     for motion in found.by_register:
@@ -102,6 +103,12 @@ def with_motions(positions: Positions, data: bytes, external_uses: ExternalUses 
         *_with_all_rows(found.any_shift, positions),
     ]
     return replace(positions, barred=barred, conditions=conditions, shifts=(*positions.shifts, *all_shifts))
+
+
+def _turned_elsewhere(external_uses: ExternalUses | None) -> frozenset[int]:
+    """Return the registers whose W, P or R other programs of the controller set."""
+    computed = {} if external_uses is None else external_uses.computed
+    return frozenset(int(each[3:-2]) for each in computed if each.endswith(TURNED))
 
 
 def _pallet_places(data: bytes) -> Iterator[ProgramShift]:

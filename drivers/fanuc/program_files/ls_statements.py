@@ -134,10 +134,10 @@ def macro_of(statement: Statement) -> str:
     return found[1].decode("cp437") if found is not None and NO_MACRO.match(statement.text) is None else ""
 
 
-def condition_of(statement: Statement) -> tuple[int, ...]:
-    """Return the registers that a condition makes the shift of motions below it."""
+def condition_of(statement: Statement, *, tool: bool = True) -> tuple[int, ...]:
+    """Return the registers that a condition makes the shift of motions below it, along the tool's axes or not."""
     found = _CONDITION.match(statement.text)
-    return (int(found[1]),) if found else ()
+    return (int(found[1]),) if found and (tool or found[0][:1] not in b"Tt") else ()
 
 
 def _match_word(pattern: re.Pattern[bytes], text: bytes) -> str:

@@ -362,10 +362,12 @@ class PointUses:
     def _name_of(self, which: str, value: str | None) -> str | None: ...
 
     def _name_of(self, which: str, value: str | None) -> str | None:
-        """Return a tool's or base's name: ``$TOOL`` where one is written out, with its numbers where several are."""
-        if value is None or not value.startswith(WRITTEN_OUT):
-            return value
-        return f"${which}" if len(self.set_frames[which]) == 1 else f"${which}={value[1:]}"
+        """Return a tool's or base's name: ``$TOOL`` with its numbers where it is written out."""
+        return f"${which}={value[1:]}" if value is not None and value.startswith(WRITTEN_OUT) else value
+
+    def written_out(self, which: str) -> dict[str, Pose | None]:
+        """Return the tools or bases that are written out, by the names under which files find them."""
+        return {self._name_of(which, value).lower(): pose for value, pose in self.set_frames[which].items()}
 
 
 def data_of(move_frames: MoveFrames) -> str:

@@ -18,6 +18,7 @@ from cellcal.drivers.kuka.program_files.frame_data import (
     with_frame_data,
     without_reset,
 )
+from cellcal.drivers.kuka.program_files.frame_uses import WRITTEN_OUT
 from cellcal.drivers.kuka.program_files.imports import imports_of, remark_imports
 from cellcal.drivers.kuka.program_files.krl_program import read_program
 from cellcal.drivers.kuka.program_files.machine_data import (
@@ -179,7 +180,7 @@ class KukaFile:
             self.frames, positions, external_uses.tools, external_uses.bases, own=frozenset()
         )
         root = external_uses.bases.get(ROOT)
-        frames = seen_from_base(frames, root)
+        frames = seen_from_base(_with_written_out(frames), root)
         standing = (standing_remark(root),) if root is not None and len(positions) else ()
         absent = {
             name: frozenset(without_reset(move_frames, known=False) for move_frames in moves)
@@ -221,6 +222,17 @@ def _read_data(source: ProgramText) -> _Read:
     return data.found, data.to_frames(), _FileSummary(declarations, data.taught, frame_data=data.frame_data)
 
 
+def _with_written_out(frames: ProgramFrames) -> ProgramFrames:
+    """Return frames with those that other files write out among the program's own: a clone has them, too."""
+    tools, bases = (
+        {name: pose for name, pose in poses.items() if name.startswith(WRITTEN_OUT)}
+        for poses in (frames.cell_flange_tip, frames.cell_base_frame)
+    )
+    return replace(
+        frames, flange_tip={**frames.flange_tip, **tools}, base_frame={**frames.base_frame, **bases}
+    )
+
+
 def _of_tables(poses: Mapping[str, Pose]) -> Poses:
     """Return what stands in TOOL_DATA or BASE_DATA, which every program sees; number 0 is the language's."""
     return {number: pose for number, pose in poses.items() if number != "0"}
@@ -232,6 +244,8 @@ def _read_src(source: ProgramText) -> _Read:
     declarations = FileDeclarations(
         "",
         uses=points.declared_uses(),
+        tools=points.written_out("TOOL"),
+        bases=points.written_out("BASE"),
         routines=points.routine_effects(),
         doubtful=dict.fromkeys(points.set_tables, COMPUTED) | ({SET: ROOT_SET} if points.sets_root else {}),
         imports=remark_imports(points.found),

@@ -3,7 +3,7 @@
 import re
 from bisect import bisect_left, bisect_right
 from collections import defaultdict
-from collections.abc import Callable, Iterator, Mapping, Sequence, Set
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass, field
 
 from cellcal.drivers.universal_robots.program_files.script_scopes import UNKNOWN, ScriptScopes, Variable
@@ -18,6 +18,7 @@ _COPY = re.compile(
 _LISTED = re.compile(r"#[^\r\n]*+|[\[\](){}]|(?<![\w.])([A-Za-z_]\w*+)", re.ASCII)
 _KEYWORD = re.compile(r"([A-Za-z_]\w*+)\s*+=\s*+\Z", re.ASCII)
 _CALLED = re.compile(r"([A-Za-z_]\w*+)[ \t]*+\Z", re.ASCII)
+_RETURNS = re.compile(r"^[ \t]*+return[ \t(]++([A-Za-z_]\w*+)", re.ASCII | re.MULTILINE)
 _LONGEST_CALL = 2000
 _LONGEST_LIST = 100_000
 _LONGEST_NAME = 60
@@ -90,23 +91,44 @@ class PassedArguments:
             if use[1] in _MOVED_TO or self._goes_into(use, self._moved)
         }
 
-    def is_brought_into_a_frame(self, name: str, at: int) -> bool:
+    def is_brought_into_a_frame(self, name: str, at: int, *, itself: bool = False) -> bool:
         """Return whether a copy of a place, or a function that it is passed to, goes to it in a frame.
 
         Parameters
         ----------
         at
             Where the place gets its name.
+        itself
+            Whether a use by that name counts, too.
         """
         uses = self.uses.get(name, ())
-        if not self._framed and not any(use[0] in self._copies for use in uses):  # as nearly always
+        if (
+            not itself and not self._framed and not any(use[0] in self._copies for use in uses)
+        ):  # as nearly always
             return False
         variable = self._scopes.variable_at(name, at)
-        own = {use[0] for use in uses}
+        own = set[int]() if itself else {use[0] for use in uses}
         return any(
             (use[0] not in own and self._is_framed(use)) or self._goes_into(use, self._framed)
             for use in self._reached_uses(variable)
         )
+
+    def is_passed_into_a_frame(self, at: int) -> bool:
+        """Return whether what stands at an offset, in a list or as an argument, is gone to in a frame."""
+        if (copy := self._copies.get(at)) is not None:
+            return self.is_brought_into_a_frame(*copy, itself=True)
+        return self._goes_into((at, "other", "["), self._framed)
+
+    def returning(self, taken: Iterable[re.Match[str]]) -> set[str]:
+        """Return the functions that return what is taken at a ``call``, or by the name ``to`` that it gets."""
+        returned = {(self._scopes.function_at(one.start()), one[1]) for one in _RETURNS.finditer(self.text)}
+        functions = {
+            function
+            for one in taken
+            for function in [self._scopes.function_at(one.start("call"))]
+            if {(function, one["call"]), (function, one["to"])} & returned
+        }
+        return {self._scopes.functions[each].name for each in functions if each >= 0}
 
     def _reached_uses(self, variable: Variable) -> Iterator[Use]:
         """Yield the uses of a variable, and of what is set to it or to a copy of it, as long as that lasts."""

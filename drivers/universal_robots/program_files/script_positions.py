@@ -218,7 +218,7 @@ class PositionFinder:
         uses = self.found.uses.get(literal.name, ())
         if any(self._in_list(at) or self._may_move(where) for at, _, where in uses):
             return True
-        return bool(uses) and bool(self._passed.moves_to_copies(literal.name, literal.start))
+        return bool(uses) and bool(self.passed.moves_to_copies(literal.name, literal.start))
 
     def _may_move(self, function: str) -> bool:
         """Return whether a function of this script, or one that nothing here tells of, may go to what it is given."""
@@ -249,12 +249,14 @@ class PositionFinder:
             role == "other" and where == "pose_trans" and self._behind_frame(at)
             for at, role, where in self.found.uses.get(literal.name, ())
         )
-        return len(gone_to) + computed > 1 or self._passed.is_brought_into_a_frame(
-            literal.name, literal.start
-        )
+        if len(gone_to) + computed > 1 or self.passed.is_brought_into_a_frame(literal.name, literal.start):
+            return True
+        own = {at for at, _, _ in self.found.uses.get(literal.name, ())}
+        return place.frame != BASE and bool(self.passed.moves_to_copies(literal.name, literal.start) - own)
 
     @cached_property
-    def _passed(self) -> PassedArguments:
+    def passed(self) -> PassedArguments:
+        """Return what the script's functions, and copies, make of its places."""
         return PassedArguments(self.text, self.found.uses, self._behind_frame)
 
     def frame_literals(self) -> dict[str, ScriptLiteral]:
@@ -306,7 +308,7 @@ class PositionFinder:
         own = self.reached.get(literal.name, [])
         if not (own and self.found.calls.get("set_tcp")):  # only the tool asks for the others
             return own
-        return sorted({*own, *self._passed.moves_to_copies(literal.name, literal.start)})
+        return sorted({*own, *self.passed.moves_to_copies(literal.name, literal.start)})
 
     def _near_offsets(self, name: str) -> list[int]:
         """Return where joints of this name choose a posture."""

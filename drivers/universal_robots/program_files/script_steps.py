@@ -12,11 +12,11 @@ from cellcal.drivers.universal_robots.program_files.script_scopes import GLOBAL,
 from cellcal.drivers.universal_robots.program_files.script_shifts import COMPUTED_PLACE
 
 _B = r"[ \t]*+"
+_TAKEN = rf"(?:\b(?P<to>[A-Za-z_]\w*+){_B}=(?!=){_B})?+(?<!def )\b(?P<call>{{}}){_B}\({_B}{{}}{_B}\)"
 _HERE = re.compile(
-    rf"(?:\b(?P<to>[A-Za-z_]\w*+){_B}=(?!=){_B})?+\b(?P<call>get_(?:actual|target)_tcp_pose|get_forward_kin)"
-    rf"{_B}\({_B}(?P<joints>[A-Za-z_]\w*+)?+{_B}\)",
-    re.ASCII,
+    _TAKEN.format("get_(?:actual|target)_tcp_pose|get_forward_kin", r"(?P<joints>[A-Za-z_]\w*+)?+"), re.ASCII
 )
+_ARGUMENTS = r"(?P<joints>(?!))?+[^()\r\n]*+"  # of a function of the script that returns such a place
 _BEHIND = re.compile(rf"\bpose_trans{_B}\({_B}(?:[A-Za-z_]\w*+|p\[[^\[\]]*+\]){_B},{_B}\Z", re.ASCII)
 _STEPS = ("pose_trans", "pose_add", "pose_sub")
 _FROM = re.compile(rf"\b(?:{'|'.join(_STEPS)}){_B}\({_B}\Z", re.ASCII)
@@ -39,7 +39,7 @@ class ScriptSteps:
 
     def list_shifts(self) -> Iterator[ProgramShift]:
         """Yield the steps behind moves to joint angles, with the rows of these, and places taken in a frame."""
-        taken = [found for found in _HERE.finditer(self.text) if not self._is_comment(found.start())]
+        taken = self._list_taken()
         if any(map(self._begins_step, taken)):
             self._read_events()
         for found in taken:
@@ -57,6 +57,21 @@ class ScriptSteps:
                     other_frame=UNKNOWN_FRAME,
                 )
 
+    def _list_taken(self) -> list[re.Match[str]]:
+        """Return where the place of the robot is taken, at once or by functions of the script that return it."""
+        taken = self._matches_of(_HERE)
+        returning = self.finder.passed.returning(taken) if taken else set()
+        known = set[str]()
+        while returning > known:
+            known = returning
+            by_function = re.compile(_TAKEN.format("|".join(sorted(known)), _ARGUMENTS), re.ASCII)
+            taken = [*self._matches_of(_HERE), *self._matches_of(by_function)]
+            returning = known | self.finder.passed.returning(taken)
+        return taken
+
+    def _matches_of(self, pattern: re.Pattern[str]) -> list[re.Match[str]]:
+        return [found for found in pattern.finditer(self.text) if not self._is_comment(found.start())]
+
     def _rows_of(self, found: re.Match[str]) -> Rows:
         """Return the joint points where the robot stands, or of which the place is computed."""
         if found["joints"] is None:
@@ -68,10 +83,15 @@ class ScriptSteps:
         )
 
     def _stands_behind_frame(self, found: re.Match[str]) -> bool:
-        """Return whether what is taken here, in the base, is brought into a frame."""
-        uses = self.finder.found.uses.get(found["to"], ()) if found["to"] else ()
+        """Return whether what is taken here, in the base, is brought into a frame, by copies and functions, too."""
+        to, passed = found["to"], self.finder.passed
+        uses = self.finder.found.uses.get(to, ()) if to else ()
         places = [found.start(), *(at for at, _, _ in uses)]
-        return any(_BEHIND.search(self.text, max(0, at - _LONGEST_FRAME), at) for at in places)
+        if any(_BEHIND.search(self.text, max(0, at - _LONGEST_FRAME), at) for at in places):
+            return True
+        if to:
+            return passed.is_brought_into_a_frame(to, found.start("to"), itself=True)
+        return passed.is_passed_into_a_frame(found.start("call"))
 
     def _start_of_statement(self, offset: int) -> int:
         """Return where the line begins whose brackets are open at an offset."""

@@ -150,17 +150,17 @@ def _of_rows(
 def _find_motions(job: YaskawaJob, rows: dict[Key, JobRow]) -> _JobFindings:
     lines = list(iterate_instructions(job))
     found = _JobFindings(variables=computed_variables(lines))
-    from_here = found.variables.from_here
+    variables = found.variables
     jumps = _JUMPS.search(job.instructions) is not None
     everywhere = jumps or shifts_in_blocks(word for _, word, _ in lines)
     switched_on = [
-        _shift_of(line, word, rest, from_here, rows) for line, word, rest in lines if word == "SFTON"
+        _shift_of(line, word, rest, variables, rows) for line, word, rest in lines if word == "SFTON"
     ]
     anywhere = [one for one in switched_on if one is not None] if everywhere else []
     active: list[ProgramShift] = []
     for line, word, rest in lines:
         if word == "SFTON":
-            shift = _shift_of(line, word, rest, from_here, rows)
+            shift = _shift_of(line, word, rest, variables, rows)
             active += [] if shift is None else [shift]
         elif word == "SFTOF":
             active = []
@@ -175,7 +175,7 @@ def _find_motions(job: YaskawaJob, rows: dict[Key, JobRow]) -> _JobFindings:
 
 
 def _shift_of(
-    line: int, word: str, rest: str, from_here: set[int], rows: dict[Key, JobRow]
+    line: int, word: str, rest: str, variables: ComputedVariables, rows: dict[Key, JobRow]
 ) -> ProgramShift | None:
     """Return the shift of SFTON or IMOV; None for one along the axes of the tool, which turns with its point."""
     frame = _FRAME.search(rest)
@@ -183,8 +183,8 @@ def _shift_of(
         return None
     axes = ShiftAxes.USER_FRAME if frame is not None and frame[1] == "UF#" else ShiftAxes.BASE
     turn = _turn_of(rest, rows)
-    if from_here.intersection(numbers_in(rest)):
-        turn = None  # the amount itself changes with the points
+    if (variables.from_here | variables.turned).intersection(numbers_in(rest)):
+        turn = None  # the amount itself changes with the points, or turns
     return ProgramShift(line, word, axes, point=_amount_text(rest), quaternion=turn)
 
 
@@ -225,7 +225,7 @@ def _take_motion(
             found.shifts.append((None, computed))
         elif taken[2] and number_of(taken) not in found.variables.from_here:
             _go_to_absent(found, line, word, taken[0])
-    if "IMOV" in word and (shift := _shift_of(line, word, own, found.variables.from_here, rows)) is not None:
+    if "IMOV" in word and (shift := _shift_of(line, word, own, found.variables, rows)) is not None:
         named_row = TAKEN.search(own)
         found.shifts += [] if named_row is not None and _row_key(named_row) in rows else [(None, shift)]
 

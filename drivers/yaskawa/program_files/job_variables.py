@@ -18,6 +18,9 @@ _PRODUCTS = frozenset(("MUL", "DIV", "MULMAT", "INVMAT"))
 _IN_PULSES = re.compile(
     r"\$PX?0++\b|\bPULSE\b"
 )  # $PX000 is where the robot stands in pulses, $PX001 in coordinates
+_KEEPS_ANGLES = re.compile(
+    r"\([ \t]*+(?:[123][ \t]*+\)|\d++[ \t]*+\)[ \t]*+-?+0++[ \t]*+$)"
+)  # a length, or zero
 Instruction = tuple[int, str, str]  # line, word, rest
 
 
@@ -31,6 +34,7 @@ class ComputedVariables:
     uncertain: set[int] = field(
         default_factory=set
     )  # of these, those that a shift of the place does not shift alike
+    turned: set[int] = field(default_factory=set)  # amounts that may turn: by MSHIFT, or SETE of an angle
 
 
 def numbers_in(rest: str) -> list[int]:
@@ -50,7 +54,7 @@ def computed_variables(instructions: Iterable[Instruction]) -> ComputedVariables
         for _, word, rest in instructions
         if (word in _HERE or word in AMOUNTS) and (numbers := numbers_in(rest))
     ]
-    found = ComputedVariables()
+    found = ComputedVariables(turned=_turned_amounts(lines))
     for word, _, numbers in lines:
         found.from_here.update(numbers if word in _HERE else ())
     before = -1
@@ -66,6 +70,23 @@ def computed_variables(instructions: Iterable[Instruction]) -> ComputedVariables
     found.set_in_part = found.computed & {numbers[0] for word, _, numbers in lines if word == "SETE"}
     found.uncertain = found.computed & _not_shifted_alike(lines)
     return found
+
+
+def _turned_amounts(lines: Sequence[tuple[str, str, list[int]]]) -> set[int]:
+    """Return the variables that a difference of two places, or an angle that is set, makes, and what gets them."""
+    turned = {
+        numbers[0]
+        for word, rest, numbers in lines
+        if word == "MSHIFT" or (word == "SETE" and not _KEEPS_ANGLES.search(rest))
+    }
+    for _ in lines:
+        got = {
+            numbers[0] for word, _, numbers in lines if word in AMOUNTS and turned.intersection(numbers[1:])
+        }
+        if got <= turned:
+            break
+        turned |= got
+    return turned
 
 
 def _not_shifted_alike(lines: Sequence[tuple[str, str, list[int]]]) -> set[int]:
