@@ -104,6 +104,12 @@ class Project:
     largest_tilt_rad: float = LARGEST_TILT_RAD  # that a change may ask of an arm which cannot follow it
 
     @property
+    def file_name(self) -> str:
+        """Return the file's name for people; many are called project.toml: then with its folder."""
+        folder = self.path.resolve().parent.name if self.path.name == "project.toml" else ""
+        return f"{folder}/{self.path.name}" if folder else self.path.name
+
+    @property
     def identified_state(self) -> ArmState | None:
         """Return the identified arm, or None where the project names no parameters."""
         return None if self.identified is None else self.identified.state
