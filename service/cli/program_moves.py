@@ -104,7 +104,8 @@ def _read_alignment(path: Path, cell: "Project") -> "Alignment":
             ),
         )
         raise MoveError(
-            f"{path} holds {len(mine)} alignments of this cell's fixture by robot {cell.serial}: {there or 'nothing'}.",
+            f"{path} holds {len(mine)} alignments of this cell's fixture by robot {cell.serial}: "
+            f"{there or 'nothing'}.",
             remedy="Give the file of one fixture, measured by this robot (`cellcal alignments export`).",
         )
     return mine[0]
