@@ -134,7 +134,8 @@ class Translations:
         if (translated := self._translate_text(argument)) is not None:
             return translated
         words, _, number = argument.rpartition(" ")
-        return self.translate_step(argument) if words and number.isdecimal() else argument
+        is_listed = words.endswith(",") and words[:-1].rpartition(" ")[2].isdecimal()
+        return self.translate_step(argument) if words and number.isdecimal() and not is_listed else argument
 
 
 def _chinese_punctuation(template: str) -> str:

@@ -195,7 +195,7 @@ def _file_model(parts: ModelReference) -> RobotModel:
         return model
     except (TypeError, ValueError) as broken:
         raise CalibrationError(
-            f"{parts.where} is no model of a robot: {broken}",
+            make_message("{path} is no model of a robot: {broken}", path=parts.where, broken=broken),
             remedy="calibration/arm/robot_models/README.md shows one.",
         ) from broken
 

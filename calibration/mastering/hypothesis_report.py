@@ -67,11 +67,13 @@ class HypothesisReport:
             words = make_message(
                 "the real offset is known to {largest_deg:.4f} deg (k = 2)", largest_deg=np.rad2deg(largest)
             )
-            checks.append(GateCheck("uncertainty", largest <= REAL_LIMIT_RAD, largest, REAL_LIMIT_RAD, words))
+            checks.append(
+                GateCheck("uncertainty", largest <= REAL_LIMIT_RAD, largest, REAL_LIMIT_RAD, words, "rad")
+            )
             hidden = self.hypothesis_test.detectable_m(hypothesis.real_axes, HIDDEN_POWER)
             words = make_message(_WOULD_SHOW, hidden_mm=1e3 * hidden)
             checks.append(
-                GateCheck("redundancy", hidden <= HIDDEN_OUTLIER_M, hidden, HIDDEN_OUTLIER_M, words)
+                GateCheck("redundancy", hidden <= HIDDEN_OUTLIER_M, hidden, HIDDEN_OUTLIER_M, words, "m")
             )
         return tuple(checks)
 
@@ -86,7 +88,7 @@ class HypothesisReport:
         detectable = make_message(_WOULD_SHOW, hidden_mm=1e3 * hidden)
         return [
             GateCheck("equipment", moved <= CREDIBLE_CHANGE, moved, CREDIBLE_CHANGE, words),
-            GateCheck("redundancy", hidden <= HIDDEN_OUTLIER_M, hidden, HIDDEN_OUTLIER_M, detectable),
+            GateCheck("redundancy", hidden <= HIDDEN_OUTLIER_M, hidden, HIDDEN_OUTLIER_M, detectable, "m"),
         ]
 
     def _u_rad(self, hypothesis: Hypothesis) -> tuple[float, ...]:

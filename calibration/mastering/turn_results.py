@@ -12,6 +12,7 @@ class GateCheck:
     found: float
     limit: float
     sentence: str
+    unit: str = "1"  # of both figures, in SI
 
 
 @dataclass(frozen=True, slots=True)

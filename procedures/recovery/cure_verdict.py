@@ -63,6 +63,7 @@ def verdict_on_cure(limit_rad: float, result: PositionCureResult) -> ProcedureVe
             check.sentence,
             found=check.found,
             limit=check.limit,
+            unit=check.unit,
         )
         for check in result.gate
     ]

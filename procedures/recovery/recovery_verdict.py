@@ -45,6 +45,7 @@ def verdict_on_recovery(
             check.sentence,
             found=check.found,
             limit=check.limit,
+            unit=check.unit,
         )
         for check in result.gate
     ]

@@ -44,6 +44,15 @@ dl { display: grid; grid-template-columns: minmax(8rem, max-content) 1fr; gap: .
 dt { color: var(--quiet); } dd { margin: 0; overflow-wrap: anywhere; }
 figure { margin: .8rem 0 1.2rem; } figure svg { max-width: 100%; height: auto; }
 th { overflow-wrap: normal; }
+/* On a telephone the name of a figure has a line of its own: the verdict on it is seen beside its value. */
+@media screen and (max-width: 38rem) {
+  header.top svg { width: 6rem; height: 6rem; } header.top div { min-width: 0; overflow-wrap: anywhere; }
+  table:has(td.word) tr { display: grid; grid-template-columns: repeat(4, minmax(0, 1fr)); column-gap: .4rem;
+    border-bottom: 1px solid var(--line); }
+  table:has(td.word) :is(th, td) { border: 0; padding: .2rem 0; text-align: left; white-space: normal; }
+  table:has(td.word) tr > :first-child { grid-column: 1 / -1; }
+  dl { grid-template-columns: minmax(6rem, 30%) 1fr; } dt { overflow-wrap: anywhere; }
+}
 .sign { break-inside: avoid; margin: 1rem 0 1.4rem; }
 .sign div { display: flex; gap: 1.5rem; margin-top: 2rem; }
 .sign span { flex: 1; border-top: 1px solid var(--ink); font-size: .8rem; color: var(--quiet); }

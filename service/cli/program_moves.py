@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 from cellcal.calibration.documents import DocumentError
 from cellcal.calibration.documents.plain_files import read_plain_text
 from cellcal.calibration.errors import CellError
+from cellcal.calibration.message import join_messages, make_message
 
 if TYPE_CHECKING:
     from cellcal.calibration.geometry import Array
@@ -88,13 +89,23 @@ def _read_alignment(path: Path, cell: "Project") -> "Alignment":
     try:
         found = read_alignments(read_plain_text(path))
     except (OSError, DocumentError) as broken:
-        raise MoveError(f"{path} cannot be read: {broken}", remedy="Give an alignment file.") from broken
+        raise MoveError(
+            make_message("{path} cannot be read: {broken}", path=path, broken=broken),
+            remedy="Give an alignment file.",
+        ) from broken
     name = None if cell.alignment is None else cell.alignment.fixture
     mine = [one for one in found if one.robot_serial == cell.serial and name in (None, one.fixture)]
     if len(mine) != 1:
-        there = ", ".join(f"{one.fixture} from robot {one.robot_serial}" for one in found) or "nothing"
+        there = join_messages(
+            "; ",
+            (
+                make_message("{fixture} from robot {serial}", fixture=one.fixture, serial=one.robot_serial)
+                for one in found
+            ),
+        )
         raise MoveError(
-            f"{path} holds {len(mine)} alignments of this cell's fixture by robot {cell.serial}: {there}.",
+            f"{path} holds {len(mine)} alignments of this cell's fixture by robot {cell.serial}: "
+            f"{there or 'nothing'}.",
             remedy="Give the file of one fixture, measured by this robot (`cellcal alignments export`).",
         )
     return mine[0]

@@ -64,7 +64,9 @@ def read_cell_shape(
     try:
         data = parse_toml(read_plain_text(path))
     except (OSError, DocumentError) as broken:
-        raise CellShapeError(f"{path} cannot be read: {broken}") from broken
+        raise CellShapeError(
+            make_message("{path} cannot be read: {broken}", path=path, broken=broken)
+        ) from broken
     try:
         return cell_shape(model, surroundings_of(data, str(path)), wire, tip_in_flange_m)
     except CalibrationError as refused:

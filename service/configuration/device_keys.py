@@ -1,7 +1,7 @@
 """Which keys the device models of a union take: for a sentence about one that is wrong."""
 
 import difflib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 CHOICES = ("driver", "interface")  # keys that choose among device models
@@ -44,5 +44,10 @@ def _device_models(union: Any) -> list[Any]:
 
 def suggest_key(key: str, valid: tuple[str, ...]) -> str:
     """Say which key was meant, or which are valid."""
-    close = difflib.get_close_matches(key, valid, n=1, cutoff=0.5)
-    return f"did you mean {close[0]!r}?" if close else f"valid here: {', '.join(sorted(valid))}"
+    close = close_key(key, valid)
+    return f"did you mean {close!r}?" if close else f"valid here: {', '.join(sorted(valid))}"
+
+
+def close_key(key: str, valid: Sequence[str]) -> str | None:
+    """Return the valid key that is most like another one; None where none is."""
+    return next(iter(difflib.get_close_matches(key, valid, n=1, cutoff=0.5)), None)

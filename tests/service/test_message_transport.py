@@ -81,3 +81,10 @@ def test_chinese_sentences_that_are_only_filled_in_end_with_its_own_stop(templat
     text = make_message(template, **{name: names[name] for name in names if f"{{{name}}}" in template})
     assert Translations("zh", table).translate(text) == chinese.format(*table.values())
     assert Translations("de", {key: key.upper() for key in table}).translate(text).endswith(".")
+
+
+@pytest.mark.parametrize("axes", ["1, 2, 3", "axes 1, 2, 3", "2"])
+def test_a_list_of_numbers_in_a_sentence_is_no_numbered_step(axes: str) -> None:
+    text = make_message("the motors of {axes} are lost", axes=axes)
+    table = {"the motors of {axes} are lost": "verloren: {axes}"}
+    assert Translations("de", table).translate(text) == f"verloren: {axes}"

@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 import pytest_asyncio
 from fastapi import FastAPI
-from playwright.async_api import Browser, Page, expect
+from playwright.async_api import Browser, Page, Route, expect
 
 from cellcal.calibration.arm.kinematics import load_model
 from cellcal.service.web.app import create_app
@@ -32,6 +32,7 @@ from tests.service.browser_pages import (
     at_rest,
     go_to_page,
     hold_to_rules,
+    layout_faults,
     locales_for,
     open_chromium,
     serve_app,
@@ -236,12 +237,50 @@ async def test_every_page_is_for_everybody_in_four_languages(page_viewer: PageVi
                 await hold_to_rules(page, f"{place} in {locale}")
 
 
+# Where the lines below the picture stand, and whether a lost connection is told.
+STANDS = "() => Math.round(document.querySelector('[data-testid=joints] summary').getBoundingClientRect().top + scrollY)"
+SEEN_OFFLINE = """{ window.__offline = false; new MutationObserver(() => {
+    window.__offline ||= document.querySelector('[data-testid=offline]') !== null; })
+    .observe(document, {childList: true, subtree: true}); }"""
+
+
+async def test_what_comes_late_moves_no_line_from_under_a_finger(page_viewer: PageViewer) -> None:
+    """A page that opens tells of no lost connection, and its first list comes into the place that it is left."""
+    async with page_viewer.open_page(size=(820, 1180)) as page:
+        listed = asyncio.Event()
+
+        async def hold_list(route: Route) -> None:
+            await listed.wait()
+            await route.continue_()
+
+        await page.route("**/api/procedures?*", hold_list)
+        await page.add_init_script(SEEN_OFFLINE)
+        await page.reload()
+        await page.get_by_test_id("device-robot").wait_for()
+        await expect(page.get_by_test_id("gauge").first).to_be_visible()
+        before = await page.evaluate(STANDS)
+        listed.set()
+        await page.get_by_test_id("intention-check").wait_for()
+        await at_rest(page)
+        assert abs(await page.evaluate(STANDS) - before) <= 24  # half of what a glove needs
+        assert not await page.evaluate("window.__offline")
+
+
+@pytest.mark.parametrize("locale", LOCALES)
+async def test_unfolded_answers_fit_on_a_telephone(page_viewer: PageViewer, locale: str) -> None:
+    async with page_viewer.open_page(locale=locale, size=(390, 844)) as page:
+        await wait_for_language(page, locale)
+        await page.get_by_test_id("intention-check").wait_for()
+        await page.evaluate("document.querySelectorAll('details').forEach(part => { part.open = true; })")
+        assert await layout_faults(page) == []
+
+
 async def test_a_run_from_its_start_to_its_place_in_the_history(page_viewer: PageViewer) -> None:
     """The main buttons stay in view beside the picture; an ended run shows its readings."""
     await page_viewer.send_order(op="start", procedure="mastering_record", settings={}, hold_to_move=True)
     session = await page_viewer.wait_until(lambda session: session["prompt"])
     for size in VIEWPORTS:
-        async with page_viewer.open_page(size=size) as page:
+        async with page_viewer.open_page(size=(820, 1180)) as page:
             await _shown_picture(page)
             for button in ("yes", "no", "stop"):
                 await wait_for_value(

@@ -110,6 +110,8 @@ def test_a_reported_exchange_gets_a_real_offset_even_near_a_whole_turn():
         assert (recovery.mode, recovery.accepted) == ("motor", True), recovery.reason
         assert recovery.offset_u_rad[seed] > 0
         assert abs(loss.joint_error_rad(recovery)[seed]) <= 1.5 * recovery.offset_u_rad[seed]
+        units = {check.name: check.unit for check in recovery.gate}
+        assert (units["uncertainty"], units["redundancy"], units["chi square"]) == ("rad", "m", "1")
 
 
 def test_all_references_lost_are_measured_with_a_stated_uncertainty():

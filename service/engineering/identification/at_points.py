@@ -66,7 +66,9 @@ def read_points(options: AtOptions, arm: RobotModel | int) -> AtPoints:
         why, cure = explain_os_error(broken)
         raise MeasurementError(why, remedy=cure) from broken
     except DocumentError as broken:
-        raise MeasurementError(f"{options.path} cannot be read: {broken}") from broken
+        raise MeasurementError(
+            make_message("{path} cannot be read: {broken}", path=options.path, broken=broken)
+        ) from broken
     if not rows:
         raise MeasurementError(
             make_message("{path} holds no rows.", path=options.path), remedy="Write one point a row."

@@ -209,7 +209,7 @@ def read_joints(path: Path, arm: RobotModel | int) -> Array:
     try:
         rows = parse_rows(read_plain_text(path))
     except (OSError, DocumentError) as broken:
-        raise PlanError(f"{path} cannot be read: {broken}") from broken
+        raise PlanError(make_message("{path} cannot be read: {broken}", path=path, broken=broken)) from broken
     if not rows:
         raise PlanError(make_message("{path} holds no rows.", path=path), remedy="Write one posture a row.")
     if not set(names) <= rows[0].keys():
@@ -271,7 +271,9 @@ def _description_check(
     try:
         arm = read_urdf(read_plain_text(description.path), tip_link=description.tip_link)
     except (OSError, DocumentError) as broken:
-        raise PlanError(f"{description.path} cannot be read: {broken}") from broken
+        raise PlanError(
+            make_message("{path} cannot be read: {broken}", path=description.path, broken=broken)
+        ) from broken
     coupling = model.joint_coupling
     plain = np.allclose(coupling, np.diag(np.diag(coupling)))
     matrix = np.eye(model.axis_count) if plain else coupling

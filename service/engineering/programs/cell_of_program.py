@@ -120,9 +120,14 @@ def find_contradiction(
             continue
         apart, turned = same_place(own.to_matrix()[None], cells[None])
         if apart[0] > ALIKE_M or turned[0] > ALIKE_RAD:
-            return (
-                f"the program brings its own {what} {name}, {apart[0] * 1e3:.2f} mm and "
-                f"{np.degrees(turned[0]):.2f} deg from that of {project.path.name}: make them one"
+            return make_message(
+                "the program brings its own {what} {name}, {apart_mm:.2f} mm and {turned_deg:.2f} deg from that of "
+                "{project}: make them one",
+                what=what,
+                name=name,
+                apart_mm=apart[0] * 1e3,
+                turned_deg=np.degrees(turned[0]),
+                project=project.file_name,
             )
     return ""
 
@@ -134,10 +139,10 @@ def missing_reason(what: str, name: str | None, project: Project) -> str:
         return make_message(
             "the program does not say which {what}, and {path_name} has no [unsaid] {key}",
             what=what,
-            path_name=project.path.name,
+            path_name=project.file_name,
             key=key,
         )
-    return make_message(_MISSING[what], name=name, project=project.path.name)
+    return make_message(_MISSING[what], name=name, project=project.file_name)
 
 
 def refuse_foreign(program: ProgramFile, project: Project) -> None:
@@ -155,7 +160,7 @@ def refuse_foreign(program: ProgramFile, project: Project) -> None:
             make_message(
                 "this is a program of {brand}, the robot of {path_name} is a {model_name}.",
                 brand=program.brand,
-                path_name=project.path.name,
+                path_name=project.file_name,
                 model_name=model.name,
             ),
             remedy="Name the project of the robot that this program is for.",
@@ -221,7 +226,7 @@ def _refuse_other_kinematics(program: ProgramFile, project: Project) -> None:
                 "it holds the kinematics of an arm that is up to {most:.1f} mm away from what the "
                 "controller of {path_name} computes.",
                 most=most * 1000.0,
-                path_name=project.path.name,
+                path_name=project.file_name,
             ),
             remedy=cure,
         )

@@ -12,10 +12,10 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, WrapValidato
 from pydantic_core import ErrorDetails, PydanticCustomError
 
 from cellcal.calibration.message import make_message
-from cellcal.service.configuration.device_keys import suggest_key
+from cellcal.service.configuration.device_keys import close_key
 
 _LONGEST_VALUE = 80  # characters of a wrong value in a sentence
-_SENTENCE, _REMEDY = "sentence", "remedy"  # of the context of a fault
+_SENTENCE, _VALUE, _REMEDY = "sentence", "value", "remedy"  # of the context of a fault
 
 
 class CheckedTable(BaseModel):
@@ -41,7 +41,9 @@ class TableFault:
     @property
     def text(self) -> str:
         """Return the table's heading and the sentence."""
-        return f"{self.heading}: {self.sentence}" if self.heading else self.sentence
+        if not self.heading:
+            return self.sentence
+        return make_message("{heading}: {sentence}", heading=self.heading, sentence=self.sentence)
 
 
 def refuse_value(sentence: str, remedy: str = "") -> NoReturn:
@@ -65,7 +67,7 @@ def allow_only(sentence: str, remedy: str = "") -> WrapValidator:
             raise PydanticCustomError(
                 "kind",
                 "{sentence}",
-                {_SENTENCE: f"{sentence}, not {_shorten_value(value)}.", _REMEDY: remedy},
+                {_SENTENCE: sentence, _VALUE: _shorten_value(value), _REMEDY: remedy},
             ) from None
 
     return WrapValidator(check)
@@ -101,19 +103,37 @@ def _fault_of(error: ErrorDetails, model: type[CheckedTable], data: Mapping[str,
     key, table = str(place[-1]) if place else "", _table_at(model, place[:-1])
     heading = _heading_of(place[:-1], data)
     if error["type"] == "kind":
-        return TableFault(heading, f"{key} {context[_SENTENCE]}", context[_REMEDY])
+        sentence = make_message(
+            "{key} {is_allowed}, not {value}.", key=key, is_allowed=context[_SENTENCE], value=context[_VALUE]
+        )
+        return TableFault(heading, sentence, context[_REMEDY])
     if error["type"] == "missing":
         return TableFault(
             heading, make_message("{name} is missing.", name=key), table.missing_remedies.get(key, "")
         )
     if error["type"] == "extra_forbidden":
-        known = tuple(table.model_fields)
-        meant = suggest_key(key, known)
-        sentence = f"unknown {key}; {meant}" if meant.endswith("?") else f"unknown {key}."
-        return TableFault(heading, sentence, f"Known here: {', '.join(sorted(known))}.")
+        return TableFault(heading, *unknown_key(key, tuple(table.model_fields)))
     if error["type"] == "list_type":
-        return TableFault(heading, f"{key} is a list of tables.", f"Begin each with [[{key}]].")
-    return TableFault(heading, f"{key} is a table, written {_heading_of(place, data)}.")
+        return TableFault(
+            heading,
+            make_message("{key} is a list of tables.", key=key),
+            make_message("Begin each with [[{key}]].", key=key),
+        )
+    return TableFault(
+        heading,
+        make_message("{key} is a table, written {heading}.", key=key, heading=_heading_of(place, data)),
+    )
+
+
+def unknown_key(key: str, known: Sequence[str]) -> tuple[str, str]:
+    """Return that a key is unknown, with the one that was meant, and as the remedy what is known."""
+    close = close_key(key, known)
+    return (
+        make_message("unknown {key}; did you mean {close!r}?", key=key, close=close)
+        if close
+        else make_message("unknown {key}.", key=key),
+        make_message("Known here: {keys}.", keys=", ".join(sorted(known))),
+    )
 
 
 def _heading_of(place: Sequence[int | str], data: Mapping[str, Any]) -> str:

@@ -61,9 +61,9 @@ class CloneRoute:
             raise ProjectError(
                 make_message(
                     "{master} has a {model}, {clone} a {other}.",
-                    master=master.path.name,
+                    master=master.file_name,
                     model=master.nominal.name,
-                    clone=clone.path.name,
+                    clone=clone.file_name,
                     other=clone.nominal.name,
                 ),
                 remedy="A program is cloned between robots of one type.",

@@ -53,7 +53,7 @@ class Expectation:
                 remarks.append(
                     make_message(
                         "no accuracy can be foretold: {path_name} names no parameters of {serial}",
-                        path_name=project.path.name,
+                        path_name=project.file_name,
                         serial=project.serial,
                     )
                 )

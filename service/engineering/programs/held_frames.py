@@ -28,7 +28,7 @@ def _held_otherwise(result: ProgramResult, clone: Project) -> Iterator[str]:
     used_tools, used_frames = set(program.positions.tools), set(program.positions.user_frames)
     for name in sorted(program.frames.flange_tip.keys() - used_tools):
         if find_contradiction(clone, program, name, "", at_home=False):
-            yield make_message(_HELD, what="tool", name=name, project=clone.path.name)
+            yield make_message(_HELD, what="tool", name=name, project=clone.file_name)
     for name in sorted(program.frames.base_frame.keys() - used_frames):
         if find_contradiction(clone, program, "", name, at_home=False):
-            yield make_message(_HELD, what="user frame", name=name, project=clone.path.name)
+            yield make_message(_HELD, what="user frame", name=name, project=clone.file_name)

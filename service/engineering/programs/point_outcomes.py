@@ -312,7 +312,7 @@ def _refuse_foreign_points(program: ProgramFile, reasons: Sequence[str], project
                 beyond=beyond,
                 reason_count=len(reasons),
                 nominal_name=project.nominal.name,
-                path_name=project.path.name,
+                path_name=project.file_name,
                 next=next(r for r in reasons if r),
             ),
             remedy="See that robot, user frame and tool of the project are those this program was taught with.",

@@ -225,7 +225,7 @@ class ProgramTransfer:
                     group.rows,
                     make_message(
                         "no [standing_tools] and [held_work] in {path_name} for {tool} and {frame}",
-                        path_name=project.path.name,
+                        path_name=project.file_name,
                         tool=group.tool,
                         frame=group.frame,
                     ),

@@ -20,7 +20,7 @@ from cellcal.calibration.documents.plain_files import read_plain_text
 from cellcal.calibration.errors import CalibrationError, CellError
 from cellcal.calibration.geometry import Array, homogeneous_matrix
 from cellcal.calibration.identification.parameters import ArmState
-from cellcal.calibration.message import make_message
+from cellcal.calibration.message import join_messages, make_message
 from cellcal.calibration.motion.cell_shapes import CellShape
 from cellcal.calibration.points.alignment import Alignment, read_alignments
 from cellcal.calibration.programs.transfer_other_arms import OtherArm
@@ -65,6 +65,8 @@ from cellcal.service.engineering.programs.starting_postures import (
 )
 
 LARGEST_TILT_RAD = float(np.radians(0.02))  # some times what a pendant shows
+_IS_FLANGE = "{place}: on this make of robot, that is the flange itself, and nowhere else."
+_IS_BASE = "{place}: on this make of robot, that is the base itself, and nowhere else."
 SMALLEST_SIGMA = 0.01  # m/rad: nearer to a singularity no point is computed unless a project says so
 
 
@@ -100,6 +102,12 @@ class Project:
     starting: StartingPostures = NO_STARTING_POSTURES
     held_joints: tuple[int, ...] = ()  # from 0: they stay at their taught values
     largest_tilt_rad: float = LARGEST_TILT_RAD  # that a change may ask of an arm which cannot follow it
+
+    @property
+    def file_name(self) -> str:
+        """Return the file's name for people; many are called project.toml: then with its folder."""
+        folder = self.path.resolve().parent.name if self.path.name == "project.toml" else ""
+        return f"{folder}/{self.path.name}" if folder else self.path.name
 
     @property
     def identified_state(self) -> ArmState | None:
@@ -216,8 +224,13 @@ def _read_nominal(robot: RobotTable, folder: Path, where: str) -> RobotModel:
         return load_model(fixed_reference(robot.model, folder))
     except CalibrationError as refused:
         raise ProjectError(
-            f"{where}: no model is called {robot.model!r}: {refused.message}",
-            remedy=f"{refused.remedy} Or name a file of another one as arm.",
+            make_message(
+                "{where}: no model is called {model!r}: {refused_message}",
+                where=where,
+                model=robot.model,
+                refused_message=refused.message,
+            ),
+            remedy=join_messages(" ", (refused.remedy, "Or name a file of another one as arm.")),
         ) from refused
 
 
@@ -246,7 +259,7 @@ def _read_tools(
         place = f"{where}: [{heading}.{name}"
         pose = pose_or_backup(table.entered, from_backup.get(name), f"{place}.entered]")
         if make is not None and name == make.flange:
-            _refuse_moved(pose, f"{place}]", "flange")
+            _refuse_moved(pose, f"{place}]", _IS_FLANGE)
         measured = pose if table.real.is_empty else pose_of(table.real, f"{place}.real]")
         if not table.real.orientation_keys:  # three touches of a tip see no turn
             measured = homogeneous_matrix(pose[:3, :3], measured[:3, 3])
@@ -263,15 +276,15 @@ def _read_frames(
         place = f"{where}: [frames.{name}]"
         frames[name] = pose_or_backup(table, from_backup.get(name), place)
         if make is not None and name == make.base:
-            _refuse_moved(frames[name], place, "base")
+            _refuse_moved(frames[name], place, _IS_BASE)
     return frames
 
 
-def _refuse_moved(pose: Array, place: str, what: str) -> None:
+def _refuse_moved(pose: Array, place: str, template: str) -> None:
     """Refuse another pose of a frame that no controller lets a person change."""
     if not np.allclose(pose, np.eye(4), atol=1e-9):
         raise ProjectError(
-            f"{place}: on this make of robot, that is the {what} itself, and nowhere else.",
+            make_message(template, place=place),
             remedy="Leave the table out, or name the one that was meant.",
         )
 
@@ -284,7 +297,9 @@ def _read_alignment(table: FixtureTable, folder: Path, serial: str) -> Alignment
     try:
         found = read_alignments(read_plain_text(path))
     except (OSError, DocumentError) as broken:
-        raise ProjectError(f"{path} cannot be read: {broken}") from broken
+        raise ProjectError(
+            make_message("{path} cannot be read: {broken}", path=path, broken=broken)
+        ) from broken
     except CellError as refused:
         raise ProjectError(
             make_message("{path}: {refused_message}", path=path, refused_message=refused.message),
@@ -292,9 +307,19 @@ def _read_alignment(table: FixtureTable, folder: Path, serial: str) -> Alignment
         ) from refused
     mine = [a for a in found if a.robot_serial == serial and name in (None, a.fixture)]
     if len(mine) != 1:
-        there = ", ".join(f"{a.fixture} from robot {a.robot_serial}" for a in found) or "nothing"
+        wanted = make_message("{serial} with {fixture}", serial=serial, fixture=name) if name else serial
+        there = [
+            make_message("{fixture} from robot {serial}", fixture=a.fixture, serial=a.robot_serial)
+            for a in found
+        ]
         raise ProjectError(
-            f"{path} holds {len(mine)} alignments of robot {serial}{f' with {name}' if name else ''}: {there}.",
+            make_message(
+                "{path} holds {count} alignments of robot {wanted}: {there}.",
+                path=path,
+                count=len(mine),
+                wanted=wanted,
+                there=join_messages("; ", there) or "nothing",
+            ),
             remedy="Name the robot's own alignment file, and the fixture under [fixture] name.",
         )
     return mine[0]
@@ -307,7 +332,13 @@ def _read_shapes(table: ShapesTable, folder: Path, model: RobotModel) -> CellSha
 def _program_patterns(patterns: Sequence[str], where: str) -> tuple[str, ...]:
     absolute = [item for item in patterns if Path(item).is_absolute()]
     if absolute:
-        raise ProjectError(f"{where}: {absolute[0]} must be relative to the project's folder.")
+        raise ProjectError(
+            make_message(
+                "{where}: {pattern} must be relative to the project's folder.",
+                where=where,
+                pattern=absolute[0],
+            )
+        )
     return tuple(patterns)
 
 

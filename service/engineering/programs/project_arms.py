@@ -60,7 +60,9 @@ def nominal_arm(path: Path, name: str) -> RobotModel:
             remedy=refused.remedy,
         ) from refused
     except (DocumentError, TypeError, ValueError) as broken:
-        raise ProjectError(f"{path} is no model of a robot: {broken}") from broken
+        raise ProjectError(
+            make_message("{path} is no model of a robot: {broken}", path=path, broken=broken)
+        ) from broken
 
 
 def factory_arm(path: Path, nominal: RobotModel) -> RobotModel:
@@ -85,7 +87,7 @@ def factory_arm(path: Path, nominal: RobotModel) -> RobotModel:
             remedy=refused.remedy,
         ) from refused
     raise ProjectError(
-        f"{path} is no factory calibration.",
+        make_message("{path} is no factory calibration.", path=path),
         remedy="Name a calibration.conf, the file of ur_calibration, or an exported parameter set.",
     )
 
@@ -104,7 +106,12 @@ def identified_arm(robot: RobotTable, folder: Path, nominal: RobotModel, where: 
         return None
     if found.robot_serial != serial:
         raise ProjectError(
-            f"{where}: the parameters are of robot {found.robot_serial}, the project is of {serial}.",
+            make_message(
+                "{where}: the parameters are of robot {found_serial}, the project is of {serial}.",
+                where=where,
+                found_serial=found.robot_serial,
+                serial=serial,
+            ),
             remedy="Export the set of this robot, or mend the serial.",
         )
     try:
@@ -124,9 +131,22 @@ def identified_arm(robot: RobotTable, folder: Path, nominal: RobotModel, where: 
 def _parameter_set(robot: RobotTable, folder: Path, where: str) -> ParameterSet | None:
     file, store, version = robot.parameters, robot.parameter_store, robot.parameter_version
     if file is not None and store is not None:
-        raise ProjectError(f"{where}: parameters and parameter_store exclude each other")
+        raise ProjectError(
+            make_message(
+                "{where}: {name} and {other} exclude each other.",
+                where=where,
+                name="parameters",
+                other="parameter_store",
+            ),
+            remedy="Leave one of the two out.",
+        )
     if version is not None and store is None:
-        raise ProjectError(f"{where}: parameter_version is a whole number, beside parameter_store")
+        raise ProjectError(
+            make_message(
+                "{where}: parameter_version is a whole number, beside parameter_store.", where=where
+            ),
+            remedy="Write parameter_store, too, or leave parameter_version out.",
+        )
     if file is not None:
         path = (folder / file).resolve()
         return parse_set(_read_text(path), str(path))
@@ -155,4 +175,6 @@ def _read_text(path: Path) -> str:
     try:
         return read_plain_text(path)
     except (OSError, DocumentError) as broken:
-        raise ProjectError(f"{path} cannot be read: {broken}") from broken
+        raise ProjectError(
+            make_message("{path} cannot be read: {broken}", path=path, broken=broken)
+        ) from broken

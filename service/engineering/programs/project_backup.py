@@ -40,7 +40,11 @@ def frames_of_backup(robot: RobotTable, folder: Path, nominal: RobotModel, where
         return BackupFrames()
     if not nominal.name.startswith(_MAKE):
         raise ProjectError(
-            f"{where}: backup is a folder of FANUC's .VA files, and the robot is a {nominal.name}.",
+            make_message(
+                "{where}: backup is a folder of FANUC's .VA files, and the robot is a {model}.",
+                where=where,
+                model=nominal.name,
+            ),
             remedy="Enter tools and frames under [tools] and [frames].",
         )
     # a project without a backup does not wait for the patterns of these files
@@ -61,7 +65,12 @@ def frames_of_backup(robot: RobotTable, folder: Path, nominal: RobotModel, where
         ) from refused
     if FRAMES in backup.missing_files:
         raise ProjectError(
-            f"{where}: {place} holds no {FRAMES}, in which a controller keeps its frames and tools.",
+            make_message(
+                "{where}: {place} holds no {file}, in which a controller keeps its frames and tools.",
+                where=where,
+                place=place,
+                file=FRAMES,
+            ),
             remedy="Save all of the controller's files as text (.VA) and name that folder.",
         )
     its = backup.group_frames(_GROUP)
@@ -88,8 +97,13 @@ def pose_or_backup(table: PoseTable, from_backup: Array | None, where: str) -> A
     apart, turned = same_place(from_backup[None], entered[None])
     if apart[0] > _ALIKE_M or turned[0] > _ALIKE_RAD:
         raise ProjectError(
-            f"{where}: what is written here is {apart[0] * 1e3:.3f} mm and {np.degrees(turned[0]):.3f} deg from what "
-            "the controller's backup holds.",
+            make_message(
+                "{where}: what is written here is {apart_mm:.3f} mm and {turned_deg:.3f} deg from what the "
+                "controller's backup holds.",
+                where=where,
+                apart_mm=apart[0] * 1e3,
+                turned_deg=np.degrees(turned[0]),
+            ),
             remedy="Remove it here where the backup is newer; else save the backup again.",
         )
     return entered

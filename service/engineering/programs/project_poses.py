@@ -9,6 +9,7 @@ from pydantic import model_validator
 
 from cellcal.calibration.errors import CalibrationError, CellError
 from cellcal.calibration.geometry import Array, homogeneous_matrix
+from cellcal.calibration.message import make_message
 from cellcal.calibration.orientation import CONVENTIONS, rotation_from
 from cellcal.service.engineering.programs.checked_table import (
     CheckedTable,
@@ -45,7 +46,13 @@ def axis_numbers(values: Sequence[float], key: str, count: int, where: str) -> A
     """
     if len(values) != count:
         raise ProjectError(
-            f"{where}: {key} is a list of {count} finite numbers, not of {len(values)}.",
+            make_message(
+                "{where}: {key} is a list of {count} finite numbers, not of {length}.",
+                where=where,
+                key=key,
+                count=count,
+                length=len(values),
+            ),
             remedy="Write one number for each axis of the robot.",
         )
     return np.asarray(values, dtype=float)
@@ -77,11 +84,14 @@ class OrientationTable(CheckedTable):
     def _has_one_orientation(self) -> Self:
         keys = self.orientation_keys
         if len(keys) > 1:
-            refuse_value(f"one orientation is enough: {', '.join(keys)}.")
+            refuse_value(make_message("one orientation is enough: {keys}.", keys=", ".join(keys)))
         try:
             self.rotation()
         except CalibrationError as refused:
-            refuse_value(f"{keys[0]}: {refused.message}", refused.remedy)
+            refuse_value(
+                make_message("{key}: {refused_message}", key=keys[0], refused_message=refused.message),
+                refused.remedy,
+            )
         return self
 
     @property
@@ -111,7 +121,7 @@ class PoseTable(OrientationTable):
     @model_validator(mode="after")
     def _has_a_position(self) -> Self:
         if not self.is_empty and self.position_mm is None:
-            refuse_value("position_mm is missing.")
+            refuse_value(make_message("{name} is missing.", name="position_mm"))
         return self
 
 
@@ -130,7 +140,7 @@ def pose_of(table: PoseTable, where: str) -> Array:
         An empty table.
     """
     if table.position_mm is None:
-        raise ProjectError(f"{where}: position_mm is missing.")
+        raise ProjectError(make_message("{where}: {name} is missing.", where=where, name="position_mm"))
     return homogeneous_matrix(table.rotation(), np.asarray(table.position_mm) / 1e3)
 
 

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 
 from cellcal.calibration.geometry import Array
+from cellcal.calibration.message import make_message
 from cellcal.drivers.programs.positions import ProgramFile
 from cellcal.service.engineering.programs.project_poses import ProjectError, axis_numbers
 from cellcal.service.engineering.programs.project_tables import RobotTable
@@ -11,8 +12,8 @@ KEY = "pulses_per_rad"
 FIRST_GROUP = "RB1"
 PULSES = "pulses"  # the kind of such a position
 MISSING = (
-    f"holds pulses, and the project gives no {KEY} under [robot]: one for each axis with its sign, from RC.PRM or "
-    "ALL.PRM of the controller"
+    "holds pulses, and the project gives no pulses_per_rad under [robot]: one for each axis with its sign, from "
+    "RC.PRM or ALL.PRM of the controller"
 )
 
 
@@ -29,7 +30,7 @@ def pulses_per_rad(robot: RobotTable, axes: int, where: str) -> Array | None:
     ratios = axis_numbers(robot.pulses_per_rad, KEY, axes, where)
     if (ratios == 0).any():
         raise ProjectError(
-            f"{where}: {KEY} holds a zero.",
+            make_message("{where}: {key} holds a zero.", where=where, key=KEY),
             remedy="Divide an axis' pulses by its angle in radians, both read at one posture.",
         )
     return ratios

@@ -12,6 +12,7 @@ from pydantic import AfterValidator, Field, ValidationError
 from cellcal.calibration.documents import DocumentError
 from cellcal.calibration.documents.plain_files import read_plain_text
 from cellcal.calibration.documents.toml_text import parse_toml
+from cellcal.calibration.message import join_messages, make_message
 from cellcal.service.engineering.programs.checked_table import (
     CheckedTable,
     NonNegative,
@@ -200,11 +201,13 @@ def read_project_tables(path: Path) -> ProjectTables:
         data = _load_toml(path)
     except (OSError, DocumentError) as broken:
         raise ProjectError(
-            f"{path} cannot be read as a project: {broken}", remedy="The README beside the code shows one."
+            make_message("{path} cannot be read as a project: {broken}", path=path, broken=broken),
+            remedy="The README beside the code shows one.",
         ) from broken
     if type(data.get("format")) is not int or data["format"] != FORMAT:
         raise ProjectError(
-            f"{path}: this is not a project of format {FORMAT}.", remedy="Begin it with format = 1."
+            make_message("{path}: this is not a project of format {format}.", path=path, format=FORMAT),
+            remedy="Begin it with format = 1.",
         )
     return _check_tables(ProjectTables, data, path)
 
@@ -220,7 +223,9 @@ def read_identified_axis(path: Path) -> RealAxisTable:
     try:
         data = _load_toml(path)
     except (OSError, DocumentError) as broken:
-        raise ProjectError(f"{path} cannot be read as an identified axis: {broken}") from broken
+        raise ProjectError(
+            make_message("{path} cannot be read as an identified axis: {broken}", path=path, broken=broken)
+        ) from broken
     return _check_tables(RealAxisTable, data, path)
 
 
@@ -234,6 +239,11 @@ def _check_tables(model: type[TableT], data: dict[str, Any], path: Path) -> Tabl
     except ValidationError as error:
         faults = table_faults(error, model, data)
     if len(faults) == 1:
-        raise ProjectError(f"{path}: {faults[0].text}", remedy=faults[0].remedy)
-    lines = "\n".join(f"  {fault.text} {fault.remedy}".rstrip() for fault in faults)
-    raise ProjectError(f"{path} cannot be used:\n{lines}", remedy="\nCorrect the file and try again.")
+        raise ProjectError(
+            make_message("{path}: {fault}", path=path, fault=faults[0].text), remedy=faults[0].remedy
+        )
+    lines = [join_messages(" ", filter(None, (fault.text, fault.remedy))) for fault in faults]
+    raise ProjectError(
+        make_message("{path} cannot be used:\n  {faults}", path=path, faults=join_messages("\n  ", lines)),
+        remedy="\nCorrect the file and try again.",
+    )

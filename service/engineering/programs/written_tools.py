@@ -53,7 +53,7 @@ def ambiguous_tool(project: Project, home: Project, program: ProgramFile, name: 
             "another pose: make them one",
             tool=name,
             name=names[0],
-            project=project.path.name,
+            project=project.file_name,
         )
     if not any(_are_apart(tips[0], tip) for tip in tips[1:]):
         return ""
@@ -62,7 +62,7 @@ def ambiguous_tool(project: Project, home: Project, program: ProgramFile, name: 
         "keep the one that this program uses",
         tool=name,
         names=", ".join(names),
-        project=project.path.name,
+        project=project.file_name,
     )
 
 
@@ -88,7 +88,7 @@ def unmeasured_tools(points: ProgramPoints, cells: Sequence[Project]) -> Iterato
                 "measured tip counts there",
                 tool=name,
                 program=program.name,
-                project=cell.path.name,
+                project=cell.file_name,
             )
 
 

@@ -110,7 +110,7 @@ def test_two_measured_tools_at_one_written_pose_leave_the_points(tmp_path: Path)
     result = correct_programs(project, read_script(LITERAL))
 
     assert result.status[1] == "left"
-    assert "left, right of project.toml" in result.reason[1]
+    assert f"left, right of {tmp_path.name}/project.toml" in result.reason[1]
 
 
 def test_two_tools_that_are_alike_throughout_are_one(tmp_path: Path) -> None:
@@ -257,7 +257,9 @@ def test_a_tool_of_another_file_that_the_project_does_not_have_is_said(tmp_path:
     result = correct_programs(project, read_together(tmp_path / "in", files)["A"])
 
     assert result.status[0] == "unchanged"
-    assert any("tool 3 of A is none of project.toml" in warning for warning in result.warnings)
+    assert any(
+        f"tool 3 of A is none of {tmp_path.name}/project.toml" in warning for warning in result.warnings
+    )
 
 
 def test_a_name_in_another_case_is_the_projects_tool(tmp_path: Path) -> None:

@@ -20,6 +20,7 @@ const STOPPED = /[.。?？!！]$/;
 const BEGINNING = /^\p{Ll}(?!\S*[._\d]\S)/u; // of a sentence; a file's name stays as it is
 const WORD = /\p{L}{2}/u; // a name like "x" is the same everywhere
 const UNITS = ["", "%", "mm", "m", "deg", "rad"];
+const LISTED = /(?:^|\s)\d+,$/; // before the last of several numbers: a list, and no step
 const LEAD = /^(?:\{\w+\}\s*)+/; // of a template: what is filled in before its first word
 
 // Names of settings and procedures in messages, which the terminal needs: a page says what they are called. An empty
@@ -84,6 +85,7 @@ class Sayings {
     if (under > 0) return `${this.step(name.slice(0, under))}: ${this.step(name.slice(under + 2))}`;
     const cut = name.lastIndexOf(" ");
     if (cut <= 0 || !isCount(name.slice(cut + 1))) return name;
+    if (LISTED.test(name.slice(0, cut))) return fullName;
     const [base, count] = [this.step(name.slice(0, cut)), name.slice(cut + 1)];
     return /\d$/.test(base) ? `${base} (${count})` : `${base} ${count}`; // of "J1", the second time
   };

@@ -8,7 +8,7 @@ import numpy as np
 
 from cellcal.calibration.geometry import Array, homogeneous_matrix
 from cellcal.calibration.message import make_message
-from cellcal.service.configuration.device_keys import suggest_key
+from cellcal.service.engineering.programs.checked_table import unknown_key
 from cellcal.service.engineering.programs.external.moving_axes import (
     ANY_FRAME,
     AxisKind,
@@ -77,7 +77,7 @@ def fixture_values(table: FixtureTable, axes: CellAxes, where: str) -> dict[str,
     for name in table.at:
         if name not in by_name:
             raise ProjectError(
-                f"{where}: unknown {name}; {suggest_key(name, tuple(by_name))}",
+                make_message("{where}: {unknown}", where=where, unknown=unknown_key(name, tuple(by_name))[0]),
                 remedy="Name an axis as its [[track]] or [[positioner]] does.",
             )
     return {name: value * by_name[name].kind.per_unit for name, value in table.at.items()}
@@ -110,12 +110,14 @@ def _refuse_axis_name(axis: str, make: RobotMake | None, where: str) -> None:
         return
     if make.brand not in _NAMES:
         raise ProjectError(
-            f"{where}: programs of this robot hold no external axes.", remedy="Leave the table out."
+            make_message("{where}: programs of this robot hold no external axes.", where=where),
+            remedy="Leave the table out.",
         )
     pattern, example = _NAMES[make.brand]
     if not pattern.fullmatch(axis_key(axis)):
         raise ProjectError(
-            f"{where}: programs of this robot have no axis {axis!r}.", remedy=f"They name {example}."
+            make_message("{where}: programs of this robot have no axis {axis!r}.", where=where, axis=axis),
+            remedy=make_message("They name {example}.", example=example),
         )
 
 
@@ -132,7 +134,9 @@ def _read_motion(
         length = float(np.linalg.norm(direction))
         if abs(length - 1.0) > _UNIT_WITHIN:
             raise ProjectError(
-                f"{where}: direction has the length {length:.4g}, not 1.",
+                make_message(
+                    "{where}: direction has the length {length:.4g}, not 1.", where=where, length=length
+                ),
                 remedy="Divide its three numbers by this length; a direction has no unit.",
             )
         direction = direction / length
@@ -140,7 +144,7 @@ def _read_motion(
         direction = np.array([0.0, 0.0, 1.0])
     else:
         raise ProjectError(
-            f"{where}: direction is missing.",
+            make_message("{where}: {name} is missing.", where=where, name="direction"),
             remedy="Write the unit vector of its slide, such as [1, 0, 0].",
         )
     zero = _value_of("zero", table.zero_mm, table.zero_deg, kind, where)
@@ -161,8 +165,13 @@ def _value_of(
     right, wrong, unit = (in_mm, in_deg, "deg") if kind is AxisKind.PRISMATIC else (in_deg, in_mm, "mm")
     if wrong is not None:
         raise ProjectError(
-            f"{where}: {key}_{unit} does not fit an axis of kind {kind}.",
-            remedy=f"Write {key}_{kind.unit}, or correct its kind.",
+            make_message(
+                "{where}: {key} does not fit an axis of kind {kind}.",
+                where=where,
+                key=f"{key}_{unit}",
+                kind=kind,
+            ),
+            remedy=make_message("Write {key}, or correct its kind.", key=f"{key}_{kind.unit}"),
         )
     return right
 
@@ -173,7 +182,14 @@ def _read_range(table: AxisTable, kind: AxisKind, where: str) -> tuple[float, fl
     low, high = -np.inf if lower is None else lower, np.inf if upper is None else upper
     if low >= high:
         raise ProjectError(
-            f"{where}: lower_{kind.unit} ({low:g}) is not below upper_{kind.unit} ({high:g}).",
+            make_message(
+                "{where}: {lower} ({low:g}) is not below {upper} ({high:g}).",
+                where=where,
+                lower=f"lower_{kind.unit}",
+                low=low,
+                upper=f"upper_{kind.unit}",
+                high=high,
+            ),
             remedy="Exchange the two.",
         )
     return low * kind.per_unit, high * kind.per_unit
@@ -185,7 +201,8 @@ def _read_pulses(table: AxisTable, kind: AxisKind, where: str) -> float | None:
         return None
     if pulses == 0:
         raise ProjectError(
-            f"{where}: pulses_per_{kind.unit} is zero.", remedy="Divide its pulses by its travel."
+            make_message("{where}: {key} is zero.", where=where, key=f"pulses_per_{kind.unit}"),
+            remedy="Divide its pulses by its travel.",
         )
     return pulses / kind.per_unit
 
@@ -194,13 +211,16 @@ def _read_frames(table: AxisTable, where: str, *, is_track: bool) -> tuple[str, 
     if is_track:
         if table.frames:
             raise ProjectError(
-                f"{where}: a track carries the robot, and no frames.",
+                make_message("{where}: a track carries the robot, and no frames.", where=where),
                 remedy="Leave frames out, or write [[positioner]].",
             )
         return ()
     if table.frames is None:
         raise ProjectError(
-            f"{where}: frames is missing: nothing tells which points are at the work that it carries.",
+            make_message(
+                "{where}: frames is missing: nothing tells which points are at the work that it carries.",
+                where=where,
+            ),
             remedy='Name their user frames, frames = ["*"] for all points, or frames = [] for none.',
         )
     return tuple(table.frames)
@@ -210,7 +230,15 @@ def _read_real(table: AxisTable, entered: AxisMotion, frame: Array, folder: Path
     """Return the axis as it was identified: a table of its own, or a file with the same keys."""
     real = table.real
     if not real.is_empty and table.identified is not None:
-        raise ProjectError(f"{where}: real and identified exclude each other.")
+        raise ProjectError(
+            make_message(
+                "{where}: {name} and {other} exclude each other.",
+                where=where,
+                name="real",
+                other="identified",
+            ),
+            remedy="Leave one of the two out.",
+        )
     if table.identified is not None:
         path = (folder / table.identified).resolve()
         where, real = str(path), read_identified_axis(path)
@@ -219,7 +247,7 @@ def _read_real(table: AxisTable, entered: AxisMotion, frame: Array, folder: Path
     scale = 1.0 if real.scale is None else real.scale
     if abs(scale - 1.0) > _MOST_SCALE:
         raise ProjectError(
-            f"{where}: scale {scale:g} is no error of an axis.",
+            make_message("{where}: scale {scale:g} is no error of an axis.", where=where, scale=scale),
             remedy="It is the travel for each unit of the value: near 1.",
         )
     stated: dict[str, object] = {}
@@ -257,15 +285,14 @@ def _refuse_other_axis(real: AxisMotion, entered: AxisMotion, where: str) -> Non
 
 
 def _refuse_double(axes: Sequence[ExternalAxis], where: str) -> None:
-    for what, names in (
-        ("name", [axis.name for axis in axes]),
-        ("axis", [axis_key(axis.axis) for axis in axes]),
+    for template, names in (
+        ("{where}: two external axes have the name {name}.", [axis.name for axis in axes]),
+        ("{where}: two external axes have the axis {name}.", [axis_key(axis.axis) for axis in axes]),
     ):
         double = next((name for name in names if names.count(name) > 1), None)
         if double is not None:
             raise ProjectError(
-                f"{where}: two external axes have the {what} {double}.",
-                remedy="Give each axis a table of its own.",
+                make_message(template, where=where, name=double), remedy="Give each axis a table of its own."
             )
 
 
@@ -288,13 +315,21 @@ def _refuse_frames(axis: ExternalAxis, known_frames: Sequence[str], where: str) 
         return
     if ANY_FRAME in axis.frames:
         raise ProjectError(
-            f'{where}: [[positioner]] {axis.name} turns user frames, and frames = ["*"] names none.',
+            make_message(
+                '{where}: [[positioner]] {axis_name} turns user frames, and frames = ["*"] names none.',
+                where=where,
+                axis_name=axis.name,
+            ),
             remedy="Name each frame that it turns; frames that stand still have coordinated = false.",
         )
     unknown = [name for name in axis.frames if name not in known_frames]
     if unknown:
         raise ProjectError(
-            f"{where}: [[positioner]] {axis.name} turns the user frame {unknown[0]}, which no [frames.{unknown[0]}] "
-            "states.",
+            make_message(
+                "{where}: [[positioner]] {axis_name} turns the user frame {frame}, which no [frames.{frame}] states.",
+                where=where,
+                axis_name=axis.name,
+                frame=unknown[0],
+            ),
             remedy="Write its pose on the table, as the controller has it; a fixed frame has coordinated = false.",
         )
