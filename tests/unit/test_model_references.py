@@ -133,6 +133,9 @@ BAD = {
     "reversed": ('lower="-2" upper="2"', 'lower="2" upper="-2"', "limits of joint 'turn' are reversed", "Exchange"),
     "no limits": ('<limit lower="-2" upper="2" velocity="1" effort="0"/>', "", "'turn' has no range", "continuous"),
     "not finite": ('lower="-2"', 'lower="nan"', "lower of joint 'turn' is 'nan'", "Correct"),
+    "digits that only Python reads": ('xyz="0 0 0.3"', 'xyz="0 0 0_3"', "'0 0 0_3', not 3 finite numbers", "Correct"),
+    "joint on itself": ('<parent link="carriage"/><child link="arm"/>', '<parent link="arm"/><child link="arm"/>',
+                        "'turn' hangs on itself", "<parent>"),
     "twice": ('name="turn"', 'name="rail"', "2 joints of the description are called 'rail'", "name of its own"),
     "link twice": ('<link name="camera"/>', '<link name="arm"/>', "2 links", "name of its own"),
     "no such link": ('<child link="arm"/>', '<child link="harm"/>', "names the link 'harm'", "Correct the name"),
@@ -170,6 +173,7 @@ def test_a_bad_description_is_one_sentence_with_its_cure(tmp_path, case, capsys)
         load_model(f"{path}?tip=flange")
     assert says in refused.value.message
     assert cure in refused.value.remedy
+    assert refused.value.message.startswith("bad.urdf: ")
     assert run_command_line(["models", f"{path}?tip=flange"]) != 0
     told = capsys.readouterr()
     assert told.out == ""
