@@ -85,6 +85,7 @@ class DescriptionTemplate:
 
     text: str
     tip_link: str
+    base_link: str | None = None  # the description's root
 
 
 @dataclass(frozen=True, slots=True)
@@ -166,7 +167,9 @@ def _write_urdf(
 ) -> str:
     if template is None:
         return bare_urdf(found.model, geometric_joints=geometric_joints)
-    return calibrated_description(template.text, template.tip_link, nominal, found.model)
+    return calibrated_description(
+        template.text, template.tip_link, nominal, found.model, base_link=template.base_link
+    )
 
 
 def _factory_hash(sets: ParameterSets, robot_serial: str) -> str:
