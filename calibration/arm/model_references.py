@@ -140,12 +140,6 @@ def is_linkage(reference: str) -> bool:
     return any(entry.name == name and entry.kind == LINKAGE for entry in catalogue_entries())
 
 
-def shown_name(reference: str) -> str:
-    """Return a reference for headings: of a file without its folder and digest."""
-    parts = parse_reference(reference)
-    return str(replace(parts, where=parts.file_name, sha256=None)) if parts.is_file else reference
-
-
 def model_of_text(name: str, text: ModelText) -> RobotModel:
     """Return the model that a model file holds."""
     fields = dict(text.fields)

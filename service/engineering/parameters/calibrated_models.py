@@ -8,7 +8,6 @@ from typing import Protocol
 import numpy as np
 
 from cellcal.calibration.arm.kinematics import RobotModel
-from cellcal.calibration.arm.model_references import shown_name
 from cellcal.calibration.arm.mounting import FLOOR
 from cellcal.calibration.arm.urdf import calibrated_urdf, read_urdf
 from cellcal.calibration.errors import CalibrationError
@@ -100,7 +99,7 @@ def calibrated_model(nominal: RobotModel, parameter_set: ParameterSet) -> Calibr
 def values_of_model(nominal: RobotModel, model: RobotModel) -> tuple[ParameterValue, ...]:
     """Return how a model with a DH table deviates from nominal; its uncertainty is unknown."""
     if nominal.dh is None or model.dh is None or model.axis_count != nominal.axis_count:
-        raise CalibrationError(f"{model.name}: deviations need two models with tables of the same length")
+        raise CalibrationError(f"{model.label}: deviations need two models with tables of the same length")
     errors = model.dh.to_rows() - nominal.dh.to_rows()
     units = {0: "rad", 1: "m", 2: "m", 3: "rad", 4: "rad"}
     return tuple(
@@ -179,7 +178,7 @@ def calibrated_description(
         The axes of the description are not those of the nominal model.
     """
     arm = read_urdf(text, tip_link=tip_link, base_link=base_link)
-    robot = shown_name(nominal.name)
+    robot = nominal.label
     if arm.model.axis_count != nominal.axis_count:
         raise CalibrationError(
             f"between these links the description has {arm.model.axis_count} joints, {robot} has "

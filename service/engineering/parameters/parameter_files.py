@@ -150,7 +150,7 @@ def export_set(
         return text.encode(), tuple(notes)
     if not nominal.name.startswith("ur"):
         raise ParameterSetError(
-            f"{kind} is a form of Universal Robots, {nominal.name} is none of theirs.",
+            f"{kind} is a form of Universal Robots, {nominal.label} is none of theirs.",
             remedy="Export URDF.",
             code="usage",
         )
@@ -236,7 +236,7 @@ def _of_identification(text: str, nominal: RobotModel) -> _FileContent:
             remedy="Write it with `cellcal identify --json`.",
         ) from broken
     if robot != nominal.name:
-        raise ParameterSetError(f"the identification is of a {robot}, not of a {nominal.name}.")
+        raise ParameterSetError(f"the identification is of a {robot}, not of a {nominal.label}.")
     values = values_of_identification(p for p in found if not p.name.startswith("wire "))
     return _FileContent(values, "identification")
 

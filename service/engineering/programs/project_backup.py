@@ -40,7 +40,7 @@ def frames_of_backup(robot: RobotTable, folder: Path, nominal: RobotModel, where
         return BackupFrames()
     if not nominal.name.startswith(_MAKE):
         raise ProjectError(
-            f"{where}: backup is a folder of FANUC's .VA files, and the robot is a {nominal.name}.",
+            f"{where}: backup is a folder of FANUC's .VA files, and the robot is a {nominal.label}.",
             remedy="Enter tools and frames under [tools] and [frames].",
         )
     # a project without a backup does not wait for the patterns of these files
