@@ -8,5 +8,5 @@ _DIGEST = re.compile(r"[?&]sha256=[0-9a-f]+")
 
 def shown_name(reference: str) -> str:
     """Return a model's reference for headings and sentences."""
-    where, mark, asked = _DIGEST.sub("", reference).partition("?")
-    return f"{Path(where).name}{mark}{asked}"
+    where, mark, question = _DIGEST.sub("", reference).partition("?")
+    return f"{Path(where).name}{mark}{question}"

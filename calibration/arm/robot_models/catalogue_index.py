@@ -191,11 +191,11 @@ def _order(entry: CatalogueEntry, words: str, together: str) -> tuple[bool, int,
 def _shared_words(entry: CatalogueEntry, words: str) -> int:
     """Return how many words the name or title begins with as these do, without the maker: ``irb 6700`` are two."""
     makers = {*_WORD.findall(entry.file), *_WORD.findall(entry.maker.lower())}
-    wanted, *spellings = (
+    query, *spellings = (
         [word for word in _WORD.findall(text.lower()) if word not in makers]
         for text in (words, entry.name, entry.title)
     )
-    alike = (takewhile(lambda pair: pair[0] == pair[1], zip(own, wanted, strict=False)) for own in spellings)
+    alike = (takewhile(lambda pair: pair[0] == pair[1], zip(own, query, strict=False)) for own in spellings)
     return max(len(list(begun)) for begun in alike)
 
 
