@@ -30,7 +30,7 @@ def dh_of_chain(model: RobotModel) -> ChainTable:
         A joint slides.
     """
     if model.sliding is not None:
-        raise CalibrationError(f"{model.name}: a joint slides, and rows are of joints that turn")
+        raise CalibrationError(f"{model.label}: a joint slides, and rows are of joints that turn")
     if model.dh is not None:
         return ChainTable(model.dh.to_rows()[:, :4], model.placements[0].copy(), np.eye(4))
     rotations, origins = chain_frames(model, np.zeros((1, model.axis_count)))

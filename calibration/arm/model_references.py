@@ -49,6 +49,11 @@ class ModelReference:
         return Path(self.where).suffix.lower() in FILE_ENDINGS
 
     @property
+    def file_name(self) -> str:
+        """The name of the file, without the folders that only this machine has."""
+        return Path(self.where).name
+
+    @property
     def is_description(self) -> bool:
         """Whether it names a description in URDF."""
         return Path(self.where).suffix.lower() in DESCRIPTIONS
@@ -135,12 +140,6 @@ def is_linkage(reference: str) -> bool:
     return any(entry.name == name and entry.kind == LINKAGE for entry in catalogue_entries())
 
 
-def shown_name(reference: str) -> str:
-    """Return a reference for headings: of a file without its folder and digest."""
-    parts = parse_reference(reference)
-    return str(replace(parts, where=Path(parts.where).name, sha256=None)) if parts.is_file else reference
-
-
 def model_of_text(name: str, text: ModelText) -> RobotModel:
     """Return the model that a model file holds."""
     fields = dict(text.fields)
@@ -184,18 +183,18 @@ def _file_model(parts: ModelReference) -> RobotModel:
         return _description(parts).model
     if parts.base is not None or parts.tip is not None:
         raise CalibrationError(
-            f"{parts.where} is a model file: it states its own base and flange.",
+            f"{parts.file_name} is a model file: it states its own base and flange.",
             remedy="Leave ?base and ?tip out.",
             code="usage",
         )
     text, name = _text_and_name(parts)
     try:
-        model = model_of_text(name, read_model_text(parts.where, text))
+        model = model_of_text(name, read_model_text(parts.file_name, text))
         refuse_wrong_units(model, MODEL_FILE_UNITS)
         return model
     except (TypeError, ValueError) as broken:
         raise CalibrationError(
-            make_message("{path} is no model of a robot: {broken}", path=parts.where, broken=broken),
+            make_message("{path} is no model of a robot: {broken}", path=parts.file_name, broken=broken),
             remedy="calibration/arm/robot_models/README.md shows one.",
         ) from broken
 
@@ -206,7 +205,9 @@ def _description(parts: ModelReference) -> UrdfArm:
         return read_urdf(text, tip_link=parts.tip, base_link=parts.base, name=name)
     except CalibrationError as refused:
         raise CalibrationError(
-            make_message("{where}: {refused_message}", where=parts.where, refused_message=refused.message),
+            make_message(
+                "{where}: {refused_message}", where=parts.file_name, refused_message=refused.message
+            ),
             remedy=refused.remedy,
             code=refused.code,
         ) from refused
@@ -220,7 +221,7 @@ def _text_and_name(parts: ModelReference) -> tuple[str, str]:
         text = text_of(content, path)
     except (OSError, DocumentError) as broken:
         raise CalibrationError(
-            f"the robot description {path} cannot be read: {broken}",
+            f"the robot description {path} cannot be read: {getattr(broken, 'strerror', None) or broken}",
             remedy=getattr(broken, "remedy", "")
             or "Name a model file (.toml) or a description (.urdf), or a robot of `cellcal models`.",
             code="usage",
@@ -228,7 +229,7 @@ def _text_and_name(parts: ModelReference) -> tuple[str, str]:
     digest = hashlib.sha256(content).hexdigest()
     if parts.sha256 is not None and not digest.startswith(parts.sha256):
         raise CalibrationError(
-            f"{path} is another file than the one that was used before: its SHA-256 begins with "
+            f"{path.name} is another file than the one that was used before: its SHA-256 begins with "
             f"{digest[:_DIGITS]}, not {parts.sha256}.",
             remedy="Put the old file back; or name the new one, and calibrate again.",
         )

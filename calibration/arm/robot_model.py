@@ -30,6 +30,7 @@ from cellcal.calibration.arm.joint_kinds import (
     rotations_about_z,
     sliding_joints,
 )
+from cellcal.calibration.arm.shown_names import shown_name
 from cellcal.calibration.errors import CalibrationError
 from cellcal.calibration.geometry import Array, exp_twist, is_rigid
 
@@ -84,17 +85,17 @@ class RobotModel:
         _refuse_table_of_slides(self.name, self.dh, self.joint_types)
         shapes = {v.shape for v in (self.theta0_rad, self.lower_rad, self.upper_rad, self.max_speed_rad_s)}
         if shapes != {(n,)} or self.joint_coupling.shape != (n, n) or self.placements.shape != (n + 1, 4, 4):
-            raise CalibrationError(f"{self.name}: the arrays of the model do not fit its {n} joints")
+            raise CalibrationError(f"{self.label}: the arrays of the model do not fit its {n} joints")
         if not is_rigid(self.placements):
-            raise CalibrationError(f"{self.name}: a placement is not a rigid transform")
+            raise CalibrationError(f"{self.label}: a placement is not a rigid transform")
         if not (np.isfinite(self.theta0_rad).all() and (self.lower_rad < self.upper_rad).all()):
             raise CalibrationError(
-                f"{self.name}: joint zeros must be finite and lower limits below upper ones"
+                f"{self.label}: joint zeros must be finite and lower limits below upper ones"
             )
         if not abs(float(np.linalg.norm(self.gravity_in_base)) - 1.0) < 1e-6:
-            raise CalibrationError(f"{self.name}: the direction of gravity must be a unit vector")
+            raise CalibrationError(f"{self.label}: the direction of gravity must be a unit vector")
         if not abs(np.linalg.det(self.joint_coupling)) > 1e-9:
-            raise CalibrationError(f"{self.name}: the joint coupling is singular: some axis would not move")
+            raise CalibrationError(f"{self.label}: the joint coupling is singular: some axis would not move")
 
     @classmethod
     def from_dh(
@@ -135,6 +136,11 @@ class RobotModel:
             joint_types=joint_types,
             **values,  # type: ignore[arg-type]  # checked in __post_init__
         )
+
+    @property
+    def label(self) -> str:
+        """The name for sentences: of a file without its folder and digest."""
+        return shown_name(self.name)
 
     @property
     def axis_count(self) -> int:
@@ -227,7 +233,7 @@ class RobotModel:
         twists = np.asarray(twists, dtype=float)
         if twists.shape != (self.axis_count + 1, 6):
             raise CalibrationError(
-                f"{self.name}: twists must be ({self.axis_count + 1}, 6), not {twists.shape}"
+                f"{self.label}: twists must be ({self.axis_count + 1}, 6), not {twists.shape}"
             )
         return replace(self, dh=None, placements=self.placements @ exp_twist(twists))
 
@@ -267,9 +273,9 @@ def chain_frames(model: RobotModel, joints_rad: Array) -> tuple[Array, Array]:
     if _last_frames.model is model and np.array_equal(_last_frames.joints_rad, joints):
         return _last_frames.frames
     if joints.ndim != 2 or joints.shape[1] != model.axis_count:
-        raise CalibrationError(f"{model.name}: joints must be (N, {model.axis_count}), not {joints.shape}")
+        raise CalibrationError(f"{model.label}: joints must be (N, {model.axis_count}), not {joints.shape}")
     if not np.isfinite(joints).all():
-        raise CalibrationError(f"{model.name}: joint angles must be finite")
+        raise CalibrationError(f"{model.label}: joint angles must be finite")
     angles = model.joint_coupling @ joints.T + model.theta0_rad[:, None]
     rotations, origins = frames_of_placements(model.placements, angles, sliding=model.sliding)
     rotations.flags.writeable = origins.flags.writeable = False

@@ -85,9 +85,9 @@ def parallel_rows(nominal: RobotModel) -> tuple[int, ...]:
 def _standard_table(model: RobotModel, nominal: RobotModel, hayati: frozenset[int]) -> StandardTable:
     same_base = np.allclose(model.placements[0], nominal.placements[0], rtol=0, atol=1e-12)
     if nominal.dh is None or model.axis_count != nominal.axis_count or not same_base:
-        raise CalibrationError(f"{model.name}: a table needs a nominal model with a table and the same base")
+        raise CalibrationError(f"{model.label}: a table needs a nominal model with a table and the same base")
     if not np.allclose(model.joint_coupling, nominal.joint_coupling):
-        raise CalibrationError(f"{model.name} couples its joints in another way than {nominal.name}")
+        raise CalibrationError(f"{model.label} couples its joints in another way than {nominal.label}")
     expected = nominal.dh.to_rows()
     rows = np.zeros((model.axis_count, 5))
     carried = np.eye(4)

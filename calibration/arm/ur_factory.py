@@ -82,7 +82,7 @@ def factory_model(nominal: RobotModel, absolute: DhTable, *, name: str | None = 
         3 degrees, away from nominal.
     """
     if nominal.dh is None or len(absolute.theta_rad) != nominal.axis_count:
-        raise CalibrationError(f"{nominal.name}: a factory table needs a nominal DH model with as many axes")
+        raise CalibrationError(f"{nominal.label}: a factory table needs a nominal DH model with as many axes")
     table = to_well_conditioned(absolute, nominal.dh)
     change = np.abs(table.to_rows() - nominal.dh.to_rows()).max(axis=0)
     if not (change[[1, 2]].max() <= 0.02 and change[[0, 3, 4]].max() <= math.radians(3)):

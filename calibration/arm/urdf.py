@@ -70,11 +70,11 @@ def bare_urdf(model: RobotModel, *, geometric_joints: bool = False) -> str:
     )
     if coupled and not geometric_joints:
         raise CalibrationError(
-            f"{model.name} couples joints, which a description cannot hold.",
+            f"{model.label} couples joints, which a description cannot hold.",
             remedy="Write it with geometric joints, and convert the angles where it is used.",
         )
     axes = np.ones(model.axis_count) if coupled else signs
-    root = ET.Element("robot", name=model.name)
+    root = ET.Element("robot", name=model.label)
     if coupled:
         root.append(ET.Comment(" Joint angles are geometric: joint_coupling @ (angles on the pendant). "))
     links = ["base", *(f"link_{i + 1}" for i in range(model.axis_count)), "flange"]

@@ -196,6 +196,8 @@ def _numbers(joint: ET.Element, what: str, text: str, count: int = 3) -> Array:
         values = np.array([float(word) for word in text.split()])
     except ValueError:
         values = np.array([np.nan])
+    if "_" in text or not text.isascii():  # float takes 1_0 and the digits of every script
+        values = np.array([np.nan])
     if values.shape != (count,) or not np.isfinite(values).all():
         wanted = "a finite number" if count == 1 else f"{count} finite numbers"
         cure = (

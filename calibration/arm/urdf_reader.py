@@ -174,6 +174,11 @@ class _Tree:
                         f"joint {joint.get('name')!r} names the link {link!r}, which the description does not have.",
                         remedy="Correct the name, or add the link.",
                     )
+            if parent == child:
+                raise CalibrationError(
+                    f"joint {joint.get('name')!r} hangs on itself: its parent and its child are {child!r}.",
+                    remedy="Correct its <parent> or its <child>.",
+                )
             if child in above:
                 raise CalibrationError(
                     f"link {child!r} hangs on two joints, {above[child].get('name')!r} and {joint.get('name')!r}.",

@@ -326,7 +326,7 @@ def _check_input(moved: TipArm, followed: TipArm, joints: Array, limits: Compens
     refuse_few_joints(moved.model)
     if not held <= set(range(n)) or n - len(held) < _POSE:
         raise CalibrationError(
-            f"{moved.model.name}: of {n} joints {sorted(held)} cannot stay: a pose needs six others."
+            f"{moved.model.label}: of {n} joints {sorted(held)} cannot stay: a pose needs six others."
         )
     if joints.ndim != 2 or joints.shape[1] != n or not np.isfinite(joints).all():
         raise CalibrationError(f"joints must be finite and (N, {n}), not {joints.shape}")

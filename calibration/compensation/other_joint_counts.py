@@ -60,7 +60,7 @@ def approach_poses(
     free = [joint for joint in range(model.axis_count) if joint not in held]
     if not 0 < len(free) <= _POSE:
         raise CalibrationError(
-            f"{model.name}: {len(free)} joints are free, and a pose tells six at most.",
+            f"{model.label}: {len(free)} joints are free, and a pose tells six at most.",
             remedy="Name the joints that stay where they are.",
         )
     target = TargetPoses(base_tip[:, :3, :3].transpose(2, 1, 0), base_tip[:, :3, 3].T)

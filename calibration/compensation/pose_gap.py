@@ -30,7 +30,7 @@ class TipArm:
 
     def __post_init__(self) -> None:
         if np.shape(self.flange_tip) != (4, 4) or not is_rigid(self.flange_tip):
-            raise CalibrationError(f"{self.model.name}: the tip is not a rigid transform (4, 4)")
+            raise CalibrationError(f"{self.model.label}: the tip is not a rigid transform (4, 4)")
 
     @classmethod
     def of_state(cls, state: ArmState) -> Self:
@@ -153,7 +153,7 @@ def refuse_few_joints(model: RobotModel) -> None:
     """
     if model.axis_count < 6:
         raise CalibrationError(
-            f"{model.name} has {model.axis_count} joints: a whole pose is kept by six or more only.",
+            f"{model.label} has {model.axis_count} joints: a whole pose is kept by six or more only.",
             remedy="Give joints in place of poses. `cellcal program` takes its programs as far as its joints follow.",
         )
 

@@ -152,17 +152,32 @@ def _mixture_posterior(
     """
     weights = 1.0 / (turned.variances + noise)
     white = turned.columns * weights[:, None]
-    information = np.diag(widths**-2.0) + turned.columns.T @ white
-    factor = scipy.linalg.cho_factor(information, lower=True)
+    factor = _information_factor(turned.columns, weights, widths)
     expected = away / widths**2
     gradient = white.T @ turned.residuals - expected
-    covariance = scipy.linalg.cho_solve(factor, np.eye(len(information)))
+    covariance = scipy.linalg.cho_solve(factor, np.eye(len(widths)))
     shift = covariance @ gradient
     square = float(turned.residuals @ (turned.residuals * weights) + away @ expected - gradient @ shift)
     volume = 2.0 * float(np.log(np.diag(factor[0])).sum() + np.log(widths).sum()) - float(
         np.log(weights).sum()
     )
     return covariance, shift, -0.5 * (square + volume)
+
+
+def _information_factor(columns: Array, weights: Array, widths: Array) -> tuple[Array, bool]:
+    """Return the triangle of the parameters' information, and whether it is the lower one.
+
+    Rows that are far more precise than the priors leave squares that are not positive by rounding; then the triangle
+    is found without squares.
+    """
+    information = np.diag(widths**-2.0) + columns.T @ (columns * weights[:, None])
+    try:
+        return scipy.linalg.cho_factor(information, lower=True)  # type: ignore[no-any-return]
+    except np.linalg.LinAlgError:
+        triangle = np.linalg.qr(
+            np.vstack([np.diag(1.0 / widths), columns * np.sqrt(weights)[:, None]]), mode="r"
+        )
+        return triangle * np.sign(np.diag(triangle))[:, None], False
 
 
 def _effect_covariances(

@@ -165,7 +165,8 @@ def starting_state(
         strange = sorted(rest.keys() - others.keys())
         if strange:
             raise CalibrationError(
-                f"{model.name} has no parameter {strange[0]!r}.", remedy="Start from a set of the same model."
+                f"{model.label} has no parameter {strange[0]!r}.",
+                remedy="Start from a set of the same model.",
             )
         terms = (*terms, *(others[name] for name in rest if name not in own))
     coefficients = np.array([rest.get(term.name, 0.0) for term in terms], dtype=float)

@@ -92,7 +92,7 @@ def beyond_limits(model: RobotModel, joints_rad: Array) -> list[Lint]:
             Lint(
                 "limits",
                 f"{model.joint_names[joint]} goes from {angle.min():.1f} to {angle.max():.1f} {unit}, and the limits "
-                f"of {model.name} are {lower:.1f} and {upper:.1f}: see its zero, its unit, and which robot was "
+                f"of {model.label} are {lower:.1f} and {upper:.1f}: see its zero, its unit, and which robot was "
                 "measured. Another zero of the first or the last joint does not show in a fit, and puts the robot "
                 "elsewhere.",
                 tuple(rows.tolist()),

@@ -194,7 +194,7 @@ def _unknown_cause_error(
         return MisfitError(
             make_message(
                 "the measurements do not fit {model_name}: no place of base and target brings them together.",
-                model_name=model.name,
+                model_name=model.label,
             ),
             remedy=make_message("{remedy} Nothing was stored.", remedy=remedy),
         )
@@ -202,7 +202,7 @@ def _unknown_cause_error(
         make_message(
             "the measurements do not fit {model_name}: errors of {left_mm:.1f} mm remain of a motion "
             "of {motion_mm:.0f} mm, and no known cause fits.",
-            model_name=model.name,
+            model_name=model.label,
             left_mm=left_m * 1000.0,
             motion_mm=motion_m * 1000.0,
         ),

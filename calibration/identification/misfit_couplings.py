@@ -152,7 +152,7 @@ def _controller_readings(
             "{third} is counted against the link before, as in a description, not as the controller "
             "of this {model_name} counts it",
             third=third,
-            model_name=model.name,
+            model_name=model.label,
         ),
         "Say so: `--joint-coupling geometric`.",
     )

@@ -65,7 +65,7 @@ def misfit_error(
         make_message(
             "the measurements do not fit {model_name}: {left_mm:.1f} mm remain of a motion of "
             "{motion_mm:.0f} mm; only {remaining_mm:.2f} mm remain if {says}.",
-            model_name=model.name,
+            model_name=model.label,
             left_mm=left_m * 1000.0,
             motion_mm=motion_m * 1000.0,
             remaining_mm=first.remaining_m * 1000.0,

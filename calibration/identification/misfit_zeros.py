@@ -35,7 +35,7 @@ def refuse_far_zero(model: RobotModel, some: Observations, stands: MisfitScore, 
         raise MisfitError(
             make_message(
                 "the measurements fit {model_name} only if {says}.",
-                model_name=model.name,
+                model_name=model.label,
                 says=home_cause.says,
             ),
             remedy=make_message(

@@ -184,7 +184,7 @@ def refuse_wrong_scale(model: RobotModel, scale: PositionScale | None) -> None:
         remedy=_SCALE_REMEDY,
     )
     raise MisfitError(
-        make_message("the measurements fit {model_name} only if {says}.", model_name=model.name, says=says),
+        make_message("the measurements fit {model_name} only if {says}.", model_name=model.label, says=says),
         remedy=cure,
         causes=(MisfitCause(("scale",), says, cure, 0.0),),
     )

@@ -172,7 +172,7 @@ def refuse_target_change(model: RobotModel, change: TargetChange | None, file_ro
         make_message(
             "the measurements do not fit {model_name} with one target: {left_mm:.2f} mm remain, and "
             "{remaining_mm:.2f} mm if {says}.",
-            model_name=model.name,
+            model_name=model.label,
             left_mm=change.before_m * 1000.0,
             remaining_mm=change.remaining_m * 1000.0,
             says=says,

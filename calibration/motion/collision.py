@@ -69,7 +69,7 @@ class CollisionCheck:
             raise CalibrationError(
                 make_message(
                     "{model_name} has links 0 to {axis_count}",
-                    model_name=model.name,
+                    model_name=model.label,
                     axis_count=model.axis_count,
                 )
             )

@@ -154,7 +154,7 @@ def check_moves(  # noqa: PLR0913 - one move needs all of it
     targets, start = np.atleast_2d(np.asarray(targets_rad, dtype=float)), np.asarray(start_rad, dtype=float)
     if start.shape != (model.axis_count,) or targets.shape[1] != model.axis_count:
         raise CalibrationError(
-            f"{model.name}: a start ({model.axis_count},) and targets (N, {model.axis_count}) are needed"
+            f"{model.label}: a start ({model.axis_count},) and targets (N, {model.axis_count}) are needed"
         )
     invalid = _not_finite(start, targets, (speed_rad_s, *tip_in_flange_m))
     if invalid:

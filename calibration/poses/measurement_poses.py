@@ -64,14 +64,14 @@ def measurable_postures(
             raise DegenerateDataError(
                 make_message(
                     "{model_name}: the range of {joints} is smaller than the distance to keep from both its ends.",
-                    model_name=model.name,
+                    model_name=model.label,
                     joints=", ".join(model.joint_names[joint] for joint in narrow),
                 ),
                 remedy="Correct its limits in the robot's description, or describe a joint that does not move as "
                 "fixed.",
             )
         raise DegenerateDataError(
-            make_message("{model_name}: no posture keeps the limits.", model_name=model.name),
+            make_message("{model_name}: no posture keeps the limits.", model_name=model.label),
             remedy="Check joint limits, workspace box and the wire's range against the place of its anchor.",
         )
     for allowed in filters:
@@ -80,7 +80,7 @@ def measurable_postures(
             raise DegenerateDataError(
                 make_message(
                     "{model_name}: no posture is left after a check for collisions or sight.",
-                    model_name=model.name,
+                    model_name=model.label,
                 ),
                 remedy="Check the places and sizes of obstacles.",
             )

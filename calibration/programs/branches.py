@@ -20,7 +20,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cellcal.calibration.arm.kinematics import RobotModel, frames_of_placements
-from cellcal.calibration.arm.model_references import shown_name
 from cellcal.calibration.errors import CalibrationError
 from cellcal.calibration.geometry import Array, inverse_transform
 from cellcal.calibration.message import make_message
@@ -83,7 +82,7 @@ def refuse_other_joints(model: RobotModel) -> None:
         make_message(
             "points of programs are changed for arms of six joints that turn; {model_name} has {joints}, of which "
             "{slides} slide.",
-            model_name=shown_name(model.name),
+            model_name=model.label,
             joints=model.axis_count,
             slides=slides,
         ),
@@ -262,7 +261,7 @@ def _nearest_point(p: Array, a: Array, q: Array, b: Array) -> tuple[Array, float
 
 def _unknown_family_error(model: RobotModel) -> CalibrationError:
     return CalibrationError(
-        f"{shown_name(model.name)}: its postures cannot be told apart in closed form: joints 2 and 3 are not "
+        f"{model.label}: its postures cannot be told apart in closed form: joints 2 and 3 are not "
         "parallel, or the wrist is of neither family.",
         remedy="Give the joints of every position: a program that holds joints only needs none of this.",
     )

@@ -245,7 +245,7 @@ class WirePredictor:
         self._parameters = reference.parameter_vector()
         self._posterior = np.array(reference.covariance)
         if len(self._parameters) != len(parameter_sigmas(model, prior)):
-            raise CalibrationError(f"the reference was not fitted with the model {model.name}")
+            raise CalibrationError(f"the reference was not fitted with the model {model.label}")
         poses = WirePoses.from_record_side(np.array(reference.joints_rad), np.array(reference.sigma_m))
         self._record = self.wire_terms(poses)
         self._weight = np.linalg.inv(_length_covariance(self._prior, self._record))

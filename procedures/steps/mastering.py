@@ -93,7 +93,7 @@ def refuse_other_model(model: RobotModel, joints_rad: Joints, base_flange: Pose)
             make_message(
                 "the controller says its flange is {error_mm:.0f} mm from where a {model_name} has it",
                 error_mm=error_m * 1000.0,
-                model_name=model.name,
+                model_name=model.label,
             ),
             code="procedure.wrong_model",
             remedy="Correct the robot's model in the cell file, then start a new run.",

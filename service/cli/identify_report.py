@@ -53,7 +53,7 @@ def print_report(console: "Console", report: "IdentifyReport") -> None:
 
 
 def _print_errors(console: "Console", report: "IdentifyReport") -> None:
-    from cellcal.calibration.arm.model_references import shown_name
+    from cellcal.calibration.arm.shown_names import shown_name
     from cellcal.calibration.identification.parameters import LEVEL_NAMES
     from cellcal.service.cli.printing import PlainTable
 

@@ -46,7 +46,7 @@ def models(
     from cellcal.service.cli.printing import print_json
 
     text = " ".join(words)
-    if len(words) == 1 and (words[0] in known_names() or any(mark in words[0] for mark in "?@./")):
+    if len(words) == 1 and (words[0] in known_names() or _is_reference(words[0])):
         return _show_one(words[0], as_json)
     found = [entry for entry in find_robots(text, maker) if every or entry.usable]
     nearly = bool(text) and bool(found) and not is_called(found[0], text)
@@ -66,6 +66,13 @@ def models(
             )
         _print_list(Console(emoji=False, highlight=False), found)
     return 0
+
+
+def _is_reference(word: str) -> bool:
+    """Return whether a word names a file, or says more than a name; makers write / and . into names."""
+    from cellcal.calibration.arm.model_references import parse_reference
+
+    return any(mark in word for mark in "?@") or parse_reference(word).is_file
 
 
 def _refuse(text: str, maker: str) -> None:

@@ -272,6 +272,7 @@ def export(  # noqa: PLR0913  # a command's options are its arguments
     version: int | None = None,
     template: Path | None = None,
     tip_link: str = "flange",
+    base_link: str | None = None,
     geometric_joints: bool = False,
     folder: Folder = _HERE,
 ) -> int:
@@ -291,6 +292,8 @@ def export(  # noqa: PLR0913  # a command's options are its arguments
         URDF whose joints are corrected, with everything else kept; a bare one is written without it.
     tip_link
         The link of the template that is the flange.
+    base_link
+        The link of the template that is the robot's base, where it begins elsewhere (a world, a table).
     geometric_joints
         Allow a URDF of a robot that couples joints, driven by geometric angles.
     """
@@ -310,7 +313,7 @@ def export(  # noqa: PLR0913  # a command's options are its arguments
     source = None
     if template is not None:
         _must_exist(template)
-        source = DescriptionTemplate(read_plain_text(template), tip_link)
+        source = DescriptionTemplate(read_plain_text(template), tip_link, base_link)
     item = _open_sets(folder).load_set(robot_serial, version)
     nominal = load_model(item.model)
     data, notes = export_set(

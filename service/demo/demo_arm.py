@@ -15,7 +15,7 @@ import numpy as np
 from cellcal.calibration.arm.dh_of_chain import dh_of_chain
 from cellcal.calibration.arm.joint_kinds import drawn_range
 from cellcal.calibration.arm.kinematics import RobotModel, chain_frames, load_model
-from cellcal.calibration.arm.model_references import fixed_reference, parse_reference, shown_name
+from cellcal.calibration.arm.model_references import fixed_reference, parse_reference
 from cellcal.calibration.documents import DocumentError
 from cellcal.calibration.documents.plain_files import read_plain_text
 from cellcal.calibration.documents.toml_text import parse_toml
@@ -156,7 +156,7 @@ def refuse_unplayable(model: RobotModel) -> None:
     """
     if model.axis_count != _AXES or model.sliding is not None:
         slides = "" if model.sliding is None else f", {int(model.sliding.sum())} of them sliding"
-        name = shown_name(model.name)
+        name = model.label
         raise CellError(
             f"{model.title} has {model.axis_count} axes{slides}: the demo loses and restores the mastering of a "
             "controller with six turning axes, and its fakes play no other.",

@@ -8,6 +8,7 @@ import pytest
 from cellcal.calibration.identification.effect_lint import misfit_notes
 from cellcal.calibration.identification.effect_mixture import KINDS, average_over_misfits
 from cellcal.calibration.identification.identify import identify_arm
+from cellcal.calibration.identification.observations import pose_from_points
 from cellcal.calibration.identification.parameters import FRAMES, GEOMETRY
 from cellcal.calibration.identification.selection import IdentificationOptions
 from tests.soak.few_rows import EFFECTS, draw_world, identify_few, share_inside
@@ -105,3 +106,14 @@ def test_deviations_of_few_rows_do_not_depend_on_the_stated_size_of_noise():
         np.sqrt(np.diag(found.robust.fit.covariance)), rel=0.2
     )
     assert share_inside(found, there.truth) > 0.8
+
+
+def test_attitudes_far_more_precise_than_the_priors_leave_deviations_that_are_finite():
+    there = draw_world("none", 40, np.random.default_rng(5))
+    turns = there.truth.seen_from(0).base_flange(there.observations.joints_rad)[:, :3, :3]
+    poses = pose_from_points(there.observations, turns, np.full(40, 2e-9))
+    options = IdentificationOptions(judge=False, level=GEOMETRY, find_breaks=False)
+    found = identify_arm(there.truth.nominal, poses, options=options)
+    sigmas = np.sqrt(np.diag(found.misfit.covariance))
+    assert np.isfinite(sigmas).all()
+    assert (sigmas < 3.0 * found.robust.fit.layout.prior_sigmas).all()

@@ -3,6 +3,7 @@
 import json
 import re
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from cellcal.calibration.arm.model_references import fixed_reference, is_known_m
 from cellcal.calibration.arm.model_scale import DESCRIPTION_UNITS, MODEL_FILE_UNITS, refuse_wrong_units
 from cellcal.calibration.arm.mounting import mounted_name
 from cellcal.calibration.arm.robot_models.catalogue_index import catalogue_entries
+from cellcal.calibration.arm.urdf import bare_urdf
 from cellcal.calibration.errors import CalibrationError
 from cellcal.service.cli.app import run_command_line
 from cellcal.service.configuration.cell_file import ConfigError, read_cell_file
@@ -133,6 +135,9 @@ BAD = {
     "reversed": ('lower="-2" upper="2"', 'lower="2" upper="-2"', "limits of joint 'turn' are reversed", "Exchange"),
     "no limits": ('<limit lower="-2" upper="2" velocity="1" effort="0"/>', "", "'turn' has no range", "continuous"),
     "not finite": ('lower="-2"', 'lower="nan"', "lower of joint 'turn' is 'nan'", "Correct"),
+    "digits that only Python reads": ('xyz="0 0 0.3"', 'xyz="0 0 0_3"', "'0 0 0_3', not 3 finite numbers", "Correct"),
+    "joint on itself": ('<parent link="carriage"/><child link="arm"/>', '<parent link="arm"/><child link="arm"/>',
+                        "'turn' hangs on itself", "<parent>"),
     "twice": ('name="turn"', 'name="rail"', "2 joints of the description are called 'rail'", "name of its own"),
     "link twice": ('<link name="camera"/>', '<link name="arm"/>', "2 links", "name of its own"),
     "no such link": ('<child link="arm"/>', '<child link="harm"/>', "names the link 'harm'", "Correct the name"),
@@ -170,6 +175,7 @@ def test_a_bad_description_is_one_sentence_with_its_cure(tmp_path, case, capsys)
         load_model(f"{path}?tip=flange")
     assert says in refused.value.message
     assert cure in refused.value.remedy
+    assert refused.value.message.startswith("bad.urdf: ")
     assert run_command_line(["models", f"{path}?tip=flange"]) != 0
     told = capsys.readouterr()
     assert told.out == ""
@@ -346,3 +352,24 @@ def test_the_commands_take_descriptions(urdf, capsys):
     (one,) = json.loads(capsys.readouterr().out)["models"]
     assert [joint["unit"] for joint in one["joints"]] == ["mm", "deg"]
     assert one["joints"][0]["limits"] == [-500.0, 2000.0]
+
+
+def test_the_folders_and_the_digest_of_a_file_stand_in_no_sentence(urdf):
+    model = load_model(f"{urdf}?tip=flange")
+    assert model.label == "gantry.urdf?tip=flange"
+    assert load_model(f"{urdf}?tip=flange@wall").label == "gantry.urdf?tip=flange@wall"
+    assert load_model("fanuc_crx10ia?tip=flange@wall").label == "fanuc_crx10ia?tip=flange@wall"
+    assert str(urdf.parent) not in bare_urdf(model)
+    with pytest.raises(CalibrationError, match=r"^gantry\.urdf\?tip=flange: joints must be"):
+        model.base_flange(np.zeros((2, 9)))
+
+
+def test_sentences_take_the_label_of_a_model():
+    raw = re.compile(
+        r"model_name=(?:\w+\.)*(?:model|nominal)\.name\b|\{(?:\w+\.)*(?:model|nominal)\.name\}[^_`]"
+    )
+    for package in ("calibration", "drivers", "procedures", "service"):
+        for file in sorted((Path(__file__).parents[2] / package).rglob("*.py")):
+            # No sentence: the --robot of a command line, which is to be typed again.
+            lines = [line for line in file.read_text(encoding="utf-8").splitlines() if "--robot" not in line]
+            assert not raw.search("\n".join(lines)), file.name

@@ -265,6 +265,26 @@ def _ros_description(kinematics):
     return "".join([*lines, "</robot>"])
 
 
+def test_a_description_may_begin_elsewhere_than_at_the_base_of_the_robot(run_cli):
+    factory_imported(run_cli)
+    on_table = bare_urdf(UR).replace(
+        '<link name="base" />',
+        '<link name="table"/><link name="base"/><joint name="bolts" type="fixed"><parent link="table"/>'
+        '<child link="base"/><origin xyz="1 2 0.8" rpy="0 0 0.5"/></joint>',
+        1,
+    )
+    file = write_text(run_cli.tmp / "cell.urdf", on_table)
+    with pytest.raises(CalibrationError, match="not where those of ur10e are") as refused:
+        run_cli("export", "17", run_cli.tmp / "a.urdf", "--template", file)
+    assert "--base-link" in refused.value.remedy
+    run_cli("export", "17", run_cli.tmp / "a.urdf", "--template", file, "--base-link", "base")
+    text = (run_cli.tmp / "a.urdf").read_text()
+    found = read_urdf(text, base_link="base", tip_link="flange").model
+    assert np.allclose(arm_reach_m(found), arm_reach_m(ARM), rtol=0, atol=1e-9)
+    bolts = found.placements[0] @ np.linalg.inv(read_urdf(text, tip_link="flange").model.placements[0])
+    np.testing.assert_allclose(np.linalg.inv(bolts)[:3, 3], [1, 2, 0.8], atol=1e-12)
+
+
 def test_a_description_of_another_robot_is_refused(run_cli):
     factory_imported(run_cli)
     file = write_text(run_cli.tmp / "other.urdf", bare_urdf(load_model("ur5e")))

@@ -17,6 +17,7 @@ from cellcal.calibration.arm.robot_models.catalogue_index import (
     catalogue_entries,
     catalogue_robot,
     find_robots,
+    nearest_names,
     usable_names,
 )
 from cellcal.calibration.arm.robot_models.common_names import COMMON_NAMES
@@ -248,6 +249,31 @@ def test_every_common_name_means_a_robot_that_ships():
 def test_words_that_fit_nothing_name_the_nearest_robots(capsys):
     assert run_command_line(["models", "hc99dtp"]) != 0
     assert "The nearest names: yaskawa_hc" in " ".join(capsys.readouterr().err.split())
+
+
+@pytest.mark.parametrize(
+    ("words", "name"),
+    [
+        ("IRB 120-3/0.58", "abb_irb120"),
+        ("irb120_3_58", "abb_irb120"),
+        ("abb_irb120_3_58", "abb_irb120"),
+        ("IRB 6700-235/2.65", "abb_irb6700_235_265"),
+        ("IRB 6700-205/2.80", "abb_irb6700_200_260"),
+        ("IRB 7600-500/2.55", "abb_irb7600_150_350"),
+        ("KR 6 R900-2", "kuka_kr6_r900_2"),
+        ("KR3 AGILUS", "kuka_kr3r540"),
+        ("LR Mate 200iD/7L", "fanuc_lrmate200id7l"),
+        ("M-10iA/12", "fanuc_m10ia"),
+        ("VS-060A3-AV6", "denso_vs060"),
+        ("UR10 e-Series", "ur10e"),
+        ("UR10 CB3", "ur10"),
+        ("Franka Research 3", "franka_fr3"),
+    ],
+)
+def test_a_name_as_its_maker_writes_it_leads_to_the_robot(words, name, capsys):
+    assert run_command_line(["models", words, "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["models"][0]["name"] == name
+    assert nearest_names(words)[0] == name
 
 
 def test_names_that_are_only_near_are_not_listed_as_if_they_were_meant(capsys):

@@ -9,6 +9,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from difflib import SequenceMatcher, get_close_matches
 from functools import cache
+from itertools import takewhile
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +29,8 @@ _NEAR = 0.75
 _NEAREST = 0.6  # of a name that is worth a suggestion
 _FEWEST_LETTERS = 3  # of a name that is begun
 _ALIKE_WORDS = 3  # that a mistyped one may stand for
+_SERIES = 2  # words that name one: its letters and its number
+_REACH = re.compile(r"\b\d\.\d+")
 LINKAGE = "linkage"  # kind of an arm of which rods drive an axis
 
 
@@ -106,10 +109,12 @@ def find_robots(words: str, maker: str = "") -> tuple[CatalogueEntry, ...]:
             if all(any(_word_fits(one, entry, _text(entry)) for one in each) for each in meant)
         ]
     if not fitting:
-        fitting = [entry for entry in entries if _likeness(entry, together, beginning=True) >= _NEAR]
-    return tuple(
-        sorted(fitting, key=lambda each: (together not in _text(each), -_likeness(each, together), each.name))
-    )
+        fitting = [
+            entry
+            for entry in entries
+            if _shared_words(entry, words) >= _SERIES or _likeness(entry, together, beginning=True) >= _NEAR
+        ]
+    return tuple(sorted(fitting, key=lambda each: _order(each, words, together)))
 
 
 def is_called(entry: CatalogueEntry, words: str) -> bool:
@@ -120,10 +125,8 @@ def is_called(entry: CatalogueEntry, words: str) -> bool:
 
 def nearest_names(name: str) -> list[str]:
     """Return names that a mistyped one may stand for, the nearest first."""
-    close = get_close_matches(name, sorted(usable_names()), n=1, cutoff=0.8)
-    if close:
-        return close
-    return [entry.name for entry in find_robots(name.replace("_", " ")) if entry.usable][:3]
+    found = [entry.name for entry in find_robots(name.replace("_", " ")) if entry.usable]
+    return found[:3] or get_close_matches(name, sorted(usable_names()), n=1, cutoff=0.8)
 
 
 def least_unlike(words: str) -> list[str]:
@@ -140,7 +143,8 @@ def least_unlike(words: str) -> list[str]:
 
 def _wanted_words(words: str) -> list[str]:
     """Return the words that say something, a number of axes as one: ``7 axis`` is ``7axis``."""
-    plain = [_plain(word) for word in words.split() if _plain(word)]
+    plain = [_plain(word).removesuffix("series") for word in words.split()]
+    plain = [word for word in plain if word]
     joined: list[str] = []
     for word in plain:
         if joined and axes_meant(joined[-1] + word) is not None:
@@ -174,8 +178,31 @@ def _nearest_words(word: str, entries: Sequence[CatalogueEntry]) -> tuple[str, .
     return begun or tuple(get_close_matches(word, sorted(known), n=_ALIKE_WORDS, cutoff=_NEAR)) or (word,)
 
 
+def _order(entry: CatalogueEntry, words: str, together: str) -> tuple[bool, int, float, str]:
+    """Return what sorts the robot that is meant first."""
+    return (
+        together not in _text(entry),
+        -_shared_words(entry, words),
+        -_likeness(entry, together),
+        entry.name,
+    )
+
+
+def _shared_words(entry: CatalogueEntry, words: str) -> int:
+    """Return how many words the name or title begins with as these do, without the maker: ``irb 6700`` are two."""
+    makers = {*_WORD.findall(entry.file), *_WORD.findall(entry.maker.lower())}
+    query, *spellings = (
+        [word for word in _WORD.findall(text.lower()) if word not in makers]
+        for text in (words, entry.name, entry.title)
+    )
+    alike = (takewhile(lambda pair: pair[0] == pair[1], zip(own, query, strict=False)) for own in spellings)
+    return max(len(list(begun)) for begun in alike)
+
+
 def _text(entry: CatalogueEntry) -> str:
-    return _plain(f"{entry.name} {entry.title} {entry.maker} {entry.family}")
+    """Return everything a robot is called; a reach of 0.58 m also as 58, as in the makers' file names."""
+    reach = _REACH.sub(lambda found: f"{float(found[0]) * 100.0:.0f}", entry.title)
+    return _plain(f"{entry.name} {entry.title} {reach} {entry.maker} {entry.family}")
 
 
 def _likeness(entry: CatalogueEntry, together: str, *, beginning: bool = False) -> float:

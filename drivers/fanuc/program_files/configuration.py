@@ -113,7 +113,7 @@ def _six_joints(model: RobotModel, joints: Array) -> Array:
         raise CalibrationError(
             make_message(
                 "{model_name}: the configuration of a FANUC is known for six finite joints, not {shape}.",
-                model_name=model.name,
+                model_name=model.label,
                 shape=joints.shape[1],
             )
         )

@@ -4,7 +4,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from cellcal.calibration.arm.model_references import ModelReference, parse_reference, shown_name
+from cellcal.calibration.arm.model_references import ModelReference, parse_reference
+from cellcal.calibration.arm.shown_names import shown_name
 from cellcal.calibration.arm.urdf_fixed_joints import FreedJoint, freed_joints
 from cellcal.calibration.documents.plain_files import read_plain_text
 from cellcal.calibration.errors import CellError

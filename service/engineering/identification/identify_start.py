@@ -97,7 +97,7 @@ def _of_report(
     if robot != nominal.name or not np.isfinite([*values.values(), *sigmas.values()]).all():
         raise MeasurementError(
             f"{path} is about a {robot}, or holds numbers that are none.",
-            remedy=f"It must be of a {nominal.name}.",
+            remedy=f"It must be of a {nominal.label}.",
         )
     arm = {name: value for name, value in values.items() if not name.startswith("wire ")}
     return IdentificationStart(StartingPoint(arm, free, places), f"the report {path.name}", sigmas)

@@ -291,7 +291,7 @@ def _same_arm(model: RobotModel, described: RobotModel, matrix: Array) -> None:
         if np.abs(apart[:, :3, 3]).max() < _SAME_FLANGE_M:
             return
     raise PlanError(
-        f"the description does not move its flange as {model.name} does.",
+        f"the description does not move its flange as {model.label} does.",
         remedy="Name the link at the flange; its root must be the robot's base.",
     )
 

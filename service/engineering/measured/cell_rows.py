@@ -289,7 +289,7 @@ class _CellTable:
         zeros = [column.zero_deg for column in parse_columns(self._table.names, names)]
         if len(names) != model.axis_count:
             raise MeasurementError(
-                f"the layout names {len(names)} joint columns, {model.name} has {model.axis_count} joints.",
+                f"the layout names {len(names)} joint columns, {model.label} has {model.axis_count} joints.",
                 remedy="Name one column a joint, in the order of the chain.",
             )
         of_kind = {True: "slides", False: "joints"}

@@ -76,7 +76,7 @@ def find_unnamed_columns(
         "in no other way; `--columns` names others",
         joints=", ".join(joints),
         place=", ".join(read[0]),
-        model_name=model.name,
+        model_name=model.label,
     )
     further = further_places_note([place for place in named if place != read[0]])
     dialect = join_messages("; ", [each for each in (table.dialect, said, further) if each])
@@ -115,7 +115,7 @@ def find_untold_place(
         "no heading tells what was measured: {place} are the position, for so they fit {model_name}; `--columns` "
         "names others",
         place=", ".join(read[0]),
-        model_name=model.name,
+        model_name=model.label,
     )
     further = further_places_note([names for names in named if names != read[0]])
     dialect = join_messages("; ", [each for each in (table.dialect, said, further) if each])

@@ -26,6 +26,10 @@ from cellcal.service.engineering.parameters.parameter_sets import (
 
 _ROUNDED = 1e-6  # of an eigenvalue of stored correlations
 _SAME_AXIS = 1e-3  # m and rad: descriptions round their numbers
+_NAME_LINKS = (
+    "Name the link at the flange (--tip-link), and the robot's base where the description begins elsewhere "
+    "(--base-link)."
+)
 
 
 class IdentifiedLike(Protocol):
@@ -95,7 +99,7 @@ def calibrated_model(nominal: RobotModel, parameter_set: ParameterSet) -> Calibr
 def values_of_model(nominal: RobotModel, model: RobotModel) -> tuple[ParameterValue, ...]:
     """Return how a model with a DH table deviates from nominal; its uncertainty is unknown."""
     if nominal.dh is None or model.dh is None or model.axis_count != nominal.axis_count:
-        raise CalibrationError(f"{model.name}: deviations need two models with tables of the same length")
+        raise CalibrationError(f"{model.label}: deviations need two models with tables of the same length")
     errors = model.dh.to_rows() - nominal.dh.to_rows()
     units = {0: "rad", 1: "m", 2: "m", 3: "rad", 4: "rad"}
     return tuple(
@@ -160,21 +164,26 @@ def _geometry_entries(nominal: RobotModel) -> dict[str, tuple[int, int]]:
     return dict(zip(names, layout.geometry, strict=True))
 
 
-def calibrated_description(text: str, tip_link: str, nominal: RobotModel, calibrated: RobotModel) -> str:
+def calibrated_description(
+    text: str, tip_link: str, nominal: RobotModel, calibrated: RobotModel, *, base_link: str | None = None
+) -> str:
     """Return a URDF description whose joints stand where a calibration found them; the rest of it stays.
 
     The frames of the description may lie anywhere along the joints' axes. They keep their place relative to
-    the nominal arm's frames, and those move.
+    the nominal arm's frames, and those move. Without a base link the description's root is the robot's base.
 
     Raises
     ------
     CalibrationError
         The axes of the description are not those of the nominal model.
     """
-    arm = read_urdf(text, tip_link=tip_link)
+    arm = read_urdf(text, tip_link=tip_link, base_link=base_link)
+    robot = nominal.label
     if arm.model.axis_count != nominal.axis_count:
         raise CalibrationError(
-            f"the description has {arm.model.axis_count} joints, {nominal.name} has {nominal.axis_count}"
+            f"between these links the description has {arm.model.axis_count} joints, {robot} has "
+            f"{nominal.axis_count}.",
+            remedy=_NAME_LINKS,
         )
     ours, theirs = _joint_steps(nominal), _joint_steps(arm.model)
     beside = np.array(
@@ -184,8 +193,8 @@ def calibrated_description(text: str, tip_link: str, nominal: RobotModel, calibr
     directions = np.sign(np.diag(nominal.joint_coupling))
     if off_axis > _SAME_AXIS or not np.allclose(beside[:-1, 2, 2], directions, atol=_SAME_AXIS):
         raise CalibrationError(
-            f"the joints of the description are not where those of {nominal.name} are.",
-            remedy="Name the link at the flange, and see that the description's root is the robot's base.",
+            f"the joints of the description are not where those of {robot} are.",
+            remedy=_NAME_LINKS,
         )
     before = np.concatenate([np.eye(4)[None], inverse_transform(beside[:-1])])
     placements = before @ _joint_steps(calibrated) @ beside

@@ -85,6 +85,7 @@ class DescriptionTemplate:
 
     text: str
     tip_link: str
+    base_link: str | None = None  # the description's root
 
 
 @dataclass(frozen=True, slots=True)
@@ -149,7 +150,7 @@ def export_set(
         return text.encode(), tuple(notes)
     if not nominal.name.startswith("ur"):
         raise ParameterSetError(
-            f"{kind} is a form of Universal Robots, {nominal.name} is none of theirs.",
+            f"{kind} is a form of Universal Robots, {nominal.label} is none of theirs.",
             remedy="Export URDF.",
             code="usage",
         )
@@ -166,7 +167,9 @@ def _write_urdf(
 ) -> str:
     if template is None:
         return bare_urdf(found.model, geometric_joints=geometric_joints)
-    return calibrated_description(template.text, template.tip_link, nominal, found.model)
+    return calibrated_description(
+        template.text, template.tip_link, nominal, found.model, base_link=template.base_link
+    )
 
 
 def _factory_hash(sets: ParameterSets, robot_serial: str) -> str:
@@ -233,7 +236,7 @@ def _of_identification(text: str, nominal: RobotModel) -> _FileContent:
             remedy="Write it with `cellcal identify --json`.",
         ) from broken
     if robot != nominal.name:
-        raise ParameterSetError(f"the identification is of a {robot}, not of a {nominal.name}.")
+        raise ParameterSetError(f"the identification is of a {robot}, not of a {nominal.label}.")
     values = values_of_identification(p for p in found if not p.name.startswith("wire "))
     return _FileContent(values, "identification")
 

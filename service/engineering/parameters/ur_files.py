@@ -195,7 +195,7 @@ def model_of_ros(kinematics: RosKinematics, nominal: RobotModel) -> RobotModel:
 
 def _dh_table(model: RobotModel) -> DhTable:
     if model.dh is None or model.axis_count != 6:
-        raise CalibrationError(f"{model.name}: a UR arm has a table of six rows")
+        raise CalibrationError(f"{model.label}: a UR arm has a table of six rows")
     return model.dh
 
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from cellcal.calibration.arm.joint_kinds import shown_units
 from cellcal.calibration.arm.joint_terms import term_values
-from cellcal.calibration.arm.model_references import shown_name
+from cellcal.calibration.arm.shown_names import shown_name
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.identification.estimator import FitProblem, whitened_residuals
 from cellcal.calibration.identification.observations import (

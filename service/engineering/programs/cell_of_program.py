@@ -5,7 +5,6 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from cellcal.calibration.arm.kinematics import RobotModel
-from cellcal.calibration.arm.model_references import shown_name
 from cellcal.calibration.geometry import Array, Pose, inverse_transform
 from cellcal.calibration.message import make_message
 from cellcal.calibration.programs.transfer import same_place
@@ -161,7 +160,7 @@ def refuse_foreign(program: ProgramFile, project: Project) -> None:
                 "this is a program of {brand}, the robot of {path_name} is a {model_name}.",
                 brand=program.brand,
                 path_name=project.file_name,
-                model_name=model.name,
+                model_name=model.label,
             ),
             remedy="Name the project of the robot that this program is for.",
         )
@@ -170,7 +169,7 @@ def refuse_foreign(program: ProgramFile, project: Project) -> None:
             name,
             make_message(
                 "a FANUC counts J3 against the horizon, and {shown_name} does not couple J3 with J2.",
-                shown_name=shown_name(model.name),
+                shown_name=model.label,
             ),
             remedy="Name a robot of `cellcal models`, or a model file with interaction = [[3, 2, 1.0]].",
         )

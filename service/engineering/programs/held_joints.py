@@ -5,7 +5,6 @@ from collections.abc import Sequence
 import numpy as np
 
 from cellcal.calibration.arm.kinematics import RobotModel
-from cellcal.calibration.arm.model_references import shown_name
 from cellcal.calibration.message import make_message
 from cellcal.service.engineering.programs.project_poses import ProjectError
 
@@ -36,7 +35,7 @@ def read_held_joints(written: Sequence[int] | None, model: RobotModel, where: st
             make_message(
                 "{where}: {shown_name} has {count} joints, and {free} of them are free to move.",
                 where=where,
-                shown_name=shown_name(model.name),
+                shown_name=model.label,
                 count=count,
                 free=free,
             ),
@@ -57,7 +56,7 @@ def _refuse_unknown(written: Sequence[int], model: RobotModel, where: str) -> No
                 "{where}: held_joints names {names}, and {shown_name} has {count} joints.",
                 where=where,
                 names=", ".join(str(joint) for joint in written),
-                shown_name=shown_name(model.name),
+                shown_name=model.label,
                 count=count,
             ),
             remedy="Name each joint that stays once, from 1; an arm of at most six joints needs all of them.",

@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from cellcal.calibration.arm.model_references import is_linkage, shown_name
+from cellcal.calibration.arm.model_references import is_linkage
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.message import make_message
 from cellcal.calibration.programs.scara import elbow_side
@@ -58,7 +58,7 @@ def refuse_another_kind(source: Project, target: Project) -> None:
 def rods_left_out(source: Project, target: Project) -> list[str]:
     """Return what is said of identified arms of which rods drive an axis: no parameter holds the errors of these."""
     found = dict.fromkeys(
-        shown_name(one.nominal.name)
+        one.nominal.label
         for one in (source, target)
         if one.identified is not None and is_linkage(one.nominal.name)
     )

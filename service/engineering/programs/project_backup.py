@@ -43,7 +43,7 @@ def frames_of_backup(robot: RobotTable, folder: Path, nominal: RobotModel, where
             make_message(
                 "{where}: backup is a folder of FANUC's .VA files, and the robot is a {model}.",
                 where=where,
-                model=nominal.name,
+                model=nominal.label,
             ),
             remedy="Enter tools and frames under [tools] and [frames].",
         )
