@@ -17,7 +17,9 @@ _ALIKE_M = (
 )
 
 
-def arm_doubts(arm: RobotModel, tools: Mapping[str, Array], folder: Path, where: str) -> tuple[str, ...]:
+def arm_doubts(
+    arm: RobotModel, tools: Mapping[str, Array], folder: Path | None, where: str
+) -> tuple[str, ...]:
     """Return what to know of an arm (tools: flange_tip (4, 4) by number) whose tip the controller has elsewhere.
 
     Raises
@@ -25,7 +27,7 @@ def arm_doubts(arm: RobotModel, tools: Mapping[str, Array], folder: Path, where:
     ProjectError
         It is the arm of another model: its tip would be more than 50 mm from where the controller has it.
     """
-    shown = _shown_position(folder)
+    shown = None if folder is None else _shown_position(folder)
     if shown is None:
         return ()
     joints_rad, tool, base_tip_m = shown

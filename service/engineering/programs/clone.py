@@ -62,9 +62,9 @@ class CloneRoute:
                 make_message(
                     "{master} has a {model}, {clone} a {other}.",
                     master=master.file_name,
-                    model=master.nominal.name,
+                    model=master.nominal.label,
                     clone=clone.file_name,
-                    other=clone.nominal.name,
+                    other=clone.nominal.label,
                 ),
                 remedy="A program is cloned between robots of one type.",
             )

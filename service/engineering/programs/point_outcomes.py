@@ -311,7 +311,7 @@ def _refuse_foreign_points(program: ProgramFile, reasons: Sequence[str], project
                 "{path_name}: {next}.",
                 beyond=beyond,
                 reason_count=len(reasons),
-                nominal_name=project.nominal.name,
+                nominal_name=project.nominal.label,
                 path_name=project.file_name,
                 next=next(r for r in reasons if r),
             ),

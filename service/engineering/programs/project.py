@@ -35,6 +35,7 @@ from cellcal.service.engineering.programs.external.moving_axes import NO_AXES, C
 from cellcal.service.engineering.programs.external.standing_tools import NO_STANDING_TOOLS, StandingTools
 from cellcal.service.engineering.programs.files import is_log
 from cellcal.service.engineering.programs.held_joints import read_held_joints
+from cellcal.service.engineering.programs.length_doubts import length_doubts
 from cellcal.service.engineering.programs.project_arms import (
     IdentifiedArm,
     factory_arm,
@@ -93,7 +94,7 @@ class Project:
     pulses_per_rad: Array | None = None  # (n,) with sign, of a controller whose programs hold pulses
     control_group: str = FIRST_GROUP  # which of its controller's robots it is
     backup: Path | None = None  # folder of the controller's .VA files
-    doubts: tuple[str, ...] = ()  # what its backup says against its arm
+    doubts: tuple[str, ...] = ()  # what speaks against its positions, and its backup against its arm
     axes: CellAxes = NO_AXES  # external axes
     table_frames: Mapping[str, Array] = field(
         default_factory=dict
@@ -195,9 +196,10 @@ def read_project(path: Path) -> Project:
         pulses_per_rad=pulses_per_rad(robot, nominal.axis_count, f"{where}: [robot]"),
         control_group=robot.control_group or FIRST_GROUP,
         backup=backup.folder,
-        doubts=()
-        if backup.folder is None
-        else arm_doubts(controller, backup.tools, backup.folder, f"{where}: [robot]"),
+        doubts=(
+            *length_doubts(tables, where),
+            *arm_doubts(controller, backup.tools, backup.folder, f"{where}: [robot]"),
+        ),
         axes=axes,
         table_frames=table_frames,
         standing_tools=StandingTools(

@@ -59,6 +59,30 @@ def test_a_project_is_read_in_si(tmp_path: Path) -> None:
     assert [path.name for path in project.program_files()] == ["A.ls", "B.ls"]
 
 
+@pytest.mark.parametrize(
+    ("old", "new", "heading"),
+    [
+        ("[900, -200, 350]", "[0.9, -0.2, 0.35]", "[frames.2]"),
+        ("[1, 2, 150]", "[0.001, 0.002, 0.15]", "[tools.1.entered]"),
+        ("[frames.2]", "[tools.1.real]\nposition_mm = [0.001, 0.002, 0.151]\n[frames.2]", "[tools.1.real]"),
+        (
+            "[unsaid]",
+            "[standing_tools.glue.entered]\nposition_mm = [1.2, 0, 0.8]\n[unsaid]",
+            "[standing_tools.glue",
+        ),
+    ],
+)
+def test_positions_that_look_like_metres_are_doubted(
+    tmp_path: Path, old: str, new: str, heading: str
+) -> None:
+    assert read_project(_write_project_file(tmp_path, PLAIN)).doubts == ()
+
+    (doubt,) = read_project(_write_project_file(tmp_path, PLAIN.replace(old, new))).doubts
+
+    assert heading in doubt
+    assert "if these are metres, multiply them by 1000" in doubt
+
+
 def test_a_projects_robot_may_hang_from_a_ceiling(tmp_path: Path) -> None:
     project = read_project(
         _write_project_file(tmp_path, PLAIN.replace('"fanuc_m6ib"', '"fanuc_m6ib@ceiling"'))
