@@ -115,7 +115,7 @@ def test_each_theme_has_each_colour_and_each_is_used() -> None:
     text = "".join(path.read_text(encoding="utf-8") for path in sources())
     asked = set(re.findall(r"(?:var\(|[\"'])(--[\w-]+?)(?=[)\"',])", text))
     steps = {f"--shade-{step}" for step in range(1, 7)}  # asked for by number
-    sizes = {"--gap", "--main-key", "--radius", "--device-fonts", "--acts", "--share"}
+    sizes = {"--gap", "--main-key", "--radius", "--device-fonts", "--acts", "--share", "--columns"}
     assert set(usual) - asked - steps == set()
     assert {name for name in asked if not name.startswith("--shade")} - set(usual) - sizes == set()
 
