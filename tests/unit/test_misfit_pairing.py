@@ -24,16 +24,26 @@ def refusal(order, robot, seed):
     return refused.value
 
 
-@pytest.mark.parametrize(("robot", "seed"), [("ur10", 1), ("franka_fer", 2)])
+# an arm of six joints and one of seven, in turns
 @pytest.mark.parametrize(
-    ("order", "says"),
+    ("robot", "seed", "order", "says"),
     [
-        (AT[::-1], "reverse order"),
-        (np.roll(AT, ROWS // 2), "the first 32 rows belong to the joints of the last 32"),
-        (np.roll(AT, 20), "the first 20 rows belong to the joints of the last 20"),
-        (np.r_[AT[:25], AT[26:], AT[-1]], "from row 25 on .* joints that stand 1 further down"),
-        (np.r_[AT[:40], AT[39:-1]], "from row 40 on .* joints that stand 1 further up"),
-        (np.r_[AT[:20], AT[22:], AT[-2:]], "from row 20 on .* joints that stand 2 further down"),
+        ("ur10", 1, AT[::-1], "reverse order"),
+        ("franka_fer", 2, np.roll(AT, ROWS // 2), "the first 32 rows belong to the joints of the last 32"),
+        ("ur10", 1, np.roll(AT, 20), "the first 20 rows belong to the joints of the last 20"),
+        (
+            "franka_fer",
+            2,
+            np.r_[AT[:25], AT[26:], AT[-1]],
+            "from row 25 on .* joints that stand 1 further down",
+        ),
+        ("ur10", 1, np.r_[AT[:40], AT[39:-1]], "from row 40 on .* joints that stand 1 further up"),
+        (
+            "franka_fer",
+            2,
+            np.r_[AT[:20], AT[22:], AT[-2:]],
+            "from row 20 on .* joints that stand 2 further down",
+        ),
     ],
     ids=["reversed", "halves", "parts", "reading missing", "reading too many", "two missing"],
 )
