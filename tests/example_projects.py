@@ -18,7 +18,7 @@ from cellcal.calibration.orientation import rotation_from, values_from
 from cellcal.calibration.points.alignment import Alignment, alignment_text
 from cellcal.drivers.fanuc.program_files.programs import BRAND
 from cellcal.service.engineering.parameters.calibrated_models import nominal_sha256, values_of_model
-from cellcal.service.engineering.parameters.parameter_sets import ParameterSet, to_text
+from cellcal.service.engineering.parameters.parameter_set import ParameterSet, to_text
 from cellcal.service.engineering.programs.postures import PostureSearch
 
 FOLDER = Path(__file__).parents[1] / "deploy" / "example_projects" / "door_line"

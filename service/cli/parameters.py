@@ -11,11 +11,8 @@ from cellcal.calibration.message import make_message
 from cellcal.service.cli.model_argument import ModelArgument
 
 if TYPE_CHECKING:
-    from cellcal.service.engineering.parameters.parameter_sets import (
-        ParameterChange,
-        ParameterSet,
-        ParameterSets,
-    )
+    from cellcal.service.engineering.parameters.parameter_set import ParameterSet
+    from cellcal.service.engineering.parameters.parameter_sets import ParameterChange, ParameterSets
 
 parameters = App(name="parameters", help="Keep, compare, restore and exchange identified robot parameters.")
 
@@ -304,7 +301,7 @@ def export(  # noqa: PLR0913  # a command's options are its arguments
         FileKind,
         export_set,
     )
-    from cellcal.service.engineering.parameters.parameter_sets import ParameterSetError
+    from cellcal.service.engineering.parameters.parameter_set import ParameterSetError
 
     if kind not in list(FileKind):
         raise ParameterSetError(
@@ -345,7 +342,7 @@ def _utc_now() -> str:
 
 
 def _must_exist(path: Path) -> None:
-    from cellcal.service.engineering.parameters.parameter_sets import ParameterSetError
+    from cellcal.service.engineering.parameters.parameter_set import ParameterSetError
     from cellcal.service.files import missing_file_words
 
     if not path.is_file():
@@ -354,7 +351,7 @@ def _must_exist(path: Path) -> None:
 
 
 def _must_be_folder(path: Path) -> None:
-    from cellcal.service.engineering.parameters.parameter_sets import ParameterSetError
+    from cellcal.service.engineering.parameters.parameter_set import ParameterSetError
 
     if not path.is_dir():
         raise ParameterSetError(

@@ -8,12 +8,11 @@ from fastapi import APIRouter, Query, Request
 from pydantic import BaseModel, ConfigDict
 
 from cellcal.service.configuration.cell_file import CellConfig
+from cellcal.service.engineering.parameters.parameter_set import ParameterSet, ParameterValue
 from cellcal.service.engineering.parameters.parameter_sets import (
     FOLDER,
     ParameterChange,
-    ParameterSet,
     ParameterSets,
-    ParameterValue,
     compare_sets,
 )
 from cellcal.service.web.dependencies import Who, app_context

@@ -22,7 +22,8 @@ from cellcal.calibration.errors import CellError
 from cellcal.service.certificates.certificate import issue_certificate
 from cellcal.service.cli.app import run_command_line
 from cellcal.service.configuration.cell_file import CellConfig, read_cell_file
-from cellcal.service.engineering.parameters.parameter_sets import ParameterSet, ParameterSets, ParameterValue
+from cellcal.service.engineering.parameters.parameter_set import ParameterSet, ParameterValue
+from cellcal.service.engineering.parameters.parameter_sets import ParameterSets
 from cellcal.service.exit_codes import ExitCode
 from cellcal.service.export.archive import FORMAT, MANIFEST, BackupError
 from cellcal.service.export.backup import back_up, forget_older

@@ -32,7 +32,8 @@ from cellcal.service.certificates.printing import PrintingError, page_from, prin
 from cellcal.service.certificates.qr import code_of, code_text
 from cellcal.service.cli.certificate import write_certificate
 from cellcal.service.configuration.cell_file import CellConfig
-from cellcal.service.engineering.parameters.parameter_sets import ParameterSet, ParameterSets, ParameterValue
+from cellcal.service.engineering.parameters.parameter_set import ParameterSet, ParameterValue
+from cellcal.service.engineering.parameters.parameter_sets import ParameterSets
 from cellcal.service.record.signing import CheckFinding, check_document, station_key
 from cellcal.service.runs.run_procedure import NO_MODE
 from cellcal.service.web import history

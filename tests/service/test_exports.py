@@ -26,8 +26,9 @@ from cellcal.service.certificates.certificate import issue_certificate
 from cellcal.service.certificates.points import list_readings
 from cellcal.service.cli.app import run_command_line
 from cellcal.service.configuration.cell_file import CellConfig
-from cellcal.service.engineering.parameters.parameter_sets import ParameterSet, ParameterSets
-from cellcal.service.engineering.parameters.parameter_sets import ParameterValue as Parameter
+from cellcal.service.engineering.parameters.parameter_set import ParameterSet
+from cellcal.service.engineering.parameters.parameter_set import ParameterValue as Parameter
+from cellcal.service.engineering.parameters.parameter_sets import ParameterSets
 from cellcal.service.exit_codes import ExitCode
 from cellcal.service.export.cell_tables import history_table, parameters_table, points_table, runs_table
 from cellcal.service.export.table_files import BOM, as_csv, as_csv_file, as_xlsx_file

@@ -3,13 +3,8 @@
 from pathlib import Path
 
 from cellcal.service.cell_process.messages import PauseRun
-from cellcal.service.engineering.parameters.parameter_sets import (
-    FOLDER,
-    ParameterSet,
-    ParameterSets,
-    ParameterValue,
-    to_text,
-)
+from cellcal.service.engineering.parameters.parameter_set import ParameterSet, ParameterValue, to_text
+from cellcal.service.engineering.parameters.parameter_sets import FOLDER, ParameterSets
 from cellcal.service.people.session_control import SessionHolder
 from tests.service.service_client import open_service_client
 

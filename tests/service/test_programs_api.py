@@ -22,7 +22,8 @@ from cellcal.drivers.fanuc.program_files.ls_program import read_ls
 from cellcal.drivers.fanuc.program_files.programs import BRAND
 from cellcal.service.configuration.cell_file import read_cell_file
 from cellcal.service.demo.fake_cell import write_cell_file
-from cellcal.service.engineering.parameters.parameter_sets import ParameterSets, parse_set
+from cellcal.service.engineering.parameters.parameter_set import parse_set
+from cellcal.service.engineering.parameters.parameter_sets import ParameterSets
 from cellcal.service.engineering.programs.compensate import compensation_transfer
 from cellcal.service.engineering.programs.jobs.shapes import MOST_FILE_BYTES
 from cellcal.service.engineering.programs.project import read_project

@@ -29,13 +29,13 @@ from cellcal.service.engineering.measured.layouts import read_layout
 from cellcal.service.engineering.measured.measurements import read_measurements
 from cellcal.service.engineering.measured.tag_files import read_description, read_tags
 from cellcal.service.engineering.parameters.parameter_files import SetOrigin, import_file
-from cellcal.service.engineering.parameters.parameter_sets import (
+from cellcal.service.engineering.parameters.parameter_set import (
     ParameterSet,
-    ParameterSets,
     ParameterValue,
     parse_set,
     to_text,
 )
+from cellcal.service.engineering.parameters.parameter_sets import ParameterSets
 from cellcal.service.engineering.parameters.ur_files import read_calibration_conf, write_primary_kinematics
 from cellcal.service.engineering.programs.project import read_project
 from cellcal.service.engineering.programs.project_arms import nominal_arm

@@ -16,7 +16,8 @@ from cellcal.service.configuration.cell_file import CellConfig, read_cell_file
 from cellcal.service.engineering.parameters.calibrated_models import calibrated_model, covariance_of
 from cellcal.service.engineering.parameters.calibrated_runs import draft_of, save_calibration
 from cellcal.service.engineering.parameters.parameter_files import SetOrigin
-from cellcal.service.engineering.parameters.parameter_sets import ParameterSetError, ParameterSets
+from cellcal.service.engineering.parameters.parameter_set import ParameterSetError
+from cellcal.service.engineering.parameters.parameter_sets import ParameterSets
 from cellcal.service.record.journal_files import open_journal
 from cellcal.service.record.run_store import stored_body
 from cellcal.service.runs.run_preview import offline_cell_with_history

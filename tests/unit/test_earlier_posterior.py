@@ -15,12 +15,8 @@ from cellcal.calibration.identification.selection import IdentificationOptions
 from cellcal.calibration.identification.tip_uncertainty import predict_tips
 from cellcal.service.cli.app import run_command_line
 from cellcal.service.engineering.parameters.calibrated_models import covariance_of
-from cellcal.service.engineering.parameters.parameter_sets import (
-    ParameterSetError,
-    ParameterSets,
-    parse_set,
-    to_text,
-)
+from cellcal.service.engineering.parameters.parameter_set import ParameterSetError, parse_set, to_text
+from cellcal.service.engineering.parameters.parameter_sets import ParameterSets
 from tests.unit.helpers.simulated_arm import random_joints, tracker_points
 from tests.unit.test_identify_report import file_of
 

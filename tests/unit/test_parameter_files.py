@@ -11,7 +11,8 @@ from cellcal.calibration.arm.ur_factory import factory_model
 from cellcal.calibration.arm.urdf import bare_urdf, read_urdf
 from cellcal.calibration.errors import CalibrationError
 from cellcal.service.cli.parameters import parameters
-from cellcal.service.engineering.parameters.parameter_sets import ParameterSets, ParameterValue
+from cellcal.service.engineering.parameters.parameter_set import ParameterValue
+from cellcal.service.engineering.parameters.parameter_sets import ParameterSets
 from cellcal.service.engineering.parameters.ur_files import (
     RosKinematics,
     UrKinematics,

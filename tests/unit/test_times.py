@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 from pydantic import ValidationError
 
-from cellcal.service.engineering.parameters.parameter_sets import (
+from cellcal.service.engineering.parameters.parameter_set import (
     ParameterSet,
     ParameterSetError,
     ParameterValue,

@@ -25,7 +25,8 @@ from cellcal.service.engineering.measured.table import MeasurementError
 from cellcal.service.engineering.parameters.calibrated_models import nominal_sha256, values_of_identification
 from cellcal.service.engineering.parameters.identified_parameter import IdentifiedParameter
 from cellcal.service.engineering.parameters.parameter_files import SetOrigin
-from cellcal.service.engineering.parameters.parameter_sets import ParameterSet, ParameterSets, ParameterValue
+from cellcal.service.engineering.parameters.parameter_set import ParameterSet, ParameterValue
+from cellcal.service.engineering.parameters.parameter_sets import ParameterSets
 
 
 @dataclass(frozen=True, slots=True)

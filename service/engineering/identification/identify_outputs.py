@@ -12,7 +12,8 @@ from cellcal.service.engineering.identification.identify import IdentifyReport
 from cellcal.service.engineering.measured.table import MeasurementError
 from cellcal.service.engineering.parameters.calibrated_models import nominal_sha256, values_of_identification
 from cellcal.service.engineering.parameters.parameter_files import SetOrigin
-from cellcal.service.engineering.parameters.parameter_sets import ParameterSet, ParameterSets
+from cellcal.service.engineering.parameters.parameter_set import ParameterSet
+from cellcal.service.engineering.parameters.parameter_sets import ParameterSets
 
 
 def save_identification(

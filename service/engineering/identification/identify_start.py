@@ -17,7 +17,8 @@ from cellcal.calibration.identification.observations import DevicePlacement
 from cellcal.calibration.identification.parameters import ArmState
 from cellcal.service.engineering.measured.table import MeasurementError
 from cellcal.service.engineering.parameters.calibrated_models import calibrated_model, covariance_of
-from cellcal.service.engineering.parameters.parameter_sets import ParameterSets, parse_set
+from cellcal.service.engineering.parameters.parameter_set import parse_set
+from cellcal.service.engineering.parameters.parameter_sets import ParameterSets
 
 _PLACES = 4  # numbers in a row of a matrix
 

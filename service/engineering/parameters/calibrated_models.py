@@ -18,7 +18,7 @@ from cellcal.calibration.identification.layouts import make_layout
 from cellcal.calibration.identification.parameters import GEOMETRY
 from cellcal.calibration.message import make_message
 from cellcal.calibration.orientation import elementary_rotation
-from cellcal.service.engineering.parameters.parameter_sets import (
+from cellcal.service.engineering.parameters.parameter_set import (
     ParameterSet,
     ParameterSetError,
     ParameterValue,

@@ -8,12 +8,12 @@ from cellcal.calibration.poses.calibrated_arm import CalibratedArm
 from cellcal.service.configuration.cell_file import CellConfig
 from cellcal.service.engineering.parameters.calibrated_models import nominal_sha256, values_of_identification
 from cellcal.service.engineering.parameters.parameter_files import SetOrigin
-from cellcal.service.engineering.parameters.parameter_sets import (
+from cellcal.service.engineering.parameters.parameter_set import (
     ParameterSet,
     ParameterSetError,
-    ParameterSets,
     ParameterValue,
 )
+from cellcal.service.engineering.parameters.parameter_sets import ParameterSets
 from cellcal.service.record.journal_files import open_journal
 from cellcal.service.record.run_store import RunStore
 

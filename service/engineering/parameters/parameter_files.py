@@ -25,14 +25,14 @@ from cellcal.service.engineering.parameters.calibrated_models import (
     values_of_model,
 )
 from cellcal.service.engineering.parameters.identified_parameter import IdentifiedParameter
-from cellcal.service.engineering.parameters.parameter_sets import (
+from cellcal.service.engineering.parameters.parameter_set import (
     ParameterSet,
     ParameterSetError,
-    ParameterSets,
     ParameterValue,
     parse_set,
     to_text,
 )
+from cellcal.service.engineering.parameters.parameter_sets import ParameterSets
 from cellcal.service.engineering.parameters.ur_files import (
     LINEARISED,
     RosKinematics,

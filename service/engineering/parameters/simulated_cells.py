@@ -23,7 +23,8 @@ from cellcal.service.engineering.measured.embedded_files import file_of, is_embe
 from cellcal.service.engineering.measured.tag_files import read_description, tags_of_setting
 from cellcal.service.engineering.parameters.calibrated_models import nominal_sha256
 from cellcal.service.engineering.parameters.parameter_files import SetOrigin
-from cellcal.service.engineering.parameters.parameter_sets import ParameterSet, ParameterSets, ParameterValue
+from cellcal.service.engineering.parameters.parameter_set import ParameterSet, ParameterValue
+from cellcal.service.engineering.parameters.parameter_sets import ParameterSets
 from cellcal.service.files import SHARED_FILE, replace_file
 
 _ATTITUDE_FORMS = (

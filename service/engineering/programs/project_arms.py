@@ -18,7 +18,8 @@ from cellcal.calibration.identification.layouts import make_layout
 from cellcal.calibration.identification.parameters import GEOMETRY, ArmState, ParameterLayout
 from cellcal.calibration.message import make_message
 from cellcal.service.engineering.parameters.calibrated_models import calibrated_model, covariance_of
-from cellcal.service.engineering.parameters.parameter_sets import ParameterSet, ParameterSets, parse_set
+from cellcal.service.engineering.parameters.parameter_set import ParameterSet, parse_set
+from cellcal.service.engineering.parameters.parameter_sets import ParameterSets
 from cellcal.service.engineering.parameters.ur_files import (
     model_of_ros,
     read_calibration_conf,

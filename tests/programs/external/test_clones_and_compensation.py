@@ -13,7 +13,7 @@ from cellcal.calibration.geometry import Pose
 from cellcal.calibration.points.alignment import Alignment, alignment_text
 from cellcal.drivers.program_registry import brand_named
 from cellcal.service.engineering.parameters.calibrated_models import nominal_sha256, values_of_model
-from cellcal.service.engineering.parameters.parameter_sets import ParameterSet, to_text
+from cellcal.service.engineering.parameters.parameter_set import ParameterSet, to_text
 from cellcal.service.engineering.programs.clone import clone_transfer
 from cellcal.service.engineering.programs.compensate import compensation_transfer
 from cellcal.service.engineering.programs.move import change_at_zero, instead_of_moving

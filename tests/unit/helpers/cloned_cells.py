@@ -19,7 +19,8 @@ from cellcal.calibration.points.fixture import place_points
 from cellcal.drivers.fanuc.program_files.programs import BRAND
 from cellcal.fake_devices.arm import SimulatedArm
 from cellcal.service.engineering.parameters.calibrated_models import nominal_sha256, values_of_identification
-from cellcal.service.engineering.parameters.parameter_sets import ParameterSet, ParameterSets, to_text
+from cellcal.service.engineering.parameters.parameter_set import ParameterSet, to_text
+from cellcal.service.engineering.parameters.parameter_sets import ParameterSets
 from cellcal.service.engineering.programs.project import Project, read_project
 
 MODEL = load_model("fanuc_m6ib")

@@ -35,7 +35,8 @@ from cellcal.service.engineering.identification.jobs.shapes import (
 from cellcal.service.engineering.job_limits import JobLimits
 from cellcal.service.engineering.measured.embedded_files import content_of, plain_name
 from cellcal.service.engineering.page_jobs import PageJob, PageJobs
-from cellcal.service.engineering.parameters.parameter_sets import FOLDER, ParameterSet, ParameterSets
+from cellcal.service.engineering.parameters.parameter_set import ParameterSet
+from cellcal.service.engineering.parameters.parameter_sets import FOLDER, ParameterSets
 from cellcal.service.engineering.programs.jobs.shapes import MOST_FILE_BYTES
 
 _WORK_MODULE = "cellcal.service.engineering.identification.jobs.work"
