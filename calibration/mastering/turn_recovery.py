@@ -50,7 +50,7 @@ _DECISIVE = 4.6  # log of the evidence ratio (100 to 1) needed to name what happ
 # and every further capture is one more look.
 _UNREPORTED_EXCHANGE = 6.0
 _SPARE_FOR_CHANGE = 8  # captures beyond the turns before a change of geometry may be stated
-_NEAR_WHOLE_TURNS = 0.05  # an untold new reference nearer to a whole turn needs another witness
+_NEAR_WHOLE_TURNS = 0.05  # an unannounced new reference nearer to a whole turn needs another witness
 _SPARE_FOR_EQUIPMENT = 12  # captures beyond the turns before equipment may be measured anew along with them
 
 FurtherPoses = Callable[[Array, int], tuple[tuple[float, ...], ...]]

@@ -140,11 +140,15 @@ def _take_in_backup(folder: Path, cell: Path, whose: BackupArm, *, replace: bool
     config = read_cell_file(cell)
     done = import_backup(config, folder, who=getpass.getuser(), of=whose, replace=replace)
     if as_json:
-        document = {"sha256": done.record.sha256, "was_known": done.was_known, "untold": done.untold}
+        document = {
+            "sha256": done.record.sha256,
+            "was_known": done.was_known,
+            "not_in_backup": done.not_in_backup,
+        }
         document |= {"findings": done.findings, "counts_at_zero": done.record.counts_at_zero}
         print_json({"robot": done.robot, "serial": done.record.robot_serial, **document})
     STDERR_CONSOLE.print(_in_force(done.robot, done.record, was_known=done.was_known), markup=False)
-    for line in (*done.findings, *(f"The backup does not tell {untold}." for untold in done.untold)):
+    for line in (*done.findings, *(f"The backup does not tell {missing}." for missing in done.not_in_backup)):
         STDERR_CONSOLE.print(line, markup=False)
     return 0
 

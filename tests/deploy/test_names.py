@@ -14,7 +14,21 @@ pytestmark = pytest.mark.xdist_group("names")  # all of it reads the whole tree,
 ROOT = Path(__file__).parents[2]
 PACKAGES = ("calibration", "drivers", "procedures", "service", "fake_devices")
 PARTICIPLES = frozenset(
-    ("told", "said", "heard", "seen", "held", "kept", "given", "known", "asked", "lent", "wanted", "left")
+    (
+        "told",
+        "said",
+        "heard",
+        "seen",
+        "held",
+        "kept",
+        "given",
+        "known",
+        "asked",
+        "lent",
+        "wanted",
+        "left",
+        "untold",
+    )
 )
 METAPHORS = frozenset(
     (

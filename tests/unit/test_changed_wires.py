@@ -38,7 +38,7 @@ def test_another_zero_or_scale_of_the_wire_does_not_keep_whole_turns_from_coming
     assert len(found.equipment_change) == 8
 
 
-def test_an_untold_new_reference_near_a_whole_turn_is_undecided() -> None:
+def test_an_unannounced_new_reference_near_a_whole_turn_is_undecided() -> None:
     for axis in range(MODEL.axis_count):
         loss = lose_turns(4, 24, fractions=np.eye(6)[axis] * 0.04)
         found = loss.recover_turns()

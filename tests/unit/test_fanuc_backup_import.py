@@ -59,7 +59,7 @@ def test_a_backup_becomes_the_record_in_force(fake_controller, tmp_path: Path) -
     assert np.allclose(record.drive.radians_per_count, shown, rtol=1e-6)
     assert (record.wire, record.prior, record.captures, record.kit) == (None, None, (), None)
     assert record.sha256 == seal_of(record)
-    assert "wire lengths" in done.untold[0]
+    assert "wire lengths" in done.not_in_backup[0]
     assert import_backup(config, tmp_path / "backup", who="anna", of=RobotOptions()).was_known
 
 
@@ -69,7 +69,7 @@ def test_its_sheet_and_its_way_to_another_computer(fake_controller, tmp_path: Pa
     done = import_backup(
         config, fake_controller.save_variables(tmp_path / "backup"), who="anna", of=RobotOptions()
     )
-    assert "reference pose" in done.untold[-1]
+    assert "reference pose" in done.not_in_backup[-1]
     signed, sheet = export_record(config, None, tmp_path / "stick")
     text = sheet.read_text()
     for expected_text in (
@@ -148,7 +148,7 @@ def test_the_version_report_says_whose_backup_it_is(
             in_force(config)
         return
     done = import_backup(config, backup, who="anna", of=RobotOptions())
-    assert any("whose robot" in each for each in done.untold) == (outcome == "unnamed")
+    assert any("whose robot" in each for each in done.not_in_backup) == (outcome == "unnamed")
 
 
 def test_files_that_are_missing_or_damaged(fake_controller, tmp_path: Path) -> None:
@@ -187,7 +187,7 @@ def test_the_commands(fake_controller, tmp_path: Path, capsys) -> None:
     assert run_command("import", backup, *of, "--group", "1", "--json") == 0
     output = json.loads(capsys.readouterr().out)
     assert output["counts_at_zero"] == fake_controller.counts
-    assert len(output["untold"]) == 3
+    assert len(output["not_in_backup"]) == 3
     assert run_command("show", *of) == 0
     assert "nothing measured" in capsys.readouterr().out
     assert run_command("edits", backup, *of) == 0

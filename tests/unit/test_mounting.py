@@ -120,9 +120,9 @@ def test_sag_of_a_robot_on_a_wall_is_found_if_its_mounting_is_stated(name):
         fit = identify_arm(load_model(model), rows, options=options).robust.fit
         return float(np.linalg.norm(predict_tips(fit, check).positions_m - there, axis=1).mean())
 
-    error_stated, untold = unseen_error_m(name), unseen_error_m(name.split("@")[0])
+    error_stated, error_unstated = unseen_error_m(name), unseen_error_m(name.split("@")[0])
     assert error_stated < 1e-4
-    assert untold > 3 * error_stated
+    assert error_unstated > 3 * error_stated
 
 
 def test_the_first_joint_sags_on_a_wall_and_stands_on_the_floor():

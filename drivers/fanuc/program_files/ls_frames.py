@@ -56,7 +56,7 @@ def routine_effects_of(data: bytes) -> RoutineEffects:
         tools=frozenset(_set_numbers("tool", statements)),
         frames=frozenset(_set_numbers("frame", statements)),
         calls=frozenset(_called_programs(statements)),
-        likely_calls=frozenset(_untold_programs(statements)),
+        likely_calls=frozenset(_possible_programs(statements)),
         by_macro=_MACRO_HEAD.search(data) is not None,
         computes=computed_places(data),
         frame_left=frame_left_by(data),
@@ -175,7 +175,7 @@ def _called_programs(statements: bytes) -> set[str]:
     return named | {f"macro {text}" for text in _macros_in(statements)}
 
 
-def _untold_programs(statements: bytes) -> set[frozenset[str]]:
+def _possible_programs(statements: bytes) -> set[frozenset[str]]:
     """Return of each call whose program no listing tells its likely names: most macros are called as theirs.
 
     A register may have any name.

@@ -262,7 +262,7 @@ def check_angles(
     return AngleCheck(convention, tuple(map(float, joints)), shown_deg, is_compared=True)
 
 
-def angles_untold(files: ControllerFiles, drives: GroupDrives) -> AngleCheck:
+def unchecked_angles(files: ControllerFiles, drives: GroupDrives) -> AngleCheck:
     """Return the convention alone, of a backup that does not hold the present counts; as its variables state it."""
     return AngleCheck(_convention_by_variables(files, drives), (), (), is_compared=False)
 

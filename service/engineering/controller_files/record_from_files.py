@@ -19,13 +19,13 @@ from cellcal.service.engineering.controller_files.other_axes import find_other_a
 from cellcal.service.engineering.controller_files.record_checks import (
     AngleCheck,
     ControllerRecordError,
-    angles_untold,
     check_angles,
     choose_groups,
     describe_low_batteries,
     read_pulses,
     refuse_unhealthy,
     require_drives,
+    unchecked_angles,
 )
 from cellcal.service.engineering.controller_files.robot_models import name_model
 from cellcal.service.engineering.controller_files.sliding_axes import SlidingAxis, find_sliding_axes
@@ -123,7 +123,9 @@ def _make_record(files: ControllerFiles, mastering: GroupMastering, names: Recor
     is_without_counts = AXES in files.missing and not files.is_live  # as in backups of older software
     pulses = () if is_without_counts else read_pulses(files, mastering)
     angles = (
-        angles_untold(files, drives) if is_without_counts else check_angles(files, mastering, drives, pulses)
+        unchecked_angles(files, drives)
+        if is_without_counts
+        else check_angles(files, mastering, drives, pulses)
     )
     number = names.serial or files.serial
     if not number:

@@ -42,7 +42,7 @@ from cellcal.service.engineering.measured.unit_choice import UnitChoice
 from cellcal.service.engineering.measured.units import to_celsius
 from cellcal.service.engineering.measured.unnamed_columns import (
     find_unnamed_columns,
-    find_untold_place,
+    find_unnamed_place,
     tell_nothing,
 )
 
@@ -204,7 +204,7 @@ def _detect_or_fit(
     try:
         return table, _detect(table, model, columns)
     except UntoldPlaceError as error:
-        table, position = find_untold_place(table, model, error.joints, error.candidates)
+        table, position = find_unnamed_place(table, model, error.joints, error.candidates)
         if not position:
             raise
     return table, _detect(table, model, {**columns, "position": position})

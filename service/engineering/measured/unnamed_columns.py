@@ -83,7 +83,7 @@ def find_unnamed_columns(
     return replace(table, dialect=dialect), {"joints": joints, "position": read[0]}
 
 
-def find_untold_place(
+def find_unnamed_place(
     table: MeasurementTable, model: RobotModel, joints: Sequence[str], candidates: Sequence[str]
 ) -> tuple[MeasurementTable, tuple[str, ...]]:
     """Return the columns of the position by what fits the robot, where headings tell the joints alone.

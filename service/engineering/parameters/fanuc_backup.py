@@ -51,7 +51,7 @@ class BackupImport:
     robot: str
     record: MasteringRecord
     was_known: bool
-    untold: tuple[str, ...]
+    not_in_backup: tuple[str, ...]
     findings: tuple[str, ...]
 
 
@@ -81,9 +81,9 @@ def import_backup(
     _refuse_other_axes(entry.model, mastering)
     record = _build_record(entry.serial, entry.model, mastering, drives)
     was_known = store_in_force(config, record, who=who, replace=replace)
-    untold = [*_NOT_IN_BACKUP, *(() if names_robot else (_NO_NUMBER,))]
-    untold += () if record.reference_counts else (_NO_REFERENCE,)
-    return BackupImport(entry.name, record, was_known, tuple(untold), mastering.findings)
+    missing = [*_NOT_IN_BACKUP, *(() if names_robot else (_NO_NUMBER,))]
+    missing += () if record.reference_counts else (_NO_REFERENCE,)
+    return BackupImport(entry.name, record, was_known, tuple(missing), mastering.findings)
 
 
 def edits_to(config: CellConfig, folder: Path, of: ArmChoice) -> tuple[str, ...]:
