@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import BinaryIO
 
 from cellcal.calibration.documents.errors import DocumentError
+from cellcal.calibration.message import make_message
 
 MOST_BYTES = 64_000_000
 _PART = 1 << 18
@@ -17,6 +18,11 @@ _MARKS = (
     (b"\xff\xfe", "utf-16"),
     (b"\xfe\xff", "utf-16"),
 )
+
+
+def describe_unreadable(path: Path, broken: Exception) -> str:
+    """Return the sentence that a file cannot be read, and why."""
+    return make_message("{path} cannot be read: {broken}", path=path, broken=broken)
 
 
 def read_plain_bytes(path: Path, most_bytes: int = MOST_BYTES) -> bytes:

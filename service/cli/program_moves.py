@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from cellcal.calibration.documents import DocumentError
-from cellcal.calibration.documents.plain_files import read_plain_text
+from cellcal.calibration.documents.plain_files import describe_unreadable, read_plain_text
 from cellcal.calibration.errors import CellError
 from cellcal.calibration.message import join_messages, make_message
 
@@ -90,7 +90,7 @@ def _read_alignment(path: Path, cell: "Project") -> "Alignment":
         found = read_alignments(read_plain_text(path))
     except (OSError, DocumentError) as broken:
         raise MoveError(
-            make_message("{path} cannot be read: {broken}", path=path, broken=broken),
+            describe_unreadable(path, broken),
             remedy="Give an alignment file.",
         ) from broken
     name = None if cell.alignment is None else cell.alignment.fixture

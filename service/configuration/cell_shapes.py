@@ -9,7 +9,7 @@ import numpy as np
 from cellcal.calibration.arm.kinematics import RobotModel
 from cellcal.calibration.arm.model_references import is_known_model
 from cellcal.calibration.documents import DocumentError
-from cellcal.calibration.documents.plain_files import read_plain_text
+from cellcal.calibration.documents.plain_files import describe_unreadable, read_plain_text
 from cellcal.calibration.documents.toml_text import parse_toml
 from cellcal.calibration.errors import CalibrationError, CellError
 from cellcal.calibration.geometry import Pose, homogeneous_matrix
@@ -64,9 +64,7 @@ def read_cell_shape(
     try:
         data = parse_toml(read_plain_text(path))
     except (OSError, DocumentError) as broken:
-        raise CellShapeError(
-            make_message("{path} cannot be read: {broken}", path=path, broken=broken)
-        ) from broken
+        raise CellShapeError(describe_unreadable(path, broken)) from broken
     try:
         return cell_shape(model, surroundings_of(data, str(path)), wire, tip_in_flange_m)
     except CalibrationError as refused:

@@ -17,11 +17,10 @@ from cellcal.calibration.arm.joint_kinds import drawn_range
 from cellcal.calibration.arm.kinematics import RobotModel, chain_frames, load_model
 from cellcal.calibration.arm.model_references import fixed_reference, parse_reference
 from cellcal.calibration.documents import DocumentError
-from cellcal.calibration.documents.plain_files import read_plain_text
+from cellcal.calibration.documents.plain_files import describe_unreadable, read_plain_text
 from cellcal.calibration.documents.toml_text import parse_toml
 from cellcal.calibration.errors import CalibrationError, CellError, DegenerateDataError
 from cellcal.calibration.geometry import Array
-from cellcal.calibration.message import make_message
 from cellcal.calibration.motion.cell_shapes import CellShape, PlaneObstacle, arm_shape
 from cellcal.calibration.motion.collision import CollisionCheck
 from cellcal.calibration.motion.motion_check import MotionLimits, WirePath
@@ -104,9 +103,7 @@ def describe_arms(cell_file: Path) -> dict[str, dict[str, object]]:
     try:
         document = parse_toml(read_plain_text(cell_file))
     except (OSError, DocumentError) as broken:
-        raise CellError(
-            make_message("{path} cannot be read: {broken}", path=cell_file, broken=broken), code="fake"
-        ) from broken
+        raise CellError(describe_unreadable(cell_file, broken), code="fake") from broken
     found = {}
     for table in document.get("robot", []):
         name, driver = str(table.get("model", "")), str(table.get("driver", ""))

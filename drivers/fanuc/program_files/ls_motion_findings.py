@@ -63,16 +63,12 @@ def find_motions(
 
     ``turned`` are the registers of which other programs set W, P or R.
     """
-    found, region = MotionFindings(), False
+    found, region, statements = MotionFindings(), False, list(read_statements(data))
     last: int | None = None
-    registers = registers_of(
-        [(each, None) for each in read_statements(data) if is_computing(each)], in_joints
-    )
+    registers = registers_of([(each, None) for each in statements if is_computing(each)], in_joints)
     may_turn = registers.turned | registers.joints | turned
-    contents = RegisterContents(
-        frozenset(n for each in read_statements(data) for n in condition_of(each, tool=False))
-    )
-    for statement in read_statements(data):
+    contents = RegisterContents(frozenset(n for each in statements for n in condition_of(each, tool=False)))
+    for statement in statements:
         if not statement.is_motion:
             contents.follow_statement(statement)
             region = _touch_offset(statement, region)

@@ -11,7 +11,7 @@ from cellcal.calibration.compensation.pose_gap import TipArm
 from cellcal.calibration.compensation.posture_of_pose import postures_of_poses
 from cellcal.calibration.documents import DocumentError
 from cellcal.calibration.documents.csv_text import parse_rows
-from cellcal.calibration.documents.plain_files import read_plain_text
+from cellcal.calibration.documents.plain_files import describe_unreadable, read_plain_text
 from cellcal.calibration.errors import CalibrationError
 from cellcal.calibration.geometry import Array, homogeneous_matrix
 from cellcal.calibration.message import make_message
@@ -66,9 +66,7 @@ def read_points(options: AtOptions, arm: RobotModel | int) -> AtPoints:
         why, cure = explain_os_error(broken)
         raise MeasurementError(why, remedy=cure) from broken
     except DocumentError as broken:
-        raise MeasurementError(
-            make_message("{path} cannot be read: {broken}", path=options.path, broken=broken)
-        ) from broken
+        raise MeasurementError(describe_unreadable(options.path, broken)) from broken
     if not rows:
         raise MeasurementError(
             make_message("{path} holds no rows.", path=options.path), remedy="Write one point a row."

@@ -11,7 +11,7 @@ from cellcal.calibration.arm.kinematics import RobotModel, load_model
 from cellcal.calibration.arm.urdf import read_urdf
 from cellcal.calibration.documents import DocumentError
 from cellcal.calibration.documents.csv_text import parse_rows
-from cellcal.calibration.documents.plain_files import read_plain_text
+from cellcal.calibration.documents.plain_files import describe_unreadable, read_plain_text
 from cellcal.calibration.errors import CellError
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.identification.identifiability import NotIdentified
@@ -209,7 +209,7 @@ def read_joints(path: Path, arm: RobotModel | int) -> Array:
     try:
         rows = parse_rows(read_plain_text(path))
     except (OSError, DocumentError) as broken:
-        raise PlanError(make_message("{path} cannot be read: {broken}", path=path, broken=broken)) from broken
+        raise PlanError(describe_unreadable(path, broken)) from broken
     if not rows:
         raise PlanError(make_message("{path} holds no rows.", path=path), remedy="Write one posture a row.")
     if not set(names) <= rows[0].keys():
@@ -271,9 +271,7 @@ def _description_check(
     try:
         arm = read_urdf(read_plain_text(description.path), tip_link=description.tip_link)
     except (OSError, DocumentError) as broken:
-        raise PlanError(
-            make_message("{path} cannot be read: {broken}", path=description.path, broken=broken)
-        ) from broken
+        raise PlanError(describe_unreadable(description.path, broken)) from broken
     coupling = model.joint_coupling
     plain = np.allclose(coupling, np.diag(np.diag(coupling)))
     matrix = np.eye(model.axis_count) if plain else coupling

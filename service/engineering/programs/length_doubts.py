@@ -10,8 +10,12 @@ _LARGEST_MM = 4.0  # no arm reaches farther in metres; a frame or tip that near 
 def length_doubts(tables: ProjectTables, where: str) -> tuple[str, ...]:
     """Return a sentence for each tool and frame that is nearer to its origin than tools and frames are."""
     poses: dict[str, PoseTable] = {f"[frames.{name}]": frame for name, frame in tables.frames.items()}
-    for kind in ("tools", "standing_tools", "held_work"):
-        for name, tool in getattr(tables, kind).items():
+    for kind, tools in (
+        ("tools", tables.tools),
+        ("standing_tools", tables.standing_tools),
+        ("held_work", tables.held_work),
+    ):
+        for name, tool in tools.items():
             poses |= {f"[{kind}.{name}.entered]": tool.entered, f"[{kind}.{name}.real]": tool.real}
     return tuple(
         make_message(

@@ -16,7 +16,7 @@ from cellcal.calibration.arm.model_references import fixed_reference
 from cellcal.calibration.compensation.other_joint_counts import moves_six_joints
 from cellcal.calibration.compensation.pose_gap import TipArm
 from cellcal.calibration.documents import DocumentError
-from cellcal.calibration.documents.plain_files import read_plain_text
+from cellcal.calibration.documents.plain_files import describe_unreadable, read_plain_text
 from cellcal.calibration.errors import CalibrationError, CellError
 from cellcal.calibration.geometry import Array, homogeneous_matrix
 from cellcal.calibration.identification.parameters import ArmState
@@ -299,9 +299,7 @@ def _read_alignment(table: FixtureTable, folder: Path, serial: str) -> Alignment
     try:
         found = read_alignments(read_plain_text(path))
     except (OSError, DocumentError) as broken:
-        raise ProjectError(
-            make_message("{path} cannot be read: {broken}", path=path, broken=broken)
-        ) from broken
+        raise ProjectError(describe_unreadable(path, broken)) from broken
     except CellError as refused:
         raise ProjectError(
             make_message("{path}: {refused_message}", path=path, refused_message=refused.message),

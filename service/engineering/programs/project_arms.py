@@ -10,7 +10,7 @@ from cellcal.calibration.arm.model_references import model_of_text
 from cellcal.calibration.arm.robot_models.model_text import read_model_text
 from cellcal.calibration.arm.ur_factory import factory_model
 from cellcal.calibration.documents import DocumentError
-from cellcal.calibration.documents.plain_files import read_plain_text
+from cellcal.calibration.documents.plain_files import describe_unreadable, read_plain_text
 from cellcal.calibration.errors import CalibrationError, CellError
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.identification.free_parameters import StartingPoint, starting_state
@@ -176,6 +176,4 @@ def _read_text(path: Path) -> str:
     try:
         return read_plain_text(path)
     except (OSError, DocumentError) as broken:
-        raise ProjectError(
-            make_message("{path} cannot be read: {broken}", path=path, broken=broken)
-        ) from broken
+        raise ProjectError(describe_unreadable(path, broken)) from broken

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from cellcal.calibration.geometry import Array, homogeneous_matrix
-from cellcal.calibration.message import make_message
+from cellcal.calibration.message import join_messages, make_message
 from cellcal.service.engineering.programs.checked_table import unknown_key
 from cellcal.service.engineering.programs.external.moving_axes import (
     ANY_FRAME,
@@ -76,9 +76,10 @@ def fixture_values(table: FixtureTable, axes: CellAxes, where: str) -> dict[str,
     by_name = {axis.name: axis for axis in axes.axes}
     for name in table.at:
         if name not in by_name:
+            unknown, known = unknown_key(name, tuple(by_name))
             raise ProjectError(
-                make_message("{where}: {unknown}", where=where, unknown=unknown_key(name, tuple(by_name))[0]),
-                remedy="Name an axis as its [[track]] or [[positioner]] does.",
+                make_message("{where}: {unknown}", where=where, unknown=unknown),
+                remedy=join_messages(" ", ("Name an axis as its [[track]] or [[positioner]] does.", known)),
             )
     return {name: value * by_name[name].kind.per_unit for name, value in table.at.items()}
 
