@@ -13,6 +13,7 @@ import numpy as np
 
 from cellcal.calibration.arm.joint_kinds import CONTINUOUS, PRISMATIC, REVOLUTE
 from cellcal.calibration.arm.robot_models.model_text import UNKNOWN_SPEED
+from cellcal.calibration.documents.plain_numbers import parse_number
 from cellcal.calibration.errors import CalibrationError
 from cellcal.calibration.geometry import Array, homogeneous_matrix
 from cellcal.calibration.message import make_message
@@ -193,10 +194,8 @@ def _refuse_range(joint: ET.Element, lower: float, upper: float) -> None:
 
 def _numbers(joint: ET.Element, what: str, text: str, count: int = 3) -> Array:
     try:
-        values = np.array([float(word) for word in text.split()])
+        values = np.array([parse_number(word) for word in text.split()])
     except ValueError:
-        values = np.array([np.nan])
-    if "_" in text or not text.isascii():  # float takes 1_0 and the digits of every script
         values = np.array([np.nan])
     if values.shape != (count,) or not np.isfinite(values).all():
         wanted = "a finite number" if count == 1 else f"{count} finite numbers"

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from cellcal.calibration.documents.plain_numbers import parse_number
 from cellcal.calibration.geometry import Pose, homogeneous_matrix
 from cellcal.calibration.orientation import rotation_from
-from cellcal.drivers.wire.wire_numbers import parse_number
 
 _TOOL = re.compile(r"^//TOOL\s+(\d{1,3})\s*$")
 

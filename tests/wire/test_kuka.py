@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from py_openshowvar import openshowvar
 
+from cellcal.calibration.documents.plain_numbers import parse_number
 from cellcal.calibration.geometry import Pose
 from cellcal.drivers.errors import (
     DeviceError,
@@ -30,7 +31,6 @@ from cellcal.drivers.kuka.variables.values import (
     write_axes,
     write_pose,
 )
-from cellcal.drivers.wire.wire_numbers import parse_number
 from cellcal.service.configuration.cell_file import CellConfig
 from cellcal.service.demo.fake_cell_client import FakeCellClient
 from tests.wire.driver_cases import ROBOTS, open_at_home, wait_until

@@ -5,6 +5,7 @@ from collections.abc import Callable
 
 import pytest
 
+from cellcal.calibration.documents.plain_numbers import parse_number, parse_whole
 from cellcal.drivers.abb.robot_web_services.generation import ServiceAddress
 from cellcal.drivers.abb.robot_web_services.rapid_values import read_numbers, read_tool
 from cellcal.drivers.abb.robot_web_services.state import number_of
@@ -15,7 +16,6 @@ from cellcal.drivers.fanuc.rmi.rmi_state import read_active_numbers
 from cellcal.drivers.file_import.number_text import parse_number as parse_typed_number
 from cellcal.drivers.kuka.sensor_interface.packets import read_robot_packet
 from cellcal.drivers.kuka.variables.values import read_axes, read_members
-from cellcal.drivers.wire.wire_numbers import parse_number, parse_whole
 from cellcal.drivers.yaskawa.tool_file import read_tools
 
 NO_NUMBERS = (

@@ -1,11 +1,11 @@
 """The handshake with the RAPID module CellcalServer (deploy/controller_setup/abb)."""
 
+from cellcal.calibration.documents.plain_numbers import parse_whole
 from cellcal.drivers.abb.robot_web_services.rapid_values import write_joint_target
 from cellcal.drivers.abb.robot_web_services.state import converted
 from cellcal.drivers.abb.robot_web_services.web_link import WebLink
 from cellcal.drivers.errors import MotionStoppedError, RefusedError
 from cellcal.drivers.wire.program_handshake import ProgramHandshake, ProgramState
-from cellcal.drivers.wire.wire_numbers import parse_whole
 
 _MODULE = "CellcalServer"
 _START = "Load the module CellcalServer, move the program pointer to main, and start it in AUTO."

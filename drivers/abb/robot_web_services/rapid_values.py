@@ -3,9 +3,9 @@
 import math
 import re
 
+from cellcal.calibration.documents.plain_numbers import parse_number
 from cellcal.calibration.geometry import Pose
 from cellcal.calibration.message import make_message
-from cellcal.drivers.wire.wire_numbers import parse_number
 
 _BRACKETS = re.compile(r"[\[\]]")
 NO_AXIS = 9e9

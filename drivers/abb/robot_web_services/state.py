@@ -5,6 +5,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any, TypeVar
 
+from cellcal.calibration.documents.plain_numbers import parse_number
 from cellcal.calibration.geometry import Pose
 from cellcal.calibration.mastering.position_record import ShownValue
 from cellcal.calibration.message import make_message
@@ -14,7 +15,6 @@ from cellcal.drivers.abb.robot_web_services.web_link import WebLink
 from cellcal.drivers.errors import RefusedError, WireProtocolError
 from cellcal.drivers.interfaces import Alarm, AlarmKind, Condition, Readiness
 from cellcal.drivers.wire.link_errors import unreadable_answer_error
-from cellcal.drivers.wire.wire_numbers import parse_number
 
 T = TypeVar("T")
 _UNIT = "/rw/motionsystem/mechunits/ROB_1"

@@ -2,13 +2,13 @@
 
 import math
 
+from cellcal.calibration.documents.plain_numbers import parse_whole
 from cellcal.calibration.message import make_message
 from cellcal.drivers.errors import MotionStoppedError, RefusedError
 from cellcal.drivers.kuka.variables.state import read_value
 from cellcal.drivers.kuka.variables.values import write_axes
 from cellcal.drivers.kuka.variables.variable_link import VariableLink
 from cellcal.drivers.wire.program_handshake import ProgramHandshake, ProgramState
-from cellcal.drivers.wire.wire_numbers import parse_whole
 
 _START = "Select CELLCAL at the pendant, in AUT or EXT, and start it."
 

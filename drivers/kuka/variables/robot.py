@@ -5,6 +5,7 @@ import time
 from dataclasses import dataclass
 from functools import partial
 
+from cellcal.calibration.documents.plain_numbers import parse_whole
 from cellcal.calibration.geometry import Array, Pose
 from cellcal.calibration.mastering.position_record import ShownValue
 from cellcal.drivers.interfaces import (
@@ -39,7 +40,6 @@ from cellcal.drivers.wire.joint_stream import JointStream
 from cellcal.drivers.wire.serial_number import check_serial_number
 from cellcal.drivers.wire.stepwise_motion import IsFinished, StepwiseOptions
 from cellcal.drivers.wire.streamed_motion import StreamedStepwiseMotion
-from cellcal.drivers.wire.wire_numbers import parse_whole
 
 _LOG = logging.getLogger(__name__)
 VERIFIED_ON: tuple[str, ...] = ()  # controller software this driver has run on; none yet, see README.md

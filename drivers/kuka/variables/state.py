@@ -4,6 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TypeVar
 
+from cellcal.calibration.documents.plain_numbers import parse_number
 from cellcal.calibration.geometry import Pose
 from cellcal.calibration.mastering.position_record import ShownValue
 from cellcal.calibration.message import make_message
@@ -11,7 +12,6 @@ from cellcal.drivers.errors import RefusedError, WireProtocolError
 from cellcal.drivers.interfaces import Alarm, AlarmKind, Condition, Readiness
 from cellcal.drivers.kuka.variables.values import AXES, read_flag, read_members, read_pose
 from cellcal.drivers.kuka.variables.variable_link import VariableLink
-from cellcal.drivers.wire.wire_numbers import parse_number
 
 T = TypeVar("T")
 _AUTOMATIC = ("#AUT", "#EX")

@@ -6,10 +6,10 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from cellcal.calibration.documents.plain_numbers import NUMBER, parse_number
 from cellcal.calibration.geometry import Pose, homogeneous_matrix
 from cellcal.calibration.message import make_message
 from cellcal.calibration.orientation import rotation_from, values_from
-from cellcal.drivers.wire.wire_numbers import NUMBER, parse_number
 
 AXES = 6
 _MEMBER = re.compile(rf"(?<!\w)([A-Za-z]\w*+)\s++({NUMBER})\s*(?=[,}}])")

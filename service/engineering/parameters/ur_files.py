@@ -15,10 +15,10 @@ import numpy as np
 from cellcal.calibration.arm.kinematics import DhTable, RobotModel
 from cellcal.calibration.arm.standard_dh import standard_dh
 from cellcal.calibration.arm.ur_factory import calibration_hash, factory_model, parse_calibration_conf
+from cellcal.calibration.documents.plain_numbers import parse_number
 from cellcal.calibration.errors import CalibrationError
 from cellcal.calibration.geometry import Array, homogeneous_matrix, inverse_transform, is_rigid
 from cellcal.calibration.orientation import elementary_rotation, euler_angles, euler_rotation
-from cellcal.drivers.wire.wire_numbers import parse_number
 
 ROS_FRAMES = ("shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3")
 LINEARISED = 2  # calibration status: 0 not initialised, 1 not linearised, 2 linearised

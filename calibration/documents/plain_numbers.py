@@ -1,4 +1,4 @@
-"""Numbers as controllers write them in text: ASCII digits, a point, an exponent; nothing else that Python would take.
+"""Numbers of controllers and descriptions in text: ASCII digits, a point, an exponent; no more that Python takes.
 
 ``float`` also takes ``nan``, ``inf``, ``1_0`` and the digits of every script; ``int`` all but the first two.
 """
