@@ -87,9 +87,10 @@ def brand_of_list(name: str) -> ProgramBrand | None:
     path = PurePath(name)
     if any(path.suffix.lower() in suffixes for suffixes in SUFFIXES.values()):
         return None
-    wanted = path.name.casefold()
+    file_name = path.name.casefold()
     return next(
-        (brand for brand in all_brands() if wanted in {each.name.casefold() for each in brand.beside}), None
+        (brand for brand in all_brands() if file_name in {each.name.casefold() for each in brand.beside}),
+        None,
     )
 
 

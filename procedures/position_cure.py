@@ -212,8 +212,8 @@ def _forecast_run(spec: PositionCureSpec, knowledge: Knowledge) -> Forecast:
     record = knowledge.position_record
     if record is None:
         return Forecast(0.0, lacks=("a position record of this robot",))
-    known = replace(knowledge, record=record.measured, last_counts=None)
-    forecast = forecast_walk(known, spec.room, (spec.first_captures, FEWEST_CHECKS), spec.samples)
+    walk_knowledge = replace(knowledge, record=record.measured, last_counts=None)
+    forecast = forecast_walk(walk_knowledge, spec.room, (spec.first_captures, FEWEST_CHECKS), spec.samples)
     work_s = PERSON_S * (2 + len(spec.axes_again)) + ANSWER_S
     return replace(forecast, duration_s=forecast.duration_s + work_s)
 

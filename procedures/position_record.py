@@ -99,8 +99,10 @@ def _make_verdict(spec: PositionRecordSpec, result: PositionRecordResult) -> Pro
     whole = RecordResult(result.record.measured, result.prospect, set_aside=result.set_aside)
     verdict = verdict_on_record(whole)
     shown = [] if result.cure is None else [_SHOWN[result.cure]]
-    kept = make_message("{count} values that the controller shows are kept.", count=len(result.record.shown))
-    return replace(verdict, remarks=(kept, *shown, *verdict.remarks))
+    sentence = make_message(
+        "{count} values that the controller shows are kept.", count=len(result.record.shown)
+    )
+    return replace(verdict, remarks=(sentence, *shown, *verdict.remarks))
 
 
 def _outline_phases(spec: PositionRecordSpec) -> tuple[Phase, ...]:

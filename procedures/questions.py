@@ -37,17 +37,17 @@ async def ask_while_watching(
     ``look`` gets the screen that shows guidance, None where there is none. What it raises ends the question.
     """
     guides = cell.operator if isinstance(cell.operator, GuidesPerson) else None
-    asked = asyncio.ensure_future(ask_confirmation(cell, instruction))
+    confirmation = asyncio.ensure_future(ask_confirmation(cell, instruction))
     try:
-        while not asked.done():
-            await asyncio.wait({asked}, timeout=period_s)
-            if not asked.done():
+        while not confirmation.done():
+            await asyncio.wait({confirmation}, timeout=period_s)
+            if not confirmation.done():
                 await look(guides)
-        return await asked
+        return await confirmation
     finally:
-        if not asked.done():
-            asked.cancel()
-            await asyncio.gather(asked, return_exceptions=True)
+        if not confirmation.done():
+            confirmation.cancel()
+            await asyncio.gather(confirmation, return_exceptions=True)
 
 
 async def ask_for_value(cell: Cell, question: Question) -> Answer:

@@ -110,10 +110,10 @@ class LegacyTexts:
         found = _NAMED.fullmatch(text)
         if found is None:
             return None
-        said = self._recover_part(found[2])
-        if not self._is_known(said):
+        recovered = self._recover_part(found[2])
+        if not self._is_known(recovered):
             return None
-        return Message(text, "{name}: {text}", {"name": found[1], "text": said})
+        return Message(text, "{name}: {text}", {"name": found[1], "text": recovered})
 
     def _match_list(self, text: str) -> Message | None:
         first, cut, rest = text.partition(_LIST)

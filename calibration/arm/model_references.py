@@ -60,8 +60,8 @@ class ModelReference:
 
     def __str__(self) -> str:
         words = [f"{key}={value}" for key in _KEYS if (value := getattr(self, key)) is not None]
-        asked = f"?{'&'.join(words)}" if words else ""
-        return f"{self.where}{asked}{MOUNTED if self.mounting else ''}{self.mounting}"
+        query = f"?{'&'.join(words)}" if words else ""
+        return f"{self.where}{query}{MOUNTED if self.mounting else ''}{self.mounting}"
 
 
 def parse_reference(text: str) -> ModelReference:
@@ -73,9 +73,9 @@ def parse_reference(text: str) -> ModelReference:
         It asks for something else than base and tip.
     """
     head, mounting = split_mounting(text)
-    where, _, asked = head.partition("?")
+    where, _, query = head.partition("?")
     words: dict[str, str] = {}
-    for word in asked.replace(",", "&").split("&"):
+    for word in query.replace(",", "&").split("&"):
         key, _, value = word.partition("=")
         if not word:
             continue
@@ -159,8 +159,8 @@ def _between(parts: ModelReference, text: ModelText) -> ModelText:
     """Return a model seen from another base, or up to another frame at the flange."""
     fields: dict[str, Any] = dict(text.fields)
     if parts.base is not None:
-        seen = inverse_transform(_frame(parts.where, "base", parts.base, text.bases))
-        fields["base"] = seen @ fields["base"] if "base" in fields else seen
+        frame_base = inverse_transform(_frame(parts.where, "base", parts.base, text.bases))
+        fields["base"] = frame_base @ fields["base"] if "base" in fields else frame_base
     if parts.tip is not None:
         beyond = _frame(parts.where, "tip", parts.tip, text.tips)
         fields["flange"] = fields["flange"] @ beyond if "flange" in fields else beyond

@@ -140,12 +140,12 @@ def _refuse_doubled(joint: ET.Element) -> None:
 
 
 def _refuse_unknown_words(joint: ET.Element, part: ET.Element) -> None:
-    known = _WORDS.get(str(part.tag), ())
+    allowed_words = _WORDS.get(str(part.tag), ())
     for word in part.attrib:
-        if known and word not in known:
+        if allowed_words and word not in allowed_words:
             raise CalibrationError(
                 f"{part.tag} of joint {joint.get('name')!r} states {word!r}, which a description does not have.",
-                remedy=f"Write {' or '.join(known)}, or take it out.",
+                remedy=f"Write {' or '.join(allowed_words)}, or take it out.",
             )
         if part.tag == "limit" and word not in _LIMITS:
             _refuse_nearly(joint, word, ("lower", "upper"))
@@ -198,21 +198,21 @@ def _numbers(joint: ET.Element, what: str, text: str, count: int = 3) -> Array:
     except ValueError:
         values = np.array([np.nan])
     if values.shape != (count,) or not np.isfinite(values).all():
-        wanted = "a finite number" if count == 1 else f"{count} finite numbers"
+        expectation = "a finite number" if count == 1 else f"{count} finite numbers"
         cure = (
             "Expand the xacro first: xacro FILE.xacro > arm.urdf, and read arm.urdf."
             if "$" in text
             else "Correct it: blanks between numbers, a point before decimals."
         )
         raise CalibrationError(
-            f"{what} of joint {joint.get('name')!r} is {text!r}, not {wanted}.", remedy=cure
+            f"{what} of joint {joint.get('name')!r} is {text!r}, not {expectation}.", remedy=cure
         )
     return values
 
 
-def _refuse_nearly(joint: ET.Element, word: str, known: tuple[str, ...]) -> None:
+def _refuse_nearly(joint: ET.Element, word: str, allowed_words: tuple[str, ...]) -> None:
     """Refuse a word that is nearly one of those that are known."""
-    near = get_close_matches(word.lower(), known, n=1, cutoff=_NEAR)
+    near = get_close_matches(word.lower(), allowed_words, n=1, cutoff=_NEAR)
     if near:
         raise CalibrationError(
             f"joint {joint.get('name')!r} states {word!r}, which a description does not have.",

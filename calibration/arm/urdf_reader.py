@@ -195,9 +195,9 @@ class _Tree:
             )
         return cls(links, above)
 
-    def base(self, asked: str | None) -> str:
-        if asked is not None:
-            return self._require_link("base", asked)
+    def base(self, link_name: str | None) -> str:
+        if link_name is not None:
+            return self._require_link("base", link_name)
         roots = [link for link in self.links if link not in self.above]
         if len(roots) != 1:
             raise CalibrationError(
@@ -206,9 +206,9 @@ class _Tree:
             )
         return roots[0]
 
-    def tip(self, asked: str | None) -> str:
-        if asked is not None:
-            return self._require_link("tip", asked)
+    def tip(self, link_name: str | None) -> str:
+        if link_name is not None:
+            return self._require_link("tip", link_name)
         carrying = {link_of(joint, "parent") for joint in self.above.values()}
         ends = [link for link in self.links if link not in carrying]
         if len(ends) != 1:

@@ -95,10 +95,10 @@ def _are_calculated(model: RobotModel, poses: PoseObservations, steps: AttitudeS
         device_base = first_guess(model, points_of_poses(poses))[0].devices[0].device_base
     except CalibrationError:
         return False
-    left = _attitudes_left_rad(
+    residual_rad = _attitudes_left_rad(
         device_base[:3, :3], model.base_flange(poses.joints_rad)[:, :3, :3], poses.rotations
     )
-    return bool(np.median(left) < max(_ROUNDED * rounding, _FINEST_RAD))
+    return bool(np.median(residual_rad) < max(_ROUNDED * rounding, _FINEST_RAD))
 
 
 def _attitudes_left_rad(device: Array, base_flange: Array, measured: Array) -> Array:
@@ -113,10 +113,10 @@ def _attitudes_left_rad(device: Array, base_flange: Array, measured: Array) -> A
             device = mean_rotation(measured @ np.swapaxes(base_flange @ tool, 1, 2))
     except CalibrationError:
         return np.full(len(measured), np.pi)
-    left: Array = np.linalg.norm(
+    residual_rad: Array = np.linalg.norm(
         log_rotation(np.swapaxes(device @ base_flange @ tool, 1, 2) @ measured), axis=1
     )
-    return left
+    return residual_rad
 
 
 def _predicted_m(model: RobotModel, observations: Observations, groups: Rows) -> Array:

@@ -67,8 +67,8 @@ def _mistaken_likelihood(sizes: Array, channels: int) -> float:
         good = _log_normal(sizes, channels, scale)
         is_mistake = scipy.special.expit(np.log(share / (1.0 - share)) + mistaken - good)
         share = float(np.clip(is_mistake.mean(), 1e-4, 0.5))
-        kept = 1.0 - is_mistake
-        scale = float(np.sqrt((kept * sizes**2).sum() / (channels * kept.sum())))
+        weight = 1.0 - is_mistake
+        scale = float(np.sqrt((weight * sizes**2).sum() / (channels * weight.sum())))
     good = np.log1p(-share) + _log_normal(sizes, channels, scale)
     return float(np.logaddexp(good, np.log(share) + mistaken).sum())
 

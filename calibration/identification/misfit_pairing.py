@@ -139,16 +139,16 @@ def _displaced_rows(model: RobotModel, series: PointObservations, limit_m: float
     count = len(series)
     at = np.arange(count)
     for share in (2, 3, 4):
-        kept = count // share
-        if kept < _FEWEST_ANCHORED:
+        pair_count = count // share
+        if pair_count < _FEWEST_ANCHORED:
             return
-        good = _rows_in_order(model, series, at < kept, limit_m)
+        good = _rows_in_order(model, series, at < pair_count, limit_m)
         plain = good[0]
         for shift, displaced in zip(_DISPLACED, good[1:], strict=True):
             # as many rows as fit: in order up to there, displaced from there on
             fits = np.r_[0, np.cumsum(plain)] + np.r_[np.cumsum(displaced[::-1])[::-1], 0]
             first = int(np.argmax(fits))
-            if fits[first] >= _IN_ORDER * (count - abs(shift)) and kept <= first < count - 2:
+            if fits[first] >= _IN_ORDER * (count - abs(shift)) and pair_count <= first < count - 2:
                 yield _displaced_order(count, first, shift)
 
 

@@ -99,18 +99,18 @@ def position_scale(model: RobotModel, observations: Observations) -> PositionSca
         found = fit_robustly(layout, start, FitProblem.from_observations(start, places))
     except (CalibrationError, np.linalg.LinAlgError):
         return None
-    kept = np.setdiff1d(np.arange(len(places)), found.rejected)
+    kept_rows = np.setdiff1d(np.arange(len(places)), found.rejected)
     sag = gravity_terms(model)
     layout = make_layout(model, places.kind, 1, level=GEOMETRY, terms=sag, priors=_WIDE)
     state = replace(found.fit.state, terms=sag, coefficients=np.zeros(len(sag)))
-    problem = FitProblem.from_observations(state, found.problem.observations).select_rows(kept)
-    columns, left = place_columns(layout, state, problem)
+    problem = FitProblem.from_observations(state, found.problem.observations).select_rows(kept_rows)
+    columns, residuals = place_columns(layout, state, problem)
     deviations = layout.prior_deviations(state)
     sigma_m = problem.observations.sigma_m
-    seen = places.positions_m[kept].T - left * sigma_m  # (3, N), as predicted
-    factor = (seen - seen.mean(axis=1, keepdims=True)) / sigma_m
+    predicted = places.positions_m[kept_rows].T - residuals * sigma_m  # (3, N), as predicted
+    factor = (predicted - predicted.mean(axis=1, keepdims=True)) / sigma_m
     flat = columns.reshape(len(layout), -1)
-    values = left.reshape(-1) + deviations @ flat
+    values = residuals.reshape(-1) + deviations @ flat
     needed = np.logical_not(_redundant_angles(model, layout))
     parameters = [each for each, used in zip(layout.parameters, needed, strict=True) if used]
     return _compared(flat[needed], values, factor.reshape(-1), parameters)
@@ -139,24 +139,24 @@ def _compared(columns: Array, values: Array, factor: Array, parameters: list[Par
     lengths = np.array([each.role == "geometry" and each.unit == "m" for each in parameters])
     gram, goal = columns @ columns.T, columns @ values
     with_factor = columns @ factor
-    told: list[tuple[float, float, float, float]] = []
+    statements: list[tuple[float, float, float, float]] = []
     for size_m in _LENGTH_ERRORS_M:
         prior = np.where(lengths, size_m, np.array([each.prior for each in parameters]))
         scaled = prior[:, None] * gram * prior + np.eye(len(prior))
-        seen = prior[:, None] * np.column_stack([goal, with_factor, gram[:, lengths]])
-        solve = np.linalg.solve(scaled, seen)
-        plain = float(seen[:, 0] @ solve[:, 0]) - float(np.linalg.slogdet(scaled)[1])
-        sight = float(factor @ factor - seen[:, 1] @ solve[:, 1])
-        slope = float(factor @ values - seen[:, 1] @ solve[:, 0])
-        one_sight = np.diag(gram)[lengths] - np.sum(seen[:, 2:] * solve[:, 2:], axis=0)
-        one_slope = goal[lengths] - seen[:, 2:].T @ solve[:, 0]
+        whitened = prior[:, None] * np.column_stack([goal, with_factor, gram[:, lengths]])
+        solve = np.linalg.solve(scaled, whitened)
+        plain = float(whitened[:, 0] @ solve[:, 0]) - float(np.linalg.slogdet(scaled)[1])
+        sight = float(factor @ factor - whitened[:, 1] @ solve[:, 1])
+        slope = float(factor @ values - whitened[:, 1] @ solve[:, 0])
+        one_sight = np.diag(gram)[lengths] - np.sum(whitened[:, 2:] * solve[:, 2:], axis=0)
+        one_slope = goal[lengths] - whitened[:, 2:].T @ solve[:, 0]
         one = np.where(one_sight > 0.0, one_slope**2 / np.where(one_sight > 0.0, one_sight, 1.0), 0.0)
         best_one = max(
             0.0, float(np.max(one, initial=0.0)) - 2.0 * float(np.log(_ARMS_WITH_ONE * max(1, one.size)))
         )
-        told.append((plain + best_one, plain + slope**2 / sight, slope / sight, sight**-0.5))
-    without = max(each[0] for each in told)
-    best = max(told, key=lambda each: each[1])
+        statements.append((plain + best_one, plain + slope**2 / sight, slope / sight, sight**-0.5))
+    without = max(each[0] for each in statements)
+    best = max(statements, key=lambda each: each[1])
     return PositionScale(1.0 + best[2], best[3], best[1] - without)
 
 

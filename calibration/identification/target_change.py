@@ -149,8 +149,8 @@ def _explained(base: Array, rest: Array, columns: Array, first: int) -> tuple[Ar
     own[:first] = 0.0
     own = own - base @ (base.T @ own)
     found = np.asarray(lstsq(own, rest, rcond=1e-9)[0], dtype=np.float64)
-    left = rest - own @ found
-    return found, own, float(left @ left)
+    residual = rest - own @ found
+    return found, own, float(residual @ residual)
 
 
 def refuse_target_change(model: RobotModel, change: TargetChange | None, file_rows: Rows) -> None:

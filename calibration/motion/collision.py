@@ -171,8 +171,8 @@ class CollisionCheck:
             columns.append(seen_from[far][arm[near].link])
         for item in shape.obstacles:
             columns += [
-                seen[0]
-                for capsule, seen in zip(arm, seen_from, strict=True)
+                seen_part[0]
+                for capsule, seen_part in zip(arm, seen_from, strict=True)
                 if capsule.link >= 1 and not _is_floor_of(item, capsule)
             ]
         if shape.wire is not None:

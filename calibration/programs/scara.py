@@ -131,8 +131,8 @@ def _turn_about(arm: ScaraAxes, rotations: Array) -> tuple[Array, Array]:
     x, y = arm.across
     turned_x, turned_y = rotations @ x, rotations @ y
     yaw = np.arctan2(turned_x @ y - turned_y @ x, turned_x @ x + turned_y @ y)
-    seen = rotations @ arm.up
-    lean = np.arctan2(np.linalg.norm(np.cross(seen, arm.up), axis=1), seen @ arm.up)
+    turned_up = rotations @ arm.up
+    lean = np.arctan2(np.linalg.norm(np.cross(turned_up, arm.up), axis=1), turned_up @ arm.up)
     return yaw, lean
 
 

@@ -67,7 +67,7 @@ def unit_of_axis(device: str, axis: str, stated: object, motion_profile: int) ->
     return unit
 
 
-def order_axes(device: str, found: Sequence[str], wanted: Sequence[str], count: int) -> list[str]:
+def order_axes(device: str, found: Sequence[str], selected: Sequence[str], count: int) -> list[str]:
     """Return the names of the axes in the model's order.
 
     Raises
@@ -75,10 +75,10 @@ def order_axes(device: str, found: Sequence[str], wanted: Sequence[str], count: 
     RefusedError
         The server shows other axes than the cell file names, or their order does not follow from their names.
     """
-    if wanted:
-        if any(list(found).count(name) != 1 for name in wanted):
+    if selected:
+        if any(list(found).count(name) != 1 for name in selected):
             raise _order_error(device, found, "which are not the axes of the cell file")
-        return list(wanted)
+        return list(selected)
     parts = [_NUMBERED.fullmatch(name) for name in found]
     numbers = {int(part[2]): part[0] for part in parts if part is not None}
     prefixes = {part[1] for part in parts if part is not None}

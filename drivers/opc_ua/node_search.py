@@ -88,7 +88,7 @@ class NodeSearch:
         if not paths:
             return []
         hierarchical = ua.NodeId(_HIERARCHICAL)
-        asked = [
+        questions = [
             ua.BrowsePath(
                 start,
                 ua.RelativePath([ua.RelativePathElement(hierarchical, False, True, name) for name in names]),
@@ -96,16 +96,16 @@ class NodeSearch:
             for start, names in paths
         ]
         results = await self._link.ask(
-            lambda session: session.translate_browsepaths_to_nodeids(asked), "paths of nodes"
+            lambda session: session.translate_browsepaths_to_nodeids(questions), "paths of nodes"
         )
-        self._check_count(results, len(asked))
+        self._check_count(results, len(questions))
         return [
             self._end_of(result, names[-1].Name or "")
             for result, (_, names) in zip(results, paths, strict=True)
         ]
 
     async def _is_derived(self, kind: ua.NodeId, wanted: ua.NodeId) -> bool:
-        seen = {kind}
+        visited = {kind}
         at = kind
         while at != wanted:
             description = ua.BrowseDescription(
@@ -120,9 +120,9 @@ class NodeSearch:
             if not above:
                 return False
             at = self._to_local(above[0].NodeId)
-            if at in seen:
+            if at in visited:
                 return False
-            seen.add(at)
+            visited.add(at)
         return True
 
     async def _browse(self, descriptions: list[ua.BrowseDescription]) -> list[list[ua.ReferenceDescription]]:

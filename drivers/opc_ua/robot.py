@@ -299,11 +299,11 @@ class OpcUaRobot:
     async def _read_with_state(self, chosen: Sequence[ua.NodeId]) -> list[ua.DataValue] | None:
         """Read the server's state, its namespaces and the chosen nodes in one request; None after a lost session."""
         session_number = self._link.session_number
-        asked = [_SERVER_STATE, _NAMESPACE_ARRAY, *chosen]
+        nodes = [_SERVER_STATE, _NAMESPACE_ARRAY, *chosen]
         values = await self._link.ask(
-            lambda session: session.read_attributes(asked, ua.AttributeIds.Value), "values of the robot"
+            lambda session: session.read_attributes(nodes, ua.AttributeIds.Value), "values of the robot"
         )
-        check_value_count(self.name, values, len(asked))
+        check_value_count(self.name, values, len(nodes))
         return values if self._link.session_number == session_number else None
 
     def _are_outdated(self, nodes: RobotNodes, values: Sequence[ua.DataValue]) -> bool:

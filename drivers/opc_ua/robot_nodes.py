@@ -105,8 +105,10 @@ class RobotFinder:
         for system in await self._search.children_of_type(device_set, self._type(_SYSTEM_TYPE)):
             devices = await self._members(system.node_id, "MotionDevices", _DEVICE_TYPE)
             found += [(system, device) for device in devices]
-        wanted = self._selection.motion_device
-        fitting = [pair for pair in found if wanted in ("", pair[1].name, f"{pair[0].name}/{pair[1].name}")]
+        device_name = self._selection.motion_device
+        fitting = [
+            pair for pair in found if device_name in ("", pair[1].name, f"{pair[0].name}/{pair[1].name}")
+        ]
         if len(fitting) == 1:
             return fitting[0][0].node_id, fitting[0][1].node_id, fitting[0][1].name
         raise self._choice_error([f"{system.name}/{device.name}" for system, device in found])
@@ -176,15 +178,15 @@ class RobotFinder:
         return node_id
 
     def _choice_error(self, found: list[str]) -> RefusedError:
-        names, wanted = ", ".join(found), self._selection.motion_device
+        names, device_name = ", ".join(found), self._selection.motion_device
         if not found:
             return RefusedError(
                 self._link.device, "the OPC UA server shows no motion device of a robot.", remedy=_MAKER
             )
-        if wanted:
+        if device_name:
             message = make_message(
                 "the OPC UA server does not show one motion device {wanted}; it shows {names}.",
-                wanted=wanted,
+                wanted=device_name,
                 names=names,
             )
         else:

@@ -162,30 +162,30 @@ class BatchCalls:
 
     def computed_beside(self, file: str) -> tuple[dict[str, str], frozenset[str]]:
         """Return the global places that other files of a folder compute, and the names of its routines."""
-        computing, given = self._flat_folders
+        computing, program_names = self._flat_folders
         folder = self._folders[file]
         computed = {
             place: next(other for other in others if other != file)
             for place, others in computing.get(folder, {}).items()
             if others != [file]
         }
-        return computed, frozenset(given.get(folder, ()))
+        return computed, frozenset(program_names.get(folder, ()))
 
     @cached_property
     def _flat_folders(self) -> tuple[dict[str, dict[str, list[str]]], dict[str, set[str]]]:
         """Return by folder the files that compute each global place, and the names of the routines."""
         computing: dict[str, dict[str, list[str]]] = defaultdict(lambda: defaultdict(list))
-        given: dict[str, set[str]] = defaultdict(set)
+        program_names: dict[str, set[str]] = defaultdict(set)
         for file, one in self._by_file.items():
             for name, routine in one.routines.items() if one.flat else ():
-                given[self._folders[file]].add(name)
+                program_names[self._folders[file]].add(name)
                 for place in routine.computes:
                     computing[self._folders[file]][place].append(file)
-        return computing, given
+        return computing, program_names
 
     def numbers_left(self, file: str) -> "tuple[_NumbersOfRoutines, _NumbersOfRoutines]":
         """Return by routine beside a file the tools that it, or one that it calls, chooses, and the frames."""
-        tools, frames = (left.get(self._folders[file], {}) for left in self._numbers_left)
+        tools, frames = (numbers.get(self._folders[file], {}) for numbers in self._numbers_left)
         return tools, frames
 
     @cached_property
@@ -221,7 +221,7 @@ class BatchCalls:
     @cached_property
     def _open_folders(self) -> tuple[dict[str, dict[str, str]], dict[str, dict[str, str]]]:
         """Return by folder: by routine one not given that it reaches; and those not given that run beside all."""
-        given = self._flat_folders[1]
+        program_names = self._flat_folders[1]
         by_folder: dict[str, list[tuple[str, str, RoutineEffects]]] = defaultdict(list)
         for file, one in self._by_file.items():
             if one.flat:
@@ -229,10 +229,10 @@ class BatchCalls:
         reaching = {
             folder: reached_missing(
                 {
-                    name: one.calls | (frozenset().union(*one.likely_calls) & given[folder])
+                    name: one.calls | (frozenset().union(*one.likely_calls) & program_names[folder])
                     for _, name, one in some
                 },
-                given[folder],
+                program_names[folder],
             )
             for folder, some in by_folder.items()
         }
@@ -243,7 +243,7 @@ class BatchCalls:
                 reached.get(started, started): file
                 for file, _, one in some
                 for started in one.beside
-                if started in reached or started not in given[folder]
+                if started in reached or started not in program_names[folder]
             }
         return reaching, running
 

@@ -130,13 +130,13 @@ def _reached(calls: Sequence[Collection[int]], roots: Set[int]) -> Set[int]:
     return found
 
 
-def reached_missing(calls: Mapping[str, Set[str]], given: Set[str]) -> dict[str, str]:
+def reached_missing(calls: Mapping[str, Set[str]], program_names: Set[str]) -> dict[str, str]:
     """Return by routine the name of one that was not given and that it, or one that it calls, calls."""
     callers: dict[str, list[str]] = {}
     for name, called in calls.items():
-        for each in called & given:
+        for each in called & program_names:
             callers.setdefault(each, []).append(name)
-    found = {name: min(missing) for name, called in calls.items() if (missing := called - given)}
+    found = {name: min(missing) for name, called in calls.items() if (missing := called - program_names)}
     waiting = list(found)
     while waiting:
         reached = waiting.pop()

@@ -68,7 +68,7 @@ class BatchDeclarations:
         folder = self._calls.folder_of(file)
         tools, bases = (every.poses_visible_from(folder) for every in (self._tools, self._bases))
         tools, bases = self._local.with_local(file, tools, bases)
-        computed, given = self._calls.computed_beside(file) if one.flat else ({}, frozenset[str]())
+        computed, program_names = self._calls.computed_beside(file) if one.flat else ({}, frozenset[str]())
         open_calls, running = self._calls.open_beside(file) if one.flat else ({}, {})
         tools_left, frames_left = self._calls.numbers_left(file)
         tools_before, frames_before = (
@@ -85,7 +85,7 @@ class BatchDeclarations:
             bases,
             absent=self._absent.get(file, {}),
             computed=computed,
-            given=given,
+            given=program_names,
             open_calls=open_calls,
             frames_left=frames_left if one.flat else {},
             tools_left=tools_left if one.flat else {},

@@ -33,12 +33,12 @@ def unreadable_answer_error(device: str, what: str, remedy: str, frame: str) -> 
 def find_reason(error: BaseException) -> str:
     """Return the system's words for why a connection failed, from behind the words of libraries around it."""
     waiting: list[BaseException | None] = [error]
-    seen: set[int] = set()
+    visited: set[int] = set()
     while waiting:
         each = waiting.pop(0)
-        if each is None or id(each) in seen:
+        if each is None or id(each) in visited:
             continue
-        seen.add(id(each))
+        visited.add(id(each))
         if isinstance(each, OSError) and each.errno is not None:
             return os.strerror(each.errno) if each.errno > 0 else str(each.strerror)
         waiting += [*getattr(each, "exceptions", ()), each.__cause__, each.__context__]

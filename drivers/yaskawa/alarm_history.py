@@ -22,16 +22,17 @@ async def read_position_history(link: HsesLink, since: tuple[str, ...]) -> Posit
     RefusedError
         The controller gives no history.
     """
-    known = [tuple(filter(None, mark.split(_BETWEEN))) for mark in since]
+    earlier = [tuple(filter(None, mark.split(_BETWEEN))) for mark in since]
     lists = [
-        await _read_list(link, first, known[k] if k < len(known) else None) for k, first in enumerate(_LISTS)
+        await _read_list(link, first, earlier[k] if k < len(earlier) else None)
+        for k, first in enumerate(_LISTS)
     ]
     marks = tuple(_BETWEEN.join(marks_of(found[:MARKED])) for found in lists)
     if not since:
         return PositionHistory((), marks, is_whole=True)
     later: list[LoggedAlarm] = []
     is_whole = True
-    for found, places in zip(lists, known, strict=False):
+    for found, places in zip(lists, earlier, strict=False):
         new = len(found) - len(places)
         is_reached = new >= 0 and marks_of(found[new:]) == places
         later += found[:new] if is_reached else found

@@ -70,10 +70,12 @@ async def jog_by_hand(cell: Cell, jog: HandJog) -> None:
                 other=names[other],
                 turned=turned,
             )
-    left = math.degrees(_left_rad(jog, watch, axis))
+    left_deg = math.degrees(_left_rad(jog, watch, axis))
     raise NotThereError(
         make_message(
-            "{axis} was not turned as asked: {open_deg:+.2f} deg are left.", axis=names[axis], open_deg=left
+            "{axis} was not turned as asked: {open_deg:+.2f} deg are left.",
+            axis=names[axis],
+            open_deg=left_deg,
         ),
         remedy="Find out what keeps it from turning, then resume.",
     )
@@ -109,12 +111,12 @@ def _is_there(jog: HandJog, watch: AxisWatch, axis: int, forgiven: Array) -> boo
 
 def _next_leg(jog: HandJog, watch: AxisWatch, axis: int, names: tuple[str, ...]) -> JogLeg:
     """Return what to turn next: upwards at the end, where the joint has to come from below."""
-    left = _left_rad(jog, watch, axis)
-    if not jog.from_below or left >= OVERSHOOT_RAD:
-        return JogLeg(axis, left, 0.0, names)
-    if abs(left - OVERSHOOT_RAD) <= jog.tolerance_rad and not watch.is_from_below(axis):
+    left_rad = _left_rad(jog, watch, axis)
+    if not jog.from_below or left_rad >= OVERSHOOT_RAD:
+        return JogLeg(axis, left_rad, 0.0, names)
+    if abs(left_rad - OVERSHOOT_RAD) <= jog.tolerance_rad and not watch.is_from_below(axis):
         return JogLeg(axis, OVERSHOOT_RAD, 0.0, names)  # near enough already; only the side is missing
-    return JogLeg(axis, left - OVERSHOOT_RAD, OVERSHOOT_RAD, names)
+    return JogLeg(axis, left_rad - OVERSHOOT_RAD, OVERSHOOT_RAD, names)
 
 
 async def _ask_and_watch(

@@ -78,20 +78,22 @@ class JogGuidance:
         turned = float(watch.turned_rad[self.leg.axis]) - self.began_rad
         reached = self.reached or (self.leg.turn_rad - turned) * self.leg.turn_rad <= 0.0
         goal = self.leg.turn_rad + (self.leg.back_rad if reached else 0.0)
-        left = goal - turned
+        left_rad = goal - turned
         other = watch.other_axis(self.leg.axis, allowed_rad)
         if other is not None:
             away = float(watch.turned_rad[other] - watch.accepted_rad[other])
             return replace(
                 self,
-                left_rad=left,
+                left_rad=left_rad,
                 advice=Advice.WRONG_AXIS,
                 other_axis=other,
                 other_rad=away,
                 reached=reached,
             )
-        advice = _advice(left, turned, self.leg, reached=reached)
-        return replace(self, left_rad=left, advice=advice, other_axis=None, other_rad=0.0, reached=reached)
+        advice = _advice(left_rad, turned, self.leg, reached=reached)
+        return replace(
+            self, left_rad=left_rad, advice=advice, other_axis=None, other_rad=0.0, reached=reached
+        )
 
     @property
     def key(self) -> str:
@@ -101,7 +103,7 @@ class JogGuidance:
     @property
     def sentence(self) -> str:
         """The next action, in words."""
-        name, left = self.leg.name, abs(math.degrees(self.left_rad))
+        name, left_deg = self.leg.name, abs(math.degrees(self.left_rad))
         if self.advice is Advice.WRONG_AXIS and self.other_axis is not None:
             other = self.leg.axis_names[self.other_axis]
             return make_message(
@@ -115,12 +117,12 @@ class JogGuidance:
                 "Stop: {name} turns the wrong way. Use the {key} key, {left:.1f} deg are left.",
                 name=name,
                 key=self.key,
-                left=left,
+                left=left_deg,
             )
         if self.advice is Advice.STOP:
             return make_message("Stop now: {name} is there.", name=name)
         words = make_message(
-            "Turn {name} with the {key} key, {left:.1f} deg are left.", name=name, key=self.key, left=left
+            "Turn {name} with the {key} key, {left:.1f} deg are left.", name=name, key=self.key, left=left_deg
         )
         return make_message("{words} Now slowly.", words=words) if self.advice is Advice.SLOW else words
 

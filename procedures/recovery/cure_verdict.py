@@ -28,12 +28,12 @@ def _axis_figures(axis: AxisProof, limit_rad: float) -> tuple[Characteristic, ..
         judged = judge_value(name, axis.offset_rad, "rad", u=axis.u_rad / 2.0, limit=limit_rad)
         if axis.zero == "new":
             return (judged,)
-        kept = state_fact(
+        fact = state_fact(
             make_message("axis {name}: its zero was kept", name=axis.name),
             False,
             "PASS if it is off by whole motor turns, or by none",
         )
-        return (judged, kept)
+        return (judged, fact)
     turns = state_fact(
         make_message("axis {name}: motor turns that it is off", name=axis.name),
         axis.turns_off == 0,

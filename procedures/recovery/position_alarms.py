@@ -93,13 +93,13 @@ async def end_battery_alarms(run: Run, codes: AlarmCodes) -> AlarmRound:
 
     For a robot that a person has to bring somewhere first: with a battery alarm it has no drive power.
     """
-    seen = AlarmRound()
+    alarm_round = AlarmRound()
     for k in range(1, ROUNDS):
-        active, seen = await _look_at_alarms(run, codes, seen)
+        active, alarm_round = await _look_at_alarms(run, codes, alarm_round)
         if not active & {*codes.battery, *codes.power_cycle}:
             break
         await _restart_with_batteries(run, codes, active, k)
-    return seen
+    return alarm_round
 
 
 async def clear_position_alarms(
@@ -117,9 +117,9 @@ async def clear_position_alarms(
     StillAlarmedError
         An alarm stays that this procedure cannot answer.
     """
-    counts, seen = last_counts, before
+    counts, alarm_round = last_counts, before
     for k in range(before.number + 1, ROUNDS + 1):
-        active, seen = await _look_at_alarms(run, codes, seen)
+        active, alarm_round = await _look_at_alarms(run, codes, alarm_round)
         if active & {*codes.battery, *codes.power_cycle}:
             await _restart_with_batteries(run, codes, active, k)
         elif active & {*codes.index}:
@@ -129,7 +129,7 @@ async def clear_position_alarms(
         else:
             break
     await run.ensure("no alarm is left", check_no_alarm)
-    return ClearedEncoders(seen.lost, counts)
+    return ClearedEncoders(alarm_round.lost, counts)
 
 
 async def _look_at_alarms(run: Run, codes: AlarmCodes, seen: AlarmRound) -> tuple[set[str], AlarmRound]:

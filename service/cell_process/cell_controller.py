@@ -80,8 +80,8 @@ class CellController:
         self._watch = LossWatch(config, self._show_loss, self._describe_obstacle)
         self._others = UnselectedRobots(config, self._watch, clock=clock)
         names = [robot.name for robot in config.robots]
-        left = self._runs.unfinished_robot
-        self._robot = left if left in names else names[0]
+        unfinished_robot = self._runs.unfinished_robot
+        self._robot = unfinished_robot if unfinished_robot in names else names[0]
         self._cell: Cell | None = None
         self._trouble = "connecting"
         self._remedy = ""

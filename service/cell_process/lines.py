@@ -44,9 +44,9 @@ async def whole_lines(
     reader: asyncio.StreamReader, on_too_long: Callable[[], object] | None = None
 ) -> AsyncIterator[bytes]:
     """Yield line after line; one that is too long is dropped and told, never the one behind it."""
-    kept, too_long = b"", False
+    buffered, too_long = b"", False
     while chunk := await reader.read(_CHUNK):
-        *whole, rest = (kept + chunk).split(b"\n")
+        *whole, rest = (buffered + chunk).split(b"\n")
         for line in whole:
             if not too_long and len(line) <= LONGEST_LINE:
                 yield line
@@ -54,7 +54,7 @@ async def whole_lines(
                 on_too_long()
             too_long = False
         too_long = too_long or len(rest) > LONGEST_LINE
-        kept = b"" if too_long else rest
+        buffered = b"" if too_long else rest
 
 
 class LineWriter:

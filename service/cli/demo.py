@@ -106,7 +106,7 @@ def is_for_pages(port: int | None, stream: TextIO) -> bool:
 
 
 def _run_headless(
-    folder: Path, told: tuple[str, str | None], seed: int, time_factor: float, *, as_json: bool
+    folder: Path, speech: tuple[str, str | None], seed: int, time_factor: float, *, as_json: bool
 ) -> int:
     import asyncio
 
@@ -116,7 +116,7 @@ def _run_headless(
     from cellcal.service.demo.recovery_demo import DemoScenario, fault_of, run_recovery_demo
     from cellcal.service.exit_codes import ExitCode
 
-    loss, robot = told
+    loss, robot = speech
     fault_of(loss)  # a misspelt loss is said before anything starts
     arm = None if robot is None else plan_demo_arm(robot)
     with DemoPrinter() as printer:

@@ -100,11 +100,11 @@ def record(
     stored = [store_record(records, each, files) for each in made.records]
     if as_json:
         print_json(_records_document(made, stored))
-    for done, kept in zip(made.records, stored, strict=True):
+    for done, stored_record in zip(made.records, stored, strict=True):
         _print_record(done)
-        STDERR_CONSOLE.print(f"record: {kept.path}", markup=False, soft_wrap=True)
+        STDERR_CONSOLE.print(f"record: {stored_record.path}", markup=False, soft_wrap=True)
         STDERR_CONSOLE.print(
-            f"Signed. Check it with: cellcal verify {kept.path} --key {kept.public_key}",
+            f"Signed. Check it with: cellcal verify {stored_record.path} --key {stored_record.public_key}",
             markup=False,
             soft_wrap=True,
         )
@@ -226,8 +226,8 @@ def _print_record(done: "FilesRecord") -> None:
 
 def _records_document(made: "FilesRecords", stored: "Sequence[StoredRecord]") -> dict[str, object]:
     documents = [
-        _as_document(done) | {"file": str(kept.path), "public_key": kept.public_key}
-        for done, kept in zip(made.records, stored, strict=True)
+        _as_document(done) | {"file": str(stored_record.path), "public_key": stored_record.public_key}
+        for done, stored_record in zip(made.records, stored, strict=True)
     ]
     refused = [{"message": error.message, "remedy": error.remedy} for error in made.refused]
     return {"records": documents, "refused": refused}

@@ -92,13 +92,13 @@ def _catalogue_row(entry: "ProcedureEntry") -> dict[str, object]:
     from cellcal.procedures.procedure_guide import GUIDE
 
     guide = GUIDE[entry.name]
-    told = {
+    document = {
         "intention": guide.intention,
         "when": guide.when,
         "minutes": list(guide.minutes),
         "uses": guide.uses,
     }
-    return {**asdict(entry), "lacks": None, "due": None, "remedies": [], **told}
+    return {**asdict(entry), "lacks": None, "due": None, "remedies": [], **document}
 
 
 def _print_settings(procedure: str, config: "CellConfig | None", robot: str | None, *, as_json: bool) -> int:

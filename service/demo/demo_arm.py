@@ -206,8 +206,8 @@ def _parked(
     away = np.linalg.norm(flange[:, :3, 3] - place, axis=1) / np.linalg.norm(place)
     dexterity = np.linalg.svd(jacobian, compute_uv=False)[:, -1]
     # Turns that are not known yet need room between all shapes: of each pair, as much as it ever has.
-    seen = plain.compute_clearances(joints)
-    room = seen.found - seen.limit
+    clearances = plain.compute_clearances(joints)
+    room = clearances.found - clearances.limit
     roomy = (room / room.max(axis=0)).min(axis=1)
     best = int(np.argmax(dexterity / dexterity.max() - away + _ROOM * roomy / roomy.max()))
     return _Parked(np.round(joints[best], 3), float(room[best].min()), radius_m)

@@ -31,8 +31,8 @@ def make_handlers(config: CellConfig) -> Mapping[str, Callable[..., Any]]:
     reviewer = Reviewer(config)
     return {
         "review": reviewer.review_run,
-        "displacement": lambda **given: compute_displacement(config, **given),
-        "tool doubt": lambda **given: tip_uncertainty(config, reviewer, **given),
+        "displacement": lambda **arguments: compute_displacement(config, **arguments),
+        "tool doubt": lambda **arguments: tip_uncertainty(config, reviewer, **arguments),
     }
 
 

@@ -144,13 +144,13 @@ def _setting_fault(setting: str, fault: str) -> str:
 
 def _labelled_fault(procedure: str, path: Sequence[str], fault: str) -> str:
     """Return what is wrong with a setting, which is named as pages call it and as ``--set`` does."""
-    known = [name for name in path if not name.startswith("function-")]
-    if not known:
+    field_names = [name for name in path if not name.startswith("function-")]
+    if not field_names:
         return fault
     return make_message(
         "{label} ({setting}): {fault}",
-        label=label_of(procedure, known),
-        setting=".".join(known),
+        label=label_of(procedure, field_names),
+        setting=".".join(field_names),
         fault=fault,
     )
 

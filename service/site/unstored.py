@@ -78,16 +78,16 @@ class UnstoredEvents:
 
     def note_fault(self, error: Exception) -> None:
         """Name a fault of the store, and wait before it is tried again."""
-        told = StoreFailsError(error, len(self._waiting))
+        fault = StoreFailsError(error, len(self._waiting))
         if not self._failing:
             self._fleet.name_flaw(
                 "",
                 make_message(
-                    "{told_message} {told_remedy}", told_message=told.message, told_remedy=told.remedy
+                    "{told_message} {told_remedy}", told_message=fault.message, told_remedy=fault.remedy
                 ),
             )
         self._failing = True
-        self._not_before_s = self._clock() + SUPERVISOR.note_failure(TASK, told)
+        self._not_before_s = self._clock() + SUPERVISOR.note_failure(TASK, fault)
 
     def _store_one_by_one(self) -> None:
         while self._waiting:

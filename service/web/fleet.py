@@ -72,11 +72,13 @@ class FleetContext:
 
     def update_rows(self) -> None:
         """Take the picture of now."""
-        seen = self.bus.fleet.cell_views(time.monotonic())
+        cell_views = self.bus.fleet.cell_views(time.monotonic())
         self.ages = {
-            view.cell: int(view.age_s) for view in seen if view.link != "online" and view.age_s is not None
+            view.cell: int(view.age_s)
+            for view in cell_views
+            if view.link != "online" and view.age_s is not None
         }
-        views = [view.as_json() for view in seen]
+        views = [view.as_json() for view in cell_views]
         for view in views:
             del view["age_s"]  # it changes all the time; the row does not
             view["clock_off_s"] = round(view["clock_off_s"])

@@ -64,9 +64,9 @@ class PreviewRequest(BaseModel):
 async def preview_run(requested: PreviewRequest, request: Request, who: Who) -> dict[str, Any]:
     """Foretell a run: steps, poses, duration, predicted uncertainty, and what the cell lacks."""
     del who
-    asked = {"procedure": requested.procedure, "robot": requested.robot, "settings": requested.settings}
+    question = {"procedure": requested.procedure, "robot": requested.robot, "settings": requested.settings}
     found: dict[str, Any] = await answer_while_awaited(
-        request, _planner_of(request).ask_worker("dry run", **asked)
+        request, _planner_of(request).ask_worker("dry run", **question)
     )
     return found
 

@@ -45,12 +45,12 @@ def test_lost_turns_are_restored_exactly() -> None:  # further seeds: make soak 
 
 @pytest.mark.soak  # more: make soak ARGS="demo_robots"
 def test_lost_turns_of_another_makers_arm_are_restored_exactly() -> None:
-    code, told = run_demo("turns", 1, "--robot", "staubli_tx2_90l")
-    assert (code, told["verdict"]) == (0, "PASS")
-    assert any(abs(joint["turns_lost"]) > 5 for joint in told["joints"])
-    assert [j["turns_restored"] for j in told["joints"]] == [j["turns_lost"] for j in told["joints"]]
-    assert told["tcp_error_before_m"]["mean"] > 0.1
-    assert told["tcp_error_after_m"]["max"] < 1e-9
+    code, output = run_demo("turns", 1, "--robot", "staubli_tx2_90l")
+    assert (code, output["verdict"]) == (0, "PASS")
+    assert any(abs(joint["turns_lost"]) > 5 for joint in output["joints"])
+    assert [j["turns_restored"] for j in output["joints"]] == [j["turns_lost"] for j in output["joints"]]
+    assert output["tcp_error_before_m"]["mean"] > 0.1
+    assert output["tcp_error_after_m"]["max"] < 1e-9
 
 
 def test_an_exchanged_motor_is_distinguished_and_stays_inside_its_uncertainty() -> None:

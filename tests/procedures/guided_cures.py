@@ -279,13 +279,13 @@ async def play_scenario(bench: GuidedBench, scenario: CureScenario, **settings: 
     limit = PositionCureSpec().limit_rad
     is_off = np.abs(error_rad) > (limit if hands.brand == "kuka" else 1e-9)
     word = verdict.overall_decision.value
-    told = [
+    events = [
         abs(axis.offset_rad + error) <= max(2.0 * axis.u_rad, axis.hidden_rad, 1e-6)
         for axis, error in zip(result.axes, error_rad, strict=True)
     ]
     accepted_wrong = verdict.overall_decision is Verdict.PASS and bool(is_off.any())
     return CureOutcome(
-        word, accepted_wrong, all(told), result.captures + result.check_captures, result.reason
+        word, accepted_wrong, all(events), result.captures + result.check_captures, result.reason
     )
 
 

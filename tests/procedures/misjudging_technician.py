@@ -66,9 +66,9 @@ class MisjudgingTechnician(ScriptedTechnician):
             shown = (await self.arm.read_joints()).joints_rad
             for name, angle in joints.items():
                 axis = int(name) - 1
-                left = np.deg2rad(float(angle)) - shown[axis]
-                if abs(left) > np.deg2rad(0.1):
-                    await self._turn_axis(axis, left * self._misjudgement())
+                left_rad = np.deg2rad(float(angle)) - shown[axis]
+                if abs(left_rad) > np.deg2rad(0.1):
+                    await self._turn_axis(axis, left_rad * self._misjudgement())
 
     def _type_counts(self, text: str) -> None:
         table = text.partition("type the master counts ")[2].partition(". Make")[0]

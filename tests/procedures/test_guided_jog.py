@@ -166,11 +166,11 @@ def test_a_joint_that_sank_again_is_not_from_below() -> None:
 
 
 def typing(arm: IdealArm, *entered: tuple[int, ...]) -> Callable[[], None]:
-    left = list(entered)
+    left_entries = list(entered)
 
     def enter() -> None:
-        if left:
-            arm.data = MasteringData(left.pop(0), mastered=True)
+        if left_entries:
+            arm.data = MasteringData(left_entries.pop(0), mastered=True)
 
     return enter
 

@@ -49,8 +49,8 @@ async def test_counters_updated_at_their_marks_pass_with_what_could_not_be_deter
     assert verdict.overall_decision is Verdict.PASS
     assert [axis.brought_back for axis in result.axes] == [False, True, False, False, True, False]
     assert all(axis.is_right and 0.0 < axis.hidden_rad < 0.02 for axis in result.axes)
-    asked = [key for key in made.technician.instructions if key.startswith("bring_back")]
-    assert asked == ["bring_back_revolution_counters"] * 2
+    asked_keys = [key for key in made.technician.instructions if key.startswith("bring_back")]
+    assert asked_keys == ["bring_back_revolution_counters"] * 2
     assert made.arm.writes == 0
 
 

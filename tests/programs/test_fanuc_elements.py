@@ -64,5 +64,5 @@ def test_only_what_costs_something_is_a_finding(
     (tmp_path / "Z.LS").write_text(LISTING.format(line), encoding="ascii")
     words = ["program", "move", str(tmp_path / "Z.LS"), "--project", str(tmp_path / "project.toml")]
     code = run_command_line([*words, f"--offset={offset}", "--out", str(tmp_path / "out")])
-    told = " ".join(capsys.readouterr().out.split())
-    assert code == (ExitCode.REFUSED if counts else ExitCode.PASS), told
+    output = " ".join(capsys.readouterr().out.split())
+    assert code == (ExitCode.REFUSED if counts else ExitCode.PASS), output

@@ -56,15 +56,17 @@ def test_a_value_that_is_assigned_to_a_declared_target_moves_with_it(tmp_path: P
 
 def test_one_that_gets_its_value_later_is_not_called_untaught(tmp_path: Path) -> None:
     for value in (VALUE, "q1", "CRobT()"):
-        left = reasons(rapid(tmp_path, "  VAR robtarget p1;", f"p1 := {value};\n" + MOVE.format("p1")))
-        assert left["p1"] == "it gets its coordinates while the program runs"
+        found_reasons = reasons(
+            rapid(tmp_path, "  VAR robtarget p1;", f"p1 := {value};\n" + MOVE.format("p1"))
+        )
+        assert found_reasons["p1"] == "it gets its coordinates while the program runs"
     untouched = reasons(rapid(tmp_path, "  VAR robtarget p1;", MOVE.format("p1")))
     assert untouched["p1"] == "it has no coordinates"
 
 
 def test_one_of_a_name_that_is_declared_elsewhere_says_so(tmp_path: Path) -> None:
-    left = reasons(rapid(tmp_path, "", f"p1 := {VALUE};\n" + MOVE.format("p1")))
-    (why,) = [why for name, why in left.items() if name.startswith("p1")]
+    found_reasons = reasons(rapid(tmp_path, "", f"p1 := {VALUE};\n" + MOVE.format("p1")))
+    (why,) = [why for name, why in found_reasons.items() if name.startswith("p1")]
     assert "a name that this file does not declare" in why
 
 
@@ -100,5 +102,7 @@ def test_a_component_that_is_added_to_is_a_shift(tmp_path: Path) -> None:
 
 def test_a_frame_that_the_program_moves_to_is_said_to_be_set(tmp_path: Path) -> None:
     text = "DEF k()\nDECL FRAME P1\nP1={X 400,Y 20,Z 330,A 0,B 90,C 0}\nLIN P1\nEND\n"
-    left = reasons(moved(tmp_path, "k.src", text, "kuka_kr6_r900"))
-    assert left == {"P1": "it is a FRAME without status and turn that the program sets while it runs"}
+    found_reasons = reasons(moved(tmp_path, "k.src", text, "kuka_kr6_r900"))
+    assert found_reasons == {
+        "P1": "it is a FRAME without status and turn that the program sets while it runs"
+    }

@@ -259,7 +259,7 @@ def _count_calls_of_batch(count: int) -> int:
     }
     programs = {name: BRAND.read(name, text.encode("ascii")) for name, text in texts.items()}
     across = BatchDeclarations({name: one.declarations for name, one in programs.items()})
-    given = [(program, across.uses_of_file(name)) for name, program in programs.items()]
+    uses_by_program = [(program, across.uses_of_file(name)) for name, program in programs.items()]
     calls = [0]
 
     def count_call(frame: object, event: str, _: object) -> None:
@@ -267,7 +267,7 @@ def _count_calls_of_batch(count: int) -> int:
 
     sys.setprofile(count_call)
     try:
-        for program, uses in given:
+        for program, uses in uses_by_program:
             program.with_external_uses(uses)
     finally:
         sys.setprofile(None)

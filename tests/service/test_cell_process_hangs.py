@@ -79,10 +79,10 @@ async def test_one_that_is_stopped_by_a_signal_is_killed_and_a_stop_meanwhile_is
         process = link._process
         assert process is not None
         os.kill(process.pid, signal.SIGSTOP)
-        with pytest.raises(StopUnconfirmedError) as told:
+        with pytest.raises(StopUnconfirmedError) as refusal:
             await link.send_order(ORDER | {"order": {"op": "stop"}})
-        assert "emergency stop" in told.value.remedy
-        assert "started again" not in told.value.message
+        assert "emergency stop" in refusal.value.remedy
+        assert "started again" not in refusal.value.message
         await comes(lambda: process.returncode is not None and link._process not in (None, process))
         await comes(lambda: session_of(link).get("connection", {}).get("connected"))
         assert process.returncode == -signal.SIGKILL
@@ -220,8 +220,8 @@ def test_no_line_is_ever_longer_than_the_reader_takes(what: str) -> None:
     ):
         line = writer.line_of(message)
         assert len(line) <= LONGEST_LINE
-        told = orjson.loads(line)
-        shown = told["content"] if "told" in told else told["reply"]["session"]
+        written = orjson.loads(line)
+        shown = written["content"] if "told" in written else written["reply"]["session"]
         assert shown["rev"] == 7
         assert "shortened" in shown["troubles"][0]["message"]
     small = {"told": "live", "content": {"devices": []}}
@@ -265,7 +265,7 @@ async def test_a_process_whose_devices_do_not_end_leaves_when_its_parent_is_gone
             stderr=subprocess.PIPE,
         )
         async with asyncio.timeout(PATIENCE_S):  # no orders: standard input ends
-            _, said = await process.communicate(b"")
+            _, errors = await process.communicate(b"")
     assert process.returncode == ExitCode.INTERNAL
-    assert b"the devices were not released within 0.1 s" in said
-    assert b"wait_for_ever" in said
+    assert b"the devices were not released within 0.1 s" in errors
+    assert b"wait_for_ever" in errors

@@ -113,11 +113,11 @@ def test_each_theme_has_each_colour_and_each_is_used() -> None:
     for other in others:
         assert set(other) == set(usual)
     text = "".join(path.read_text(encoding="utf-8") for path in sources())
-    asked = set(re.findall(r"(?:var\(|[\"'])(--[\w-]+?)(?=[)\"',])", text))
+    used_names = set(re.findall(r"(?:var\(|[\"'])(--[\w-]+?)(?=[)\"',])", text))
     steps = {f"--shade-{step}" for step in range(1, 7)}  # asked for by number
     sizes = {"--gap", "--main-key", "--radius", "--device-fonts", "--acts", "--share", "--columns"}
-    assert set(usual) - asked - steps == set()
-    assert {name for name in asked if not name.startswith("--shade")} - set(usual) - sizes == set()
+    assert set(usual) - used_names - steps == set()
+    assert {name for name in used_names if not name.startswith("--shade")} - set(usual) - sizes == set()
 
 
 @pytest.mark.parametrize("theme", THEMES)

@@ -13,14 +13,14 @@ from cellcal.service.engineering.programs.jobs.jobs import Jobs
 from cellcal.service.engineering.programs.jobs.limits import Limits
 from tests.service.test_programs_api import CELL_7, SOURCES, an_engineer, run_job, uploaded_files
 
-WANTED = {"do": "compensate", "cell": CELL_7, "files": uploaded_files(SOURCES)}
+COMPENSATION = {"do": "compensate", "cell": CELL_7, "files": uploaded_files(SOURCES)}
 ENOUGH = Limits()
 
 
 async def ended(folder: Path, limits: Limits, **wanted: Any) -> dict[str, Any]:
     async with an_engineer(folder) as door:
         door.app.state.programs = Jobs(read_cell_file(door.app.state.context.settings.cell_file), limits)
-        return await run_job(door, **(WANTED | wanted))
+        return await run_job(door, **(COMPENSATION | wanted))
 
 
 def a_large_program() -> bytes:
@@ -32,18 +32,18 @@ def a_large_program() -> bytes:
 
 
 async def test_one_that_takes_too_much_memory_says_so(tmp_path: Path) -> None:
-    told = await ended(
+    answer = await ended(
         tmp_path, Limits(memory_bytes=130 << 20), files=uploaded_files({"BIG.LS": a_large_program()})
     )
-    assert told["state"] == "failed"
-    assert "more than 130 MB of memory" in told["fault"]["message"], told
-    assert told["fault"]["remedy"]
+    assert answer["state"] == "failed"
+    assert "more than 130 MB of memory" in answer["fault"]["message"], answer
+    assert answer["fault"]["remedy"]
 
 
 async def test_one_that_computes_for_too_long_says_so(tmp_path: Path) -> None:
-    told = await ended(tmp_path, Limits(cpu_s=1), files=uploaded_files({"BIG.LS": a_large_program()}))
-    assert told["state"] == "failed"
-    assert "more than 1 s of computing" in told["fault"]["message"], told
+    answer = await ended(tmp_path, Limits(cpu_s=1), files=uploaded_files({"BIG.LS": a_large_program()}))
+    assert answer["state"] == "failed"
+    assert "more than 1 s of computing" in answer["fault"]["message"], answer
 
 
 async def test_the_usual_job_stays_inside(tmp_path: Path) -> None:

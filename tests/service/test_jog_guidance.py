@@ -22,7 +22,7 @@ async def test_a_screen_shows_the_turn_of_the_present_question_only() -> None:
     assert isinstance(screen, GuidesPerson)
     screen.show_guidance("too early", LEFT)
     assert screen.guidance is None
-    asked = asyncio.create_task(screen.confirm(TURN))
+    confirmation = asyncio.create_task(screen.confirm(TURN))
     while screen.prompt is None:
         await asyncio.sleep(0)
     assert screen.prompt.data["jog"] == {"axis": 2}
@@ -37,7 +37,7 @@ async def test_a_screen_shows_the_turn_of_the_present_question_only() -> None:
         len(changes) == notices
     )  # it goes with the live values: ten times a second is no news of the session
     screen.answer_prompt(screen.prompt.id, "anna", "yes")
-    assert await asked == Answer("anna")
+    assert await confirmation == Answer("anna")
     assert screen.guidance is None
 
 
@@ -46,8 +46,14 @@ async def test_a_terminal_prints_what_changed_and_no_more() -> None:
     reading, writing = os.pipe()
     try:
         terminal = TerminalOperator("anna", console=Console(file=out, width=100), descriptor=reading)
-        for left, advice in ((0.1, "turn"), (0.101, "turn"), (0.02, "slow"), (0.0, "stop"), (0.0, "stop")):
-            terminal.show_guidance(f"{advice} {left}", {**LEFT, "left_rad": left, "advice": advice})
+        for left_rad, advice in (
+            (0.1, "turn"),
+            (0.101, "turn"),
+            (0.02, "slow"),
+            (0.0, "stop"),
+            (0.0, "stop"),
+        ):
+            terminal.show_guidance(f"{advice} {left_rad}", {**LEFT, "left_rad": left_rad, "advice": advice})
     finally:
         os.close(reading)
         os.close(writing)

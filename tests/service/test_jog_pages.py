@@ -117,8 +117,8 @@ async def test_a_turn_shows_key_rest_and_advice_while_it_is_made(
         guided = {"prompt_id": "r:7", "text": shown.sentence, "values": shown.as_json()}
         await ask_during_run(page, TURN, guided)
         await expect(page.get_by_test_id("jog-advice")).to_have_text(shown.sentence)
-        left = f"{abs(math.degrees(shown.left_rad)):.1f}°"
-        await expect(page.get_by_test_id("jog-left")).to_have_text(left)
+        left_angle = f"{abs(math.degrees(shown.left_rad)):.1f}°"
+        await expect(page.get_by_test_id("jog-left")).to_have_text(left_angle)
         await expect(page.get_by_test_id("jog-key")).to_have_text("+" if shown.key == "+" else MINUS_SIGN)
         await page.screenshot(path=tmp_path / "jog.png")
         await hold_to_rules(page, "jog")

@@ -41,12 +41,12 @@ def reached(site: LoopbackSite) -> bool:
 @contextlib.contextmanager
 def hosting(site: LoopbackSite) -> Iterator[list[str]]:
     """Host the router in a thread of this process."""
-    leave, said = threading.Event(), list[str]()
-    thread = threading.Thread(target=host_router, args=(site.folder / "router", leave, said.append))
+    leave, output = threading.Event(), list[str]()
+    thread = threading.Thread(target=host_router, args=(site.folder / "router", leave, output.append))
     thread.start()
     try:
-        wait_until(lambda: said)
-        yield said
+        wait_until(lambda: output)
+        yield output
     finally:
         leave.set()
         thread.join(PATIENCE_S)
@@ -55,13 +55,13 @@ def hosting(site: LoopbackSite) -> Iterator[list[str]]:
 
 def test_the_router_goes_on_with_its_rules_when_its_work_raises(tmp_path: Path) -> None:
     site = LoopbackSite(tmp_path, "cell-07")
-    with hosting(site) as said:
+    with hosting(site) as output:
         before = SUPERVISOR.failure_counts().get(ROUTER, 0)
         wait_until(lambda: raise_in(ROUTER))
         wait_until(lambda: is_back(ROUTER, before, lambda: True))
         assert reached(site)
         site.add_cells("cell-08")  # and it takes in what is enrolled afterwards
-        wait_until(lambda: "The rules have changed." in said[-1] and "2 cells" in said[-1])
+        wait_until(lambda: "The rules have changed." in output[-1] and "2 cells" in output[-1])
         wait_until(lambda: reached(site))
     assert ROUTER not in SUPERVISOR.task_names()
 
@@ -72,13 +72,13 @@ def test_a_router_that_cannot_listen_again_is_named_and_tries_until_it_can(
     site, opens = LoopbackSite(tmp_path, "cell-07"), router._open_session
     refusing = threading.Event()
 
-    def opened(*given: Any, **named: Any) -> zenoh.Session:
+    def opened(*positional: Any, **named: Any) -> zenoh.Session:
         if refusing.is_set():
             raise OSError(28, "No space left on device")
-        return opens(*given, **named)
+        return opens(*positional, **named)
 
     monkeypatch.setattr(router, "_open_session", opened)
-    with hosting(site) as said:
+    with hosting(site) as output:
         before = SUPERVISOR.failure_counts().get(ROUTER, 0)
         refusing.set()
         site.add_cells("cell-08")
@@ -87,7 +87,7 @@ def test_a_router_that_cannot_listen_again_is_named_and_tries_until_it_can(
             one.message for one in SUPERVISOR.list_troubles() if one.task == ROUTER
         )
         refusing.clear()
-        wait_until(lambda: len(said) > 1)
+        wait_until(lambda: len(output) > 1)
         wait_until(lambda: reached(site))
 
 
@@ -133,17 +133,17 @@ async def the_demo(folder: Path, say: Callable[[str], None]) -> AsyncIterator[No
 async def test_the_demos_tasks_are_named_and_come_back(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
-    said: list[str] = []
+    output: list[str] = []
 
     def record_line(line: str) -> None:
-        said.append(line)
-        if len(said) == 1:
+        output.append(line)
+        if len(output) == 1:
             raise InjectedError("a terminal that is gone")
 
     async with the_demo(tmp_path, record_line):
         await poll_until(lambda: "address of the demo failed: InjectedError" in caplog.text)
-        await poll_until(lambda: len(said) > 2)
-        assert said[0] == said[1]  # told again
+        await poll_until(lambda: len(output) > 2)
+        assert output[0] == output[1]  # told again
         await poll_until(partial(raise_in, "opening of the demo"))
         await poll_until(lambda: "opening of the demo failed: InjectedError" in caplog.text)
         await poll_until(lambda: SUPERVISOR.holder_of("opening of the demo"))

@@ -386,10 +386,10 @@ async def test_columns_that_no_heading_tells_are_named_by_the_page(tmp_path: Pat
             },
         )
         assert found["state"] == "done", found["fault"]
-        known = await run_job(service_client, points_file.name, bytes_of(points_file), level=1)
+        finished = await run_job(service_client, points_file.name, bytes_of(points_file), level=1)
         assert found["result"]["understood"]["columns"] == {"joints": joints, "position": position}
         assert found["result"]["report"]["held_out"] == pytest.approx(
-            known["result"]["report"]["held_out"], rel=1e-6
+            finished["result"]["report"]["held_out"], rel=1e-6
         )
         columns = f"[columns]\njoints = {json.dumps(joints)}\nposition = {json.dumps(position)}\n"
         layout = columns + "[units]\njoints = 'deg'\nposition = 'mm'\n"
@@ -399,7 +399,7 @@ async def test_columns_that_no_heading_tells_are_named_by_the_page(tmp_path: Pat
         assert same["state"] == "done", same["fault"]
         assert same["result"]["report"]["level"] == found["result"]["report"]["level"]
         assert same["result"]["report"]["held_out"] == pytest.approx(
-            known["result"]["report"]["held_out"], rel=1e-6
+            finished["result"]["report"]["held_out"], rel=1e-6
         )
         swapped = await _run_again(
             service_client,

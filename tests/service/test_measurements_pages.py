@@ -182,8 +182,8 @@ async def test_columns_without_headings_are_named_on_the_page(
         await page.evaluate("location.hash = '#/measurements'")
         await _drop_file(page, "unclear.csv", "\n".join([",".join(names), *rows]).encode())
         await expect(page.get_by_test_id("not-identified")).to_be_visible()
-        wanted = [f"joints {k}" for k in range(1, 7)] + [f"position {k}" for k in range(1, 4)]
-        for name, meaning in zip(names, wanted, strict=True):
+        labels = [f"joints {k}" for k in range(1, 7)] + [f"position {k}" for k in range(1, 4)]
+        for name, meaning in zip(names, labels, strict=True):
             await page.get_by_test_id(f"column-{name}").select_option(meaning)
         await page.get_by_test_id("unit-joints").select_option("deg")
         await page.get_by_test_id("unit-position").select_option("mm")

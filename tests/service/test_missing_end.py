@@ -37,7 +37,7 @@ def cut_off(path: Path) -> None:
 
 
 # the dialog's title, what is missing, what to do
-SAID = {
+SENTENCES = {
     "en": ("The end of the journal is missing.", "was issued after an event", "Restore a backup"),
     "de": ("Das Ende des Journals fehlt.", "ausgestellt", "Sicherung"),
     "es": ("Falta el final del diario.", "emitió", "copia"),
@@ -81,9 +81,11 @@ async def test_no_run_begins_until_a_person_has_accepted_the_missing_end(tmp_pat
         assert [who for who, _ in accepted] == ["Anna"]
         assert ".json was issued after an event that it does not have" in accepted[0][1]
         with open_journal(person.cell_process._config) as journal:
-            given = [one for one in list_sign_offs(journal.list_events(run_id)) if one["did"] == "accepted"]
-        assert "end of the journal is missing" in given[0]["what"]
-        assert given[0]["at_utc"]
+            sign_offs = [
+                one for one in list_sign_offs(journal.list_events(run_id)) if one["did"] == "accepted"
+            ]
+        assert "end of the journal is missing" in sign_offs[0]["what"]
+        assert sign_offs[0]["at_utc"]
 
 
 def accepted_in(config: CellConfig, run_id: str) -> list[tuple[str, str]]:
@@ -117,11 +119,11 @@ async def test_on_the_page_a_dialog_says_it_and_only_its_yes_goes_on(tmp_path: P
         config = read_cell_file(pendant._app.state.context.settings.cell_file)
         await _record_by(pendant)
         cut_off(journal_path(config))
-        for locale, said in some_of(list(SAID.items()), "a missing end"):
+        for locale, sentence in some_of(list(SENTENCES.items()), "a missing end"):
             async with pendant.viewer.open_page("#/procedure/mastering_record", locale=locale) as page:
                 await page.get_by_test_id("start").click()
                 dialog = page.get_by_test_id("dialog")
-                for words in said:
+                for words in sentence:
                     await expect(dialog).to_contain_text(words)
                 await expect(dialog.locator("[lang=en]")).to_have_count(0)
                 await hold_to_rules(page, "the dialog of a missing end")

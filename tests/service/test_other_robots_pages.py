@@ -33,7 +33,7 @@ LOST = {  # in sentences that begin as such
     "es": "no se cambió nada. El controlador comunica: SRVO-062.",
     "zh": "零点可精确恢复。 控制器报告",
 }
-SAID = {
+SENTENCES = {
     "en": ("Protective stop", "another robot was selected at the desk", "the watch"),
     "de": ("Schutzhalt", "ein anderer Roboter war ausgewählt", "Überwachung"),
     "es": ("Parada de protección", "estaba seleccionado otro robot", "la vigilancia"),
@@ -101,10 +101,10 @@ async def test_another_robots_stop_and_loss_are_on_every_page_and_the_watch_is_n
             await _change_language(page, locale)
             await go_to_page(page, "#/devices")
             process_double.tell_live()
-            await expect(page.get_by_test_id("other-fanuc")).to_contain_text(SAID[locale][0])
+            await expect(page.get_by_test_id("other-fanuc")).to_contain_text(SENTENCES[locale][0])
             panel = page.get_by_test_id("panel-third")
-            await expect(panel).to_contain_text(re.compile(SAID[locale][0], re.IGNORECASE))
-            await expect(page.get_by_test_id("loss")).to_contain_text(SAID[locale][1])
+            await expect(panel).to_contain_text(re.compile(SENTENCES[locale][0], re.IGNORECASE))
+            await expect(page.get_by_test_id("loss")).to_contain_text(SENTENCES[locale][1])
             await expect(page.get_by_test_id("loss")).to_contain_text(LOST[locale])
             await hold_to_rules(page, locale)
         await page.get_by_test_id("loss").get_by_role("button").click()
@@ -114,7 +114,7 @@ async def test_another_robots_stop_and_loss_are_on_every_page_and_the_watch_is_n
             await go_to_page(page, "#/history")
             await expect(page.get_by_test_id("alone")).to_be_visible()
             await page.get_by_test_id("alone").get_by_role("link").click()
-            await expect(page.get_by_test_id("run-who")).to_contain_text(SAID[locale][2])
+            await expect(page.get_by_test_id("run-who")).to_contain_text(SENTENCES[locale][2])
             await expect(page.get_by_test_id("yes")).to_be_visible()
             process_double.tell_live()
             await expect(page.get_by_test_id("other-ur")).to_be_visible()

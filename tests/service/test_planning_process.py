@@ -29,11 +29,11 @@ def config(tmp_path_factory: pytest.TempPathFactory) -> Iterator[CellConfig]:
         yield read_cell_file(write_cell_file(folder, address, seed=1, time_factor=600.0))
 
 
-def request_of(left: asyncio.Event) -> Request:
+def request_of(departure: asyncio.Event) -> Request:
     """Return a request whose client leaves when the event is set."""
 
     async def receive() -> dict[str, str]:
-        await left.wait()
+        await departure.wait()
         return {"type": "http.disconnect"}
 
     return Request({"type": "http", "method": "POST", "path": "/", "headers": []}, receive)
@@ -52,17 +52,19 @@ async def test_an_answer_comes_from_the_process_as_it_is_computed_here(config: C
 
 
 async def test_planning_ends_when_the_client_leaves(config: CellConfig) -> None:
-    planner, left = ComputeClient(config.path, MODULE), asyncio.Event()
+    planner, departure = ComputeClient(config.path, MODULE), asyncio.Event()
     try:
         await planner.ask_worker(DRY_RUN, **QUICK)
         working = planner._process
-        asked = asyncio.create_task(
-            answer_while_awaited(request_of(left), planner.ask_worker(DRY_RUN, **LONG))
+        question = asyncio.create_task(
+            answer_while_awaited(request_of(departure), planner.ask_worker(DRY_RUN, **LONG))
         )
-        left.set()
+        departure.set()
         with pytest.raises(ClientGoneError) as broken_off:
-            await asked
-        assert respond_to_error(request_of(left), broken_off.value).status_code == 499  # no fault of the page
+            await question
+        assert (
+            respond_to_error(request_of(departure), broken_off.value).status_code == 499
+        )  # no fault of the page
         assert working is not None
         assert working.returncode is not None
         assert (await planner.ask_worker(DRY_RUN, **QUICK))["procedure"] == "mastering_recovery"
@@ -71,13 +73,13 @@ async def test_planning_ends_when_the_client_leaves(config: CellConfig) -> None:
 
 
 async def test_who_leaves_before_their_turn_ends_nothing_of_others(config: CellConfig) -> None:
-    planner, left = ComputeClient(config.path, MODULE), asyncio.Event()
+    planner, departure = ComputeClient(config.path, MODULE), asyncio.Event()
     try:
         first = asyncio.create_task(planner.ask_worker(DRY_RUN, **QUICK))
         second = asyncio.create_task(
-            answer_while_awaited(request_of(left), planner.ask_worker(DRY_RUN, **LONG))
+            answer_while_awaited(request_of(departure), planner.ask_worker(DRY_RUN, **LONG))
         )
-        left.set()
+        departure.set()
         with pytest.raises(ClientGoneError):
             await second
         assert (await first)["procedure"] == "mastering_recovery"

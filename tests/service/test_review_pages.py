@@ -30,7 +30,7 @@ from tests.service.step_page_actions import let_go_early
 from tests.service.test_pages import PageViewer
 
 pytestmark = [pytest.mark.asyncio(loop_scope="module"), pytest.mark.xdist_group("review pages")]
-Seen = tuple[PageViewer, PastRuns]
+ViewedRuns = tuple[PageViewer, PastRuns]
 READINGS = 16 + 5  # of the arm's own target, and of the point of its tool
 RUNS = "rows => rows.map(row => row.dataset.run)"
 COLOUR_AT = """([x, y]) => {
@@ -42,7 +42,7 @@ COLOUR_AT = """([x, y]) => {
 
 
 @pytest_asyncio.fixture(scope="module", loop_scope="module")
-async def review_view(tmp_path_factory: pytest.TempPathFactory) -> AsyncIterator[Seen]:
+async def review_view(tmp_path_factory: pytest.TempPathFactory) -> AsyncIterator[ViewedRuns]:
     async with view_past_cell(tmp_path_factory.mktemp("cell")) as found:
         yield found
 
@@ -64,7 +64,7 @@ async def tap_point(page: Page, at: list[int]) -> dict[str, Any]:
     return answer_json
 
 
-async def test_a_tap_puts_a_reading_back_and_takes_it_out_again(review_view: Seen) -> None:
+async def test_a_tap_puts_a_reading_back_and_takes_it_out_again(review_view: ViewedRuns) -> None:
     viewer, past = review_view
     async with viewer.open_page(f"#/history/{past.spoilt}") as page:
         at = await plot_points(page)
@@ -86,7 +86,7 @@ async def test_a_tap_puts_a_reading_back_and_takes_it_out_again(review_view: See
         await expect(fit).to_have_text(signed)
 
 
-async def test_an_outlier_differs_in_shape_and_colour(review_view: Seen) -> None:
+async def test_an_outlier_differs_in_shape_and_colour(review_view: ViewedRuns) -> None:
     viewer, past = review_view
     async with viewer.open_page(f"#/history/{past.spoilt}") as page:
         at = await plot_points(page)
@@ -100,7 +100,7 @@ async def test_an_outlier_differs_in_shape_and_colour(review_view: Seen) -> None
         assert (await page.evaluate(COLOUR_AT, [at[0][0] + 4, at[0][1]]))[2] > blue[0] + 60
 
 
-async def test_the_table_shows_and_does_the_same_as_the_plot(review_view: Seen) -> None:
+async def test_the_table_shows_and_does_the_same_as_the_plot(review_view: ViewedRuns) -> None:
     viewer, past = review_view
     async with viewer.open_page(f"#/history/{past.spoilt}") as page:
         await plot_points(page)
@@ -117,7 +117,7 @@ async def test_the_table_shows_and_does_the_same_as_the_plot(review_view: Seen) 
         await expect(rows.nth(0)).to_have_attribute("data-used", "false")
 
 
-async def test_too_few_readings_are_refused_in_words(review_view: Seen) -> None:
+async def test_too_few_readings_are_refused_in_words(review_view: ViewedRuns) -> None:
     viewer, past = review_view
     async with viewer.open_page(f"#/history/{past.touches}") as page:
         at = await plot_points(page)
@@ -136,7 +136,7 @@ async def test_too_few_readings_are_refused_in_words(review_view: Seen) -> None:
         viewer.complaints.clear()  # the browser tells of a refusal, too
 
 
-async def test_a_frames_point_is_left_out_by_a_tap_and_put_back_in_the_table(review_view: Seen) -> None:
+async def test_a_frames_point_is_left_out_by_a_tap_and_put_back_in_the_table(review_view: ViewedRuns) -> None:
     viewer, past = review_view
     async with viewer.open_page(f"#/history/{past.moved}") as page:
         at, table = await plot_points(page), page.get_by_test_id("fit-values")
@@ -161,7 +161,7 @@ async def test_a_frames_point_is_left_out_by_a_tap_and_put_back_in_the_table(rev
 
 @pytest.mark.parametrize("locale", locales_for("a point that cannot be spared"))
 async def test_a_point_that_cannot_be_spared_is_refused_in_the_pages_language(
-    review_view: Seen, locale: str
+    review_view: ViewedRuns, locale: str
 ) -> None:
     viewer, past = review_view
     async with viewer.open_page(f"#/history/{past.frame}", locale=locale) as page:
@@ -183,7 +183,7 @@ async def test_a_point_that_cannot_be_spared_is_refused_in_the_pages_language(
         viewer.complaints.clear()
 
 
-async def test_settings_that_differ_are_rows_with_units(review_view: Seen) -> None:
+async def test_settings_that_differ_are_rows_with_units(review_view: ViewedRuns) -> None:
     viewer, past = review_view
     async with viewer.open_page("#/history", locale="de") as page:
         await page.get_by_test_id("run").first.wait_for()
@@ -203,7 +203,7 @@ async def _complaints_of(viewer: PageViewer) -> list[str]:
     return viewer.complaints
 
 
-async def test_before_and_after_and_the_map_say_what_the_service_says(review_view: Seen) -> None:
+async def test_before_and_after_and_the_map_say_what_the_service_says(review_view: ViewedRuns) -> None:
     viewer, past = review_view
     review = (await viewer.client.get(f"/api/runs/{past.calibration}/review")).json()
     async with viewer.open_page(f"#/history/{past.calibration}") as page:
@@ -218,7 +218,7 @@ async def test_before_and_after_and_the_map_say_what_the_service_says(review_vie
         await expect(card).to_contain_text(f"{most * 1e3:.3f}")
 
 
-async def test_the_certificate_is_named_hashed_and_checked_on_the_page(review_view: Seen) -> None:
+async def test_the_certificate_is_named_hashed_and_checked_on_the_page(review_view: ViewedRuns) -> None:
     viewer, past = review_view
     async with viewer.open_page(f"#/history/{past.calibration}") as page:
         await page.get_by_test_id("verified").wait_for()
@@ -242,7 +242,7 @@ async def test_the_certificate_is_named_hashed_and_checked_on_the_page(review_vi
         path.write_bytes(certificate_bytes)
 
 
-async def test_the_history_is_newest_first_filtered_and_compared(review_view: Seen) -> None:
+async def test_the_history_is_newest_first_filtered_and_compared(review_view: ViewedRuns) -> None:
     viewer, past = review_view
     async with viewer.open_page("#/history") as page:
         rows = page.get_by_test_id("run")
@@ -262,7 +262,9 @@ async def test_the_history_is_newest_first_filtered_and_compared(review_view: Se
         await expect(card.locator("tbody tr")).to_have_count(lines)
 
 
-async def test_the_way_back_is_shown_first_held_two_seconds_and_saves_a_version(review_view: Seen) -> None:
+async def test_the_way_back_is_shown_first_held_two_seconds_and_saves_a_version(
+    review_view: ViewedRuns,
+) -> None:
     viewer, past = review_view
     sets = ParameterSets(past.config.path.parent / FOLDER)
     newest = sets.load_set(SERIAL).version
@@ -289,7 +291,7 @@ async def test_the_way_back_is_shown_first_held_two_seconds_and_saves_a_version(
     )
 
 
-async def test_trends_have_a_point_for_each_version_and_run(review_view: Seen) -> None:
+async def test_trends_have_a_point_for_each_version_and_run(review_view: ViewedRuns) -> None:
     viewer, past = review_view
     async with viewer.open_page(f"#/parameters/{SERIAL}") as page:
         await page.get_by_test_id("procedure").select_option("robot_calibration")
@@ -307,7 +309,7 @@ async def test_trends_have_a_point_for_each_version_and_run(review_view: Seen) -
 
 @pytest.mark.parametrize(("locale", "words"), [("en", "not determined"), ("zh", "未能确定")])
 async def test_what_was_not_determined_is_written_in_words_and_not_drawn(
-    review_view: Seen, locale: str, words: str
+    review_view: ViewedRuns, locale: str, words: str
 ) -> None:
     viewer, _ = review_view
     stored = (await viewer.client.get(f"/api/parameters/{SERIAL}?version=1")).json()["parameters"]
@@ -327,7 +329,7 @@ async def test_what_was_not_determined_is_written_in_words_and_not_drawn(
         await expect(row).to_contain_text(words)
 
 
-async def test_tables_are_taken_away_from_the_pages_that_show_them(review_view: Seen) -> None:
+async def test_tables_are_taken_away_from_the_pages_that_show_them(review_view: ViewedRuns) -> None:
     viewer, past = review_view
     shown = {
         "#/history": [past.spoilt, past.spoilt],  # in the table of runs, and in that of their results
@@ -372,7 +374,7 @@ async def open_unfolded(page: Page, place: str) -> None:
 
 
 @pytest.mark.parametrize("locale", locales_for("pages that judge"))
-async def test_pages_that_judge_are_for_everybody(review_view: Seen, locale: str) -> None:
+async def test_pages_that_judge_are_for_everybody(review_view: ViewedRuns, locale: str) -> None:
     viewer, past = review_view
     async with viewer.open_page(locale=locale) as page:
         await wait_for_language(page, locale)
@@ -382,7 +384,7 @@ async def test_pages_that_judge_are_for_everybody(review_view: Seen, locale: str
             await expect(page.locator("main [lang=en]")).to_have_count(0)
 
 
-async def test_texts_that_are_forty_percent_longer_fit_everywhere(review_view: Seen) -> None:
+async def test_texts_that_are_forty_percent_longer_fit_everywhere(review_view: ViewedRuns) -> None:
     viewer, past = review_view
     async with viewer.open_page(size=(800, 1280)) as page:
         history = await lengthen_page_texts(page, "history")
@@ -394,7 +396,7 @@ async def test_texts_that_are_forty_percent_longer_fit_everywhere(review_view: S
             assert await layout_faults(page) == [], place
 
 
-async def test_the_pages_are_built_of_files_of_their_own(review_view: Seen) -> None:
+async def test_the_pages_are_built_of_files_of_their_own(review_view: ViewedRuns) -> None:
     viewer, past = review_view
     async with viewer.open_page() as page:
         for place in places_of(past):

@@ -116,7 +116,7 @@ def test_labels_sentences_groups_and_choices_are_translated(locale: str) -> None
             english |= {field["title"], *SENTENCE.split(field["description"])}
             english |= set(field.get("x-choices", {}).values())
     assert sorted(english - words.keys()) == []
-    assert all(said.strip() for said in words.values())
+    assert all(text.strip() for text in words.values())
     assert sorted(words.keys() - english) == [], "words that no setting has any more"
 
 

@@ -26,7 +26,7 @@ from tests.unit.helpers.usual_settings_file import with_usual
 
 pytestmark = [pytest.mark.asyncio(loop_scope="module"), pytest.mark.xdist_group("settings_pages")]
 ROOM = "setting-room"
-SAID = {
+SENTENCES = {
     "de": ("Geschwindigkeit der Spitze", "höchstens 250,0 mm/s"),
     "es": ("Velocidad de la punta", "como máximo 250,0 mm/s"),
     "zh": ("尖端速度", "最大 250.0 mm/s"),
@@ -177,7 +177,7 @@ async def test_settings_that_are_refused_are_named_with_their_bounds(
         await fill_field(page, "value-room.tip_speed_m_s", "400")
         await request_forecast(page)
         refused = page.get_by_test_id("no-forecast")
-        for words in SAID[locale]:
+        for words in SENTENCES[locale]:
             await expect(refused).to_contain_text(words)
         await expect(refused).not_to_contain_text("--set")  # a tablet has no command line
         await expect(refused.locator("[lang=en]")).to_have_count(0)

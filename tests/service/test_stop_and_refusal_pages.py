@@ -108,8 +108,8 @@ async def test_a_telephone_shows_the_question_above_its_buttons_and_why_none_wor
         await expect(page.get_by_test_id("hold")).to_be_enabled(timeout=PATIENCE_MS)
         question, answer = page.get_by_test_id("instruction"), page.get_by_test_id("yes")
         await expect(question).to_be_in_viewport(ratio=1.0, timeout=PATIENCE_MS)
-        asked, agreed = await _bounding_box(question), await _bounding_box(answer)
-        assert asked["y"] + asked["height"] <= agreed["y"]
+        question_box, agreed = await _bounding_box(question), await _bounding_box(answer)
+        assert question_box["y"] + question_box["height"] <= agreed["y"]
         assert await layout_faults(page) == []
         await page.evaluate("scrollTo(0, document.body.scrollHeight)")
         await page.context.set_offline(True)
@@ -129,7 +129,7 @@ REASON = make_message(
     readings_mm=0.25,
 )
 REMEDY = "Let the arm come to rest, see that the wire hangs free, then resume. The vendor says XK-17."
-SAID: dict[str, tuple[str, str]] = {
+SENTENCES: dict[str, tuple[str, str]] = {
     "en": ("lengths spread by 0.25 mm", "see that the wire hangs free"),
     "de": ("Längen streuten um 0,25 mm", "ob das Seil frei hängt"),
     "es": ("las longitudes se dispersaron 0,25 mm", "que el cable cuelga libre"),
@@ -140,7 +140,7 @@ SAID: dict[str, tuple[str, str]] = {
 _REFUSED = make_message("the robot refused: {entry_text}.", entry_text="SRVO-023 Stop error")
 
 
-@pytest.mark.parametrize("locale", SAID)
+@pytest.mark.parametrize("locale", SENTENCES)
 async def test_a_refusal_is_written_in_the_reader_s_language(
     tablet_service: ServiceWithTablets, locale: str
 ) -> None:
@@ -153,7 +153,7 @@ async def test_a_refusal_is_written_in_the_reader_s_language(
     async with tablet_service.signed_in_tablet("Tom", locale=locale) as page:
         await page.evaluate("location.hash = '#/'")
         tablet_service.app.state.context.link.end_run("refused", REASON, REMEDY)
-        reason, remedy = SAID[locale]
+        reason, remedy = SENTENCES[locale]
         outcome = page.get_by_test_id("outcome")
         await expect(outcome).to_contain_text(reason, timeout=PATIENCE_MS)
         await expect(outcome).to_contain_text(remedy, timeout=PATIENCE_MS)

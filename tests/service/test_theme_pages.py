@@ -31,11 +31,11 @@ DRAWN_WITH = (
     "getComputedStyle(document.querySelector('[data-testid=drawing] use')).getPropertyValue('--brand')"
 )
 
-Seen = tuple[PageViewer, PastRuns]
+ViewedRuns = tuple[PageViewer, PastRuns]
 
 
 @pytest_asyncio.fixture(scope="module", loop_scope="module")
-async def past(tmp_path_factory: pytest.TempPathFactory) -> AsyncIterator[Seen]:
+async def past(tmp_path_factory: pytest.TempPathFactory) -> AsyncIterator[ViewedRuns]:
     async with view_past_cell(tmp_path_factory.mktemp("cell")) as found:
         yield found
 
@@ -68,7 +68,7 @@ def rgb(colour: str) -> str:
     ],
 )
 async def test_a_tablet_that_chose_nothing_follows_its_system(
-    past: Seen, system: dict[str, str], theme: str
+    past: ViewedRuns, system: dict[str, str], theme: str
 ) -> None:
     async with tablet_with(past[0], **system) as page:
         assert await page.evaluate(SHOWN) == theme
@@ -77,7 +77,9 @@ async def test_a_tablet_that_chose_nothing_follows_its_system(
         await expect(card).to_have_css("background-color", rgb(themes()[theme]["--card"]))
 
 
-async def test_a_change_of_the_system_is_followed_and_a_choice_of_the_tablet_is_kept(past: Seen) -> None:
+async def test_a_change_of_the_system_is_followed_and_a_choice_of_the_tablet_is_kept(
+    past: ViewedRuns,
+) -> None:
     async with tablet_with(past[0], color_scheme="light") as page:
         await page.emulate_media(color_scheme="dark")
         await expect(page.locator("html")).to_have_attribute("data-theme", "dark")
@@ -95,7 +97,7 @@ async def test_a_change_of_the_system_is_followed_and_a_choice_of_the_tablet_is_
         assert await page.evaluate(SHOWN) == "usual"
 
 
-async def test_drawings_and_the_picture_of_the_cell_have_the_colours_of_the_theme(past: Seen) -> None:
+async def test_drawings_and_the_picture_of_the_cell_have_the_colours_of_the_theme(past: ViewedRuns) -> None:
     async with tablet_with(past[0], color_scheme="light") as page:
         for theme in (*THEMES[1:], THEMES[0]):
             await go_to_page(page, "#/tablet")
@@ -107,11 +109,11 @@ async def test_drawings_and_the_picture_of_the_cell_have_the_colours_of_the_them
             await wait_for_value(partial(drawing.evaluate, "seen => seen.firstElementChild.getBBox().width"))
             assert (await page.evaluate(DRAWN_WITH)).strip() == colours["--brand"]
             inked = await _darkest_and_lightest(drawing)
-            assert min(contrast(colours["--card"], seen) for seen in inked) < 1.1  # its ground
-            assert max(contrast(colours["--card"], seen) for seen in inked) > 7.0  # its lines
+            assert min(contrast(colours["--card"], colour) for colour in inked) < 1.1  # its ground
+            assert max(contrast(colours["--card"], colour) for colour in inked) > 7.0  # its lines
             view = page.get_by_test_id("view3d").locator("canvas")
             sky = await _darkest_and_lightest(view, share=0.08)
-            assert max(contrast(colours["--view-above"], seen) for seen in sky) < 1.25
+            assert max(contrast(colours["--view-above"], colour) for colour in sky) < 1.25
 
 
 async def _darkest_and_lightest(place: Locator, share: float = 1.0) -> tuple[str, str]:
@@ -124,7 +126,7 @@ async def _darkest_and_lightest(place: Locator, share: float = 1.0) -> tuple[str
     return colours[0], colours[-1]
 
 
-async def test_plots_are_drawn_anew_in_other_colours(past: Seen) -> None:
+async def test_plots_are_drawn_anew_in_other_colours(past: ViewedRuns) -> None:
     viewer, runs = past
     async with tablet_with(viewer, color_scheme="light") as page:
         await go_to_page(page, f"#/history/{runs.touches}")

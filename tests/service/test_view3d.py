@@ -26,11 +26,11 @@ PLAN = {
     "step": "accept the plan", "page": "approve", "data": {"plan": {"poses": POSES}},
 }  # fmt: skip
 
-Seen = tuple[PageViewer, PastRuns]
+ViewedRuns = tuple[PageViewer, PastRuns]
 
 
 @pytest_asyncio.fixture(scope="module", loop_scope="module")
-async def picture_view(tmp_path_factory: pytest.TempPathFactory) -> AsyncIterator[Seen]:
+async def picture_view(tmp_path_factory: pytest.TempPathFactory) -> AsyncIterator[ViewedRuns]:
     async with view_past_cell(tmp_path_factory.mktemp("cell")) as found:
         yield found
 
@@ -70,7 +70,7 @@ def flange_of(joints_rad: list[float]) -> np.ndarray:
     return np.asarray(load_model("fanuc_m6ib").base_flange(np.array([joints_rad]))[0][:3, 3])
 
 
-async def test_every_planned_pose_is_a_ghost_where_the_model_has_it(picture_view: Seen) -> None:
+async def test_every_planned_pose_is_a_ghost_where_the_model_has_it(picture_view: ViewedRuns) -> None:
     async with picture_view[0].open_page() as page:
         await feed_question(page, PLAN)
         await page.reload()
@@ -84,7 +84,7 @@ async def test_every_planned_pose_is_a_ghost_where_the_model_has_it(picture_view
         await expect(bar).to_contain_text("pose 2")
 
 
-async def test_without_a_plan_there_is_no_ghost(picture_view: Seen) -> None:
+async def test_without_a_plan_there_is_no_ghost(picture_view: ViewedRuns) -> None:
     async with picture_view[0].open_page() as page:
         await wait_for_picture(page, "joints_rad")
         await at_rest(page)
@@ -92,7 +92,7 @@ async def test_without_a_plan_there_is_no_ghost(picture_view: Seen) -> None:
         await expect(page.get_by_test_id("ghosts")).to_have_count(0)
 
 
-async def test_the_wire_goes_from_its_anchor_to_the_hook(picture_view: Seen) -> None:
+async def test_the_wire_goes_from_its_anchor_to_the_hook(picture_view: ViewedRuns) -> None:
     viewer, past = picture_view
     setup = past.config.gauges[0].setup
     async with viewer.open_page() as page:
@@ -104,7 +104,7 @@ async def test_the_wire_goes_from_its_anchor_to_the_hook(picture_view: Seen) -> 
         assert np.abs(np.array(hook) - expected_hook).max() < 1e-4
 
 
-async def test_frames_are_named_and_the_doubt_is_drawn_to_a_stated_scale(picture_view: Seen) -> None:
+async def test_frames_are_named_and_the_doubt_is_drawn_to_a_stated_scale(picture_view: ViewedRuns) -> None:
     viewer, _ = picture_view
     async with viewer.open_page() as page:
         ellipsoid = await wait_for_picture(page, "ellipsoid")
@@ -126,7 +126,9 @@ async def test_frames_are_named_and_the_doubt_is_drawn_to_a_stated_scale(picture
         await expect(legend).to_contain_text("floor")  # from the cell file
 
 
-async def test_the_picture_follows_a_moving_arm_twelve_times_a_second_at_most(picture_view: Seen) -> None:
+async def test_the_picture_follows_a_moving_arm_twelve_times_a_second_at_most(
+    picture_view: ViewedRuns,
+) -> None:
     turned = 0.0
 
     def turn_joint(live: dict[str, Any]) -> None:
@@ -155,13 +157,13 @@ async def test_the_picture_follows_a_moving_arm_twelve_times_a_second_at_most(pi
     [("ANGLE (Google, Vulkan 1.3 (SwiftShader Device))", False, 3.0), ("ANGLE (Intel, Iris Xe)", True, 12.0)],
 )
 async def test_a_picture_that_the_processor_computes_is_drawn_plainly(
-    picture_view: Seen, renderer: str, smooth: bool, most_hz: float
+    picture_view: ViewedRuns, renderer: str, smooth: bool, most_hz: float
 ) -> None:
-    said = f"""{{ const getParameter = WebGL2RenderingContext.prototype.getParameter;
+    script = f"""{{ const getParameter = WebGL2RenderingContext.prototype.getParameter;
         WebGL2RenderingContext.prototype.getParameter = function (name) {{
             return name === 0x9246 ? {json.dumps(renderer)} : getParameter.call(this, name); }} }}"""
     async with picture_view[0].open_page() as page:
-        await page.add_init_script(said)
+        await page.add_init_script(script)
         await page.reload()
         await wait_for_picture(page, "joints_rad")
         is_smooth, rate_hz = await page.evaluate(
@@ -172,7 +174,7 @@ async def test_a_picture_that_the_processor_computes_is_drawn_plainly(
         assert rate_hz == pytest.approx(most_hz)
 
 
-async def test_without_webgl_frames_and_doubt_are_words(picture_view: Seen) -> None:
+async def test_without_webgl_frames_and_doubt_are_words(picture_view: ViewedRuns) -> None:
     async with picture_view[0].open_page() as page:
         await page.add_init_script(NO_WEBGL)
         await page.reload()
@@ -182,7 +184,7 @@ async def test_without_webgl_frames_and_doubt_are_words(picture_view: Seen) -> N
         await expect(page.get_by_test_id("legend")).to_contain_text("tool 3")
 
 
-async def test_what_a_broken_plan_holds_is_not_drawn(picture_view: Seen) -> None:
+async def test_what_a_broken_plan_holds_is_not_drawn(picture_view: ViewedRuns) -> None:
     bad = PLAN | {
         "data": {"plan": {"poses": [{"name": "x"}, {"name": "y", "joints_rad": [None] * 6}, POSES[0]]}}
     }
@@ -192,6 +194,8 @@ async def test_what_a_broken_plan_holds_is_not_drawn(picture_view: Seen) -> None
         assert [ghost["name"] for ghost in await wait_for_picture(page, "ghosts")] == ["pose 1"]
 
 
-async def test_another_robot_has_another_picture_and_nothing_known_of_its_tool(picture_view: Seen) -> None:
+async def test_another_robot_has_another_picture_and_nothing_known_of_its_tool(
+    picture_view: ViewedRuns,
+) -> None:
     answer: httpx.Response = await picture_view[0].client.get("/api/models/ur/frames")
     assert answer.json() == []

@@ -54,12 +54,12 @@ def _tell_if_poor(name: str, found: Calibrated, zeros: Calibrated) -> None:
 
 def demo_robots(seeds: int) -> CampaignFigures:
     """Tell the demo's story on robots of five makers: every accepted recovery is exact."""
-    exact, told = 0, 0
+    exact, refused = 0, 0
     for robot in STORIES:
         stories = tell_all("turns", seeds, more=("--robot", robot))
         accepted = [story for story in stories if story["verdict"] == "PASS"]
         right = [s for s in accepted if all(j["turns_restored"] == j["turns_lost"] for j in s["joints"])]
         sys.stdout.write(f"  {robot}: {len(right)} of {len(accepted)} accepted exact, of {seeds}\n")
-        exact, told = exact + len(right), told + len(accepted)
-    line = f"demo_robots: {exact} of {told} accepted fixes exact, {told} of {seeds * len(STORIES)} accepted"
-    return CampaignFigures(line, exact == told and told >= 0.8 * seeds * len(STORIES))
+        exact, refused = exact + len(right), refused + len(accepted)
+    line = f"demo_robots: {exact} of {refused} accepted fixes exact, {refused} of {seeds * len(STORIES)} accepted"
+    return CampaignFigures(line, exact == refused and refused >= 0.8 * seeds * len(STORIES))

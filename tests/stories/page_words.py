@@ -53,10 +53,10 @@ class PageWords:
         whole = " ".join(shown.split()).casefold()
         numbered = _NUMBERED.fullmatch(whole)
         for english in known:
-            wanted = self.translate(english).casefold()
-            if whole == wanted:
+            translated = self.translate(english).casefold()
+            if whole == translated:
                 return english, 0
-            if numbered is not None and numbered[1] == wanted:
+            if numbered is not None and numbered[1] == translated:
                 return english, int(numbered[2])
         raise AssertionError(f"{shown!r} is none of the things that a technician knows")
 

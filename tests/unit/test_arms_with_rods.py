@@ -91,5 +91,5 @@ def test_what_rods_leave_over_is_in_the_errors_held_out(reports):
 
 def test_it_is_said_that_rods_are_there_and_what_it_means(reports):
     for report in reports.values():
-        (told,) = [lint for lint in report.lints if lint.code == "linkage"]
-        assert "accuracy that is left" in told.message
+        (lint,) = [lint for lint in report.lints if lint.code == "linkage"]
+        assert "accuracy that is left" in lint.message

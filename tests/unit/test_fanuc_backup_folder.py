@@ -19,18 +19,18 @@ def try_to_record(source: Path, records: Path, capsys, *more: str) -> tuple[int,
 def test_an_archive_is_not_taken_for_a_host_name(tmp_path: Path, capsys) -> None:
     archive = tmp_path / "whole.zip"
     archive.write_bytes(b"PK")
-    code, said = try_to_record(archive, tmp_path, capsys)
+    code, output = try_to_record(archive, tmp_path, capsys)
     assert code == ExitCode.USAGE
-    assert "is a file, and a backup is a folder" in said
-    assert "Unpack it" in said
+    assert "is a file, and a backup is a folder" in output
+    assert "Unpack it" in output
 
 
 def test_a_folder_above_the_backup_is_refused_and_the_right_one_is_named(tmp_path: Path, capsys) -> None:
     save_backup(FanucCabinet(), tmp_path / "robots" / "MD")
-    code, said = try_to_record(tmp_path / "robots", tmp_path, capsys)
+    code, output = try_to_record(tmp_path / "robots", tmp_path, capsys)
     assert code == ExitCode.USAGE
-    assert "Give one of them:" in said
-    assert "MD" in said
+    assert "Give one of them:" in output
+    assert "MD" in output
 
 
 @pytest.mark.parametrize(
@@ -49,18 +49,18 @@ def test_another_maker_s_backup_is_named(tmp_path: Path, capsys, name: str, make
     if "." in name:
         (folder / name).rmdir()
         (folder / name).write_text("x")
-    code, said = try_to_record(folder, tmp_path, capsys)
+    code, output = try_to_record(folder, tmp_path, capsys)
     assert code == ExitCode.USAGE
-    assert f"is a backup of {maker}, and not of FANUC" in said
-    assert "position_record" in said
+    assert f"is a backup of {maker}, and not of FANUC" in output
+    assert "position_record" in output
 
 
 def test_a_group_that_is_not_there_is_answered_with_those_that_are(tmp_path: Path, capsys) -> None:
     folder = save_backup(FanucCabinet(), tmp_path / "backup")
-    code, said = try_to_record(folder, tmp_path, capsys, "--group", "2")
+    code, output = try_to_record(folder, tmp_path, capsys, "--group", "2")
     assert code == ExitCode.USAGE
-    assert "group 1 with 6 axes" in said
-    assert "--group" in said.split("What to do")[1]
+    assert "group 1 with 6 axes" in output
+    assert "--group" in output.split("What to do")[1]
 
 
 def test_a_robot_under_power_that_shows_other_angles_is_read_with_drives_off(tmp_path: Path, capsys) -> None:
@@ -68,6 +68,6 @@ def test_a_robot_under_power_that_shows_other_angles_is_read_with_drives_off(tmp
     cabinet.effective_zero = [
         count + 30_000 * (axis == 1) for axis, count in enumerate(cabinet.counts_at_zero)
     ]
-    code, said = try_to_record(save_backup(cabinet, tmp_path / "backup"), tmp_path, capsys)
+    code, output = try_to_record(save_backup(cabinet, tmp_path / "backup"), tmp_path, capsys)
     assert code == ExitCode.REFUSED
-    assert "Switch the drives off" in said
+    assert "Switch the drives off" in output

@@ -59,9 +59,9 @@ def test_rows_are_paired_by_the_names_of_their_points(tmp_path, series, mine, th
         ("Tracker", [theirs, "X [mm]", "Y [mm]", "Z [mm]"], shuffled),
     )
     found = read(path)
-    kept = sorted(order)
-    assert np.allclose(np.degrees(found.observations.joints_rad), joints[kept])
-    assert np.allclose(found.observations.positions_m * 1e3, places[kept])
+    rows = sorted(order)
+    assert np.allclose(np.degrees(found.observations.joints_rad), joints[rows])
+    assert np.allclose(found.observations.positions_m * 1e3, places[rows])
     assert any("2 rows of 'Joints' have no partner" in guess for guess in found.guesses)
 
 

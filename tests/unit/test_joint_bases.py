@@ -18,8 +18,12 @@ EFFORT = MeasuringEffort(POINTS, per_spot=8, record=30, samples=5)
 
 @cache
 def aligned_pair(seed: int) -> tuple[Alignment, Alignment, np.ndarray]:
-    left, right = two_robots(seed, EFFORT)
-    return left.align_robot(), right.align_robot(), left.true_fixture() @ np.linalg.inv(right.true_fixture())
+    left_robot, right_robot = two_robots(seed, EFFORT)
+    return (
+        left_robot.align_robot(),
+        right_robot.align_robot(),
+        left_robot.true_fixture() @ np.linalg.inv(right_robot.true_fixture()),
+    )
 
 
 def _base_error(alignments: list[Alignment], truth: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -30,34 +34,37 @@ def _base_error(alignments: list[Alignment], truth: np.ndarray) -> tuple[np.ndar
 
 def test_bases_are_where_they_are_within_their_uncertainty() -> None:
     for seed in (1, 2, 3):
-        left, right, truth = aligned_pair(seed)
-        error, sigma = _base_error([left, right], truth)
+        left_robot, right_robot, truth = aligned_pair(seed)
+        error, sigma = _base_error([left_robot, right_robot], truth)
         assert np.abs(error / sigma).max() < 4.0
         assert np.linalg.norm(error[:3]) < 0.001
-        assert bases_together([left, right]).is_consistent()
+        assert bases_together([left_robot, right_robot]).is_consistent()
 
 
 def test_seen_from_the_other_robot_it_is_the_same_place() -> None:
-    left, right, _ = aligned_pair(1)
-    (forth,), (back,) = bases_together([left, right]).bases, bases_together([right, left]).bases
+    left_robot, right_robot, _ = aligned_pair(1)
+    (forth,), (back,) = (
+        bases_together([left_robot, right_robot]).bases,
+        bases_together([right_robot, left_robot]).bases,
+    )
     assert np.allclose((forth.other_base_base @ back.other_base_base).to_matrix(), np.eye(4), atol=1e-9)
 
 
 def test_without_wire_data_the_alignments_are_chained() -> None:
-    left, right, truth = aligned_pair(1)
-    found = bases_together([left, replace(right, points=None)])
+    left_robot, right_robot, truth = aligned_pair(1)
+    found = bases_together([left_robot, replace(right_robot, points=None)])
     assert (found.jointly, found.is_consistent()) == (False, True)
-    error, sigma = _base_error([left, replace(right, points=None)], truth)
+    error, sigma = _base_error([left_robot, replace(right_robot, points=None)], truth)
     assert np.abs(error / sigma).max() < 4.0
 
 
 def test_two_wires_are_two_beliefs() -> None:
-    left, right, _ = aligned_pair(1)
-    assert right.points is not None
-    other = replace(right, points=replace(right.points, wire="another"))
-    shared, apart = (bases_together([left, r]).bases[0] for r in (right, other))
+    left_robot, right_robot, _ = aligned_pair(1)
+    assert right_robot.points is not None
+    other = replace(right_robot, points=replace(right_robot.points, wire="another"))
+    shared, apart = (bases_together([left_robot, r]).bases[0] for r in (right_robot, other))
     assert not np.allclose(shared.covariance, apart.covariance, rtol=1e-3, atol=0.0)  # of 1e-8 m^2
-    chained = bases_together([left, replace(right, points=None)]).bases[0]
+    chained = bases_together([left_robot, replace(right_robot, points=None)]).bases[0]
     assert apart.origin_u_m == pytest.approx(chained.origin_u_m, rel=1e-3)
 
 
@@ -80,10 +87,10 @@ def _with_drawing(alignment: Alignment, off_m: np.ndarray, sigma_m: float) -> Al
 
 
 def test_what_the_drawing_has_wrong_falls_out_between_bases() -> None:
-    left, right, _ = aligned_pair(1)
+    left_robot, right_robot, _ = aligned_pair(1)
     off = np.random.default_rng(4).normal(size=(len(POINTS), 3)) * 2e-4
-    before = bases_together([left, right]).bases[0]
-    spoilt = [_with_drawing(one, off, 2e-4) for one in (left, right)]
+    before = bases_together([left_robot, right_robot]).bases[0]
+    spoilt = [_with_drawing(one, off, 2e-4) for one in (left_robot, right_robot)]
     after = bases_together(spoilt).bases[0]
     gap = log_transform(np.linalg.inv(before.other_base_base.to_matrix()) @ after.other_base_base.to_matrix())
     assert np.linalg.norm(gap[:3]) < before.origin_u_m  # the fixture no longer tells the scale of the wire
@@ -92,15 +99,15 @@ def test_what_the_drawing_has_wrong_falls_out_between_bases() -> None:
 
 
 def test_a_robot_that_found_another_shape_is_noticed() -> None:
-    left, right, _ = aligned_pair(1)
+    left_robot, right_robot, _ = aligned_pair(1)
     off = np.zeros((len(POINTS), 3))
     off[2, 0] = 0.003
-    assert not bases_together([left, _with_drawing(right, off, 0.0)]).is_consistent()
+    assert not bases_together([left_robot, _with_drawing(right_robot, off, 0.0)]).is_consistent()
 
 
 def test_uncertainties_along_axes_and_in_space_belong_together() -> None:
-    left, right, _ = aligned_pair(1)
-    (base,) = bases_together([left, right]).bases
+    left_robot, right_robot, _ = aligned_pair(1)
+    (base,) = bases_together([left_robot, right_robot]).bases
     along = np.array(base.origin_axes_u_m)
     assert along.max() <= base.origin_u_m <= base.origin_space_u_m <= 1.45 * np.linalg.norm(along)
     turned = np.array(base.covariance)[3:, 3:]
@@ -108,23 +115,23 @@ def test_uncertainties_along_axes_and_in_space_belong_together() -> None:
 
 
 def test_an_alignment_survives_its_text_file_and_a_spoilt_one_does_not() -> None:
-    left, right, _ = aligned_pair(1)
-    text = alignment_text([left, replace(right, points=None)])
-    assert read_alignments(text) == (left, replace(right, points=None))
-    assert left.points is not None
+    left_robot, right_robot, _ = aligned_pair(1)
+    text = alignment_text([left_robot, replace(right_robot, points=None)])
+    assert read_alignments(text) == (left_robot, replace(right_robot, points=None))
+    assert left_robot.points is not None
     for spoilt in (
-        replace(left.points, covariance=left.points.covariance[:-1]),
-        replace(left.points, sigma=(*left.points.sigma[:-1], 0.0)),
-        replace(left.points, believed=left.points.believed[:-1]),
+        replace(left_robot.points, covariance=left_robot.points.covariance[:-1]),
+        replace(left_robot.points, sigma=(*left_robot.points.sigma[:-1], 0.0)),
+        replace(left_robot.points, believed=left_robot.points.believed[:-1]),
     ):
         with pytest.raises(CalibrationError):
-            read_alignments(alignment_text([replace(left, points=spoilt)]))
+            read_alignments(alignment_text([replace(left_robot, points=spoilt)]))
 
 
 def test_one_alignment_or_two_fixtures_are_refused() -> None:
-    left, right, _ = aligned_pair(1)
+    left_robot, right_robot, _ = aligned_pair(1)
     with pytest.raises(CalibrationError, match="two alignments"):
-        bases_together([left])
-    other = replace(right, points_in_fixture_m=tuple(reversed(POINTS)))
+        bases_together([left_robot])
+    other = replace(right_robot, points_in_fixture_m=tuple(reversed(POINTS)))
     with pytest.raises(CalibrationError, match="different points"):
-        bases_together([left, other])
+        bases_together([left_robot, other])

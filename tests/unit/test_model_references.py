@@ -177,9 +177,9 @@ def test_a_bad_description_is_one_sentence_with_its_cure(tmp_path, case, capsys)
     assert cure in refused.value.remedy
     assert refused.value.message.startswith("bad.urdf: ")
     assert run_command_line(["models", f"{path}?tip=flange"]) != 0
-    told = capsys.readouterr()
-    assert told.out == ""
-    assert "Traceback" not in told.err
+    output = capsys.readouterr()
+    assert output.out == ""
+    assert "Traceback" not in output.err
 
 
 def test_a_turn_as_a_quaternion_is_the_same_as_by_angles(tmp_path):

@@ -335,9 +335,9 @@ def test_compensation_leaves_a_joint_that_is_held():
     assert np.abs(apart).max() < 1e-7
     free = compensate(real, model, joints)
     assert (free.joints_rad[free.has_converged, 0] != joints[free.has_converged, 0]).all()
-    for held in ((0, 1), (7,)):
+    for held_joints in ((0, 1), (7,)):
         with pytest.raises(CalibrationError, match="cannot stay"):
-            compensate(real, model, joints, limits=CompensationLimits(held=held))
+            compensate(real, model, joints, limits=CompensationLimits(held=held_joints))
 
 
 def test_full_poses_identify_an_arm_on_a_track(tmp_path):
@@ -345,9 +345,9 @@ def test_full_poses_identify_an_arm_on_a_track(tmp_path):
     hidden = HiddenArm(model, 3)
     joints, slides = hidden.postures(140), hidden.slides()
     real = model.with_twists(dice.normal(size=(8, 6)) * np.array([4e-4] * 3 + [5e-4] * 3))
-    seen = homogeneous_matrix(exp_rotation(dice.normal(size=3)), np.array([2.5, 0.7, 0.3]))
+    base_world = homogeneous_matrix(exp_rotation(dice.normal(size=3)), np.array([2.5, 0.7, 0.3]))
     target = homogeneous_matrix(exp_rotation(np.array([0.2, -0.1, 0.4])), np.array([0.05, 0.06, 0.12]))
-    poses = seen @ real.base_flange(joints + hidden.zeros()) @ target
+    poses = base_world @ real.base_flange(joints + hidden.zeros()) @ target
     places = poses[:, :3, 3] + dice.normal(size=(140, 3)) * NOISE_M
     turns = poses[:, :3, :3] @ np.array([exp_rotation(v) for v in dice.normal(size=(140, 3)) * 1e-4])
     shown = np.where(slides, joints * 1e3, np.degrees(joints))
@@ -375,9 +375,9 @@ def test_four_axes_keep_no_pose_and_say_so():
 def test_what_is_said_of_a_slide_is_in_millimetres():
     dice = np.random.default_rng(5)
     joints = dice.uniform(-1, 1, (200, 2))
-    left = np.vstack([1e-4 * np.sin(3 * joints[:, 1]), np.zeros(200), np.zeros(200)])
-    left += dice.normal(size=left.shape) * 1e-5
-    (found,) = sweep_lint(joints, left, np.arange(200), ("a", "rail"), slides=(False, True))
+    residuals = np.vstack([1e-4 * np.sin(3 * joints[:, 1]), np.zeros(200), np.zeros(200)])
+    residuals += dice.normal(size=residuals.shape) * 1e-5
+    (found,) = sweep_lint(joints, residuals, np.arange(200), ("a", "rail"), slides=(False, True))
     assert "rail" in found.message
     assert " mm" in found.message
     assert "deg" not in found.message

@@ -20,12 +20,12 @@ class Program:
     """A motion program on a controller that ends its step after a number of exchanges with the driver."""
 
     def __init__(self, end: dict[str, int], exchanges: int) -> None:
-        self._end, self._left = end, exchanges
+        self._end, self._remaining = end, exchanges
 
     def values(self) -> dict[str, int]:
         """Return what the next exchange finds."""
-        self._left -= 1
-        return BEFORE if self._left >= 0 else self._end
+        self._remaining -= 1
+        return BEFORE if self._remaining >= 0 else self._end
 
 
 class AbbLink:

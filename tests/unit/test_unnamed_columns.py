@@ -108,9 +108,9 @@ def test_a_few_rows_prove_nothing(tmp_path: Path) -> None:
 
 def test_two_series_of_joints_that_fit_alike_are_not_chosen_from(tmp_path: Path) -> None:
     """What the arm was told and what it had: which of them is meant, no fit can tell."""
-    told = JOINTS_DEG + 0.001 * np.random.default_rng(2).standard_normal(JOINTS_DEG.shape)
+    commanded_deg = JOINTS_DEG + 0.001 * np.random.default_rng(2).standard_normal(JOINTS_DEG.shape)
     with pytest.raises(MeasurementError, match="no 7 joint columns found"):
-        read(write(tmp_path / "rows.csv", [JOINTS_DEG, told, PLACES_MM]))
+        read(write(tmp_path / "rows.csv", [JOINTS_DEG, commanded_deg, PLACES_MM]))
 
 
 def test_numbers_that_are_typed_go_first(tmp_path: Path) -> None:

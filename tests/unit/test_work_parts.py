@@ -183,10 +183,10 @@ def test_a_process_with_threads_is_not_forked() -> None:
 def test_a_part_gets_what_it_was_given_though_it_is_changed_before_a_process_is_free():
     with two_processes() as runner:
         busy = [runner.submit(time.sleep, 0.05) for _ in range(12)]  # more than the pool takes at once
-        given = {"level": 1}
-        waits = runner.submit(dict, given)
-        given["level"] = 2
-        given.update({str(number): number for number in range(1000)})
+        options = {"level": 1}
+        waits = runner.submit(dict, options)
+        options["level"] = 2
+        options.update({str(number): number for number in range(1000)})
         assert waits() == {"level": 1}
         for wait in busy:
             wait()

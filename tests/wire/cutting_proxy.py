@@ -11,7 +11,7 @@ class CuttingProxy(ListeningPort):
 
     def __init__(self, host: str, port: int, cut_after: int) -> None:
         super().__init__("127.0.0.1", 0, self._relay)
-        self._target, self._left = (host, port), cut_after
+        self._target, self._remaining = (host, port), cut_after
         self.was_cut = False
 
     async def _relay(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
@@ -27,14 +27,14 @@ class CuttingProxy(ListeningPort):
         with suppress(OSError):
             while octets := await source.read(4096):
                 if counted and not self.was_cut:
-                    if len(octets) > self._left:
+                    if len(octets) > self._remaining:
                         self.was_cut = True
-                        sink.write(octets[: self._left])
+                        sink.write(octets[: self._remaining])
                         await sink.drain()
                         self.cut_connections()
                         sink.transport.abort()
                         return
-                    self._left -= len(octets)
+                    self._remaining -= len(octets)
                 sink.write(octets)
                 await sink.drain()
         sink.close()

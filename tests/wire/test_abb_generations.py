@@ -60,10 +60,10 @@ async def test_a_wrong_password_is_said(cell: CellConfig) -> None:
 
 
 async def test_a_basic_challenge_without_tls_gets_no_password(cell: CellConfig) -> None:
-    seen: list[bytes] = []
+    answers: list[bytes] = []
 
     async def serve(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        seen.append(await reader.read(4096))
+        answers.append(await reader.read(4096))
         writer.write(b'HTTP/1.1 401 No\r\nWWW-Authenticate: Basic realm="x"\r\nContent-Length: 0\r\n\r\n')
 
     async with ListeningPort("127.0.0.1", 0, serve) as port:
@@ -71,8 +71,8 @@ async def test_a_basic_challenge_without_tls_gets_no_password(cell: CellConfig) 
         with pytest.raises(UnreachableError):
             async with config.open():
                 pytest.fail("a stranger was taken for a controller")
-    assert seen
-    assert not any(b"uthorization" in octets for octets in seen)
+    assert answers
+    assert not any(b"uthorization" in octets for octets in answers)
 
 
 async def test_the_certificate_of_the_cell_file_is_compared(

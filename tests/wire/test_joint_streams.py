@@ -120,11 +120,11 @@ async def test_a_motion_is_seen_while_it_goes_on_and_its_end_too(robot: Any, fak
     start = (await robot.read_joints()).joints_rad
     away = (start[0] + 0.5, *start[1:])
     move = asyncio.create_task(robot.move_joints(away, speed_rad_s=0.5))
-    seen: list[bool] = []
+    moving: list[bool] = []
     while not move.done():
-        seen.append((await stream_of(robot).read()).is_still)  # type: ignore[union-attr]
+        moving.append((await stream_of(robot).read()).is_still)  # type: ignore[union-attr]
     await move
-    assert not all(seen)
+    assert not all(moving)
     await until_streaming(robot)
     assert np.allclose((await robot.read_joints()).joints_rad, away, atol=1e-5)
     await robot.move_joints(start, speed_rad_s=0.5)

@@ -26,10 +26,10 @@ async def test_mastering_that_is_not_the_records_is_told_where_it_is_only_read(t
         entry = config.robot_named("fanuc")
         async with open_retrying(entry) as robot:
             await TP_CASE.heal(fake_client, robot)
-            held, drive = await robot.read_mastering(), await robot.drive_train()
+            mastering, drive = await robot.read_mastering(), await robot.drive_train()
         assert (await look(config)).state == "not compared"
         with open_journal(config) as journal:
-            record = replace(record_of(held.counts_at_zero), robot_serial=entry.serial, drive=drive)
+            record = replace(record_of(mastering.counts_at_zero), robot_serial=entry.serial, drive=drive)
             RunStore(journal).put_mastering_record(record, actor="anna")
         assert (await look(config)).state == "unchanged"
         await fake_client.inject_fault("old_backup", axis="J3")
@@ -47,13 +47,13 @@ async def test_a_loss_is_told_until_a_new_record_where_the_old_counts_were_typed
         entry = config.robot_named("fanuc")
         async with open_retrying(entry) as robot:
             await TP_CASE.heal(fake_client, robot)
-            held = await robot.read_mastering()
-        record = replace(record_of(held.counts_at_zero), robot_serial=entry.serial)
+            mastering = await robot.read_mastering()
+        record = replace(record_of(mastering.counts_at_zero), robot_serial=entry.serial)
         with open_journal(config) as journal:
             RunStore(journal).put_mastering_record(record, actor="anna")
         await fake_client.inject_fault("memory_loss")
         assert (await look(config)).state == "position lost"
-        await fake_client.inject_fault("type_mastering", counts=list(held.counts_at_zero))
+        await fake_client.inject_fault("type_mastering", counts=list(mastering.counts_at_zero))
         for _ in range(2):
             found = await look(config)
             assert (found.state, night_exit_code([found])) == ("changed", ExitCode.OUT_OF_TOLERANCE), found

@@ -40,11 +40,11 @@ def model_text(name: str) -> ModelText:
     """
     if name in model_names():
         text = files(__package__).joinpath(f"{name}.toml").read_text(encoding="utf-8")
-        known = read_model_text(name, text)
+        catalogue_model = read_model_text(name, text)
         if name not in usable_names():
-            return known
+            return catalogue_model
         listed = model_of_data(name, catalogue_robot(name))
-        return ModelText(known.fields, listed.tips, listed.bases)
+        return ModelText(catalogue_model.fields, listed.tips, listed.bases)
     if name in usable_names():
         return model_of_data(name, catalogue_robot(name))
     reason = withheld_reason(name)

@@ -96,13 +96,13 @@ def find_robots(words: str, maker: str = "") -> tuple[CatalogueEntry, ...]:
     (``7 axis``) fit, too.
     """
     entries = [entry for entry in catalogue_entries() if _plain(maker) in _plain(entry.maker)]
-    wanted = _wanted_words(words)
-    if not wanted:
+    search_words = _wanted_words(words)
+    if not search_words:
         return tuple(entries)
-    together = "".join(wanted)
-    fitting = [entry for entry in entries if _fits(entry, wanted, together)]
+    together = "".join(search_words)
+    fitting = [entry for entry in entries if _fits(entry, search_words, together)]
     if not fitting:
-        meant = [_nearest_words(word, entries) for word in wanted]
+        meant = [_nearest_words(word, entries) for word in search_words]
         fitting = [
             entry
             for entry in entries
@@ -119,8 +119,8 @@ def find_robots(words: str, maker: str = "") -> tuple[CatalogueEntry, ...]:
 
 def is_called(entry: CatalogueEntry, words: str) -> bool:
     """Return whether all words fit a robot; others of `find_robots` are only nearly so written."""
-    wanted = _wanted_words(words)
-    return _fits(entry, wanted, "".join(wanted))
+    search_words = _wanted_words(words)
+    return _fits(entry, search_words, "".join(search_words))
 
 
 def nearest_names(name: str) -> list[str]:
@@ -154,9 +154,9 @@ def _wanted_words(words: str) -> list[str]:
     return [word for word in joined if word not in UNSAYING] or joined
 
 
-def _fits(entry: CatalogueEntry, wanted: list[str], together: str) -> bool:
+def _fits(entry: CatalogueEntry, search_words: list[str], together: str) -> bool:
     text = _text(entry)
-    return together in text or all(_word_fits(word, entry, text) for word in wanted)
+    return together in text or all(_word_fits(word, entry, text) for word in search_words)
 
 
 def _word_fits(word: str, entry: CatalogueEntry, text: str) -> bool:
@@ -173,9 +173,13 @@ def _nearest_words(word: str, entries: Sequence[CatalogueEntry]) -> tuple[str, .
     if any(_word_fits(word, entry, _text(entry)) for entry in entries):
         return (word,)
     parts = (_PART.split(f"{entry.name} {entry.title} {entry.maker} {entry.family}") for entry in entries)
-    known = {_plain(part) for some in parts for part in some} | COMMON_NAMES.keys()
+    catalogue_words = {_plain(part) for some in parts for part in some} | COMMON_NAMES.keys()
     begun = tuple(name for name in COMMON_NAMES if len(word) >= _FEWEST_LETTERS and name.startswith(word))
-    return begun or tuple(get_close_matches(word, sorted(known), n=_ALIKE_WORDS, cutoff=_NEAR)) or (word,)
+    return (
+        begun
+        or tuple(get_close_matches(word, sorted(catalogue_words), n=_ALIKE_WORDS, cutoff=_NEAR))
+        or (word,)
+    )
 
 
 def _order(entry: CatalogueEntry, words: str, together: str) -> tuple[bool, int, float, str]:

@@ -50,8 +50,8 @@ def read_model_text(name: str, text: str) -> ModelText:
         data = parse_toml(text)
     except DocumentError as error:
         raise CalibrationError(f"robot model {name}: {error.message}", remedy=error.remedy) from error
-    wanted = _NEEDED | ({"speed_source"} & _sourced(data))
-    missing, unknown = wanted - data.keys(), data.keys() - _NEEDED - _OPTIONAL
+    needed_keys = _NEEDED | ({"speed_source"} & _sourced(data))
+    missing, unknown = needed_keys - data.keys(), data.keys() - _NEEDED - _OPTIONAL
     if missing or unknown:
         raise CalibrationError(
             f"robot model {name}: missing {sorted(missing)}, unknown {sorted(unknown)} keys",

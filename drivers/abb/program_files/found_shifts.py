@@ -184,12 +184,12 @@ class FoundShifts:
             len(places) < 2 or displacement.others
         ):  # what other routines go to may stand in another work object
             return False
-        given = {name.lower() for name, _ in (*self.set_components, *self.overwritten)}
+        changed_names = {name.lower() for name, _ in (*self.set_components, *self.overwritten)}
         rows = [[row] if row >= 0 else uses.rows_of(name, scope) for name, scope, row in places]
         return (
             all((move.frame or "").lower() == frame for move in displacement.moves)
             and all(rows)
-            and all(name.lower() not in given for name, _, _ in places)
+            and all(name.lower() not in changed_names for name, _, _ in places)
             and all(_is_used_in(row, collected, uses, frame) for its in rows for row in its)
         )
 

@@ -164,7 +164,7 @@ def _calls_of_other_files(
             return found
         taken = set(map(id, some))
         waiting = [one for one in waiting if id(one) not in taken]
-        new = [seen for one in some if (seen := _call_for_other_files(uses, one)) is not None]
+        new = [seen_call for one in some if (seen_call := _call_for_other_files(uses, one)) is not None]
         alike = {(one.scope, one.routine, one.arguments): one for one in some}
         new += [copied for one in alike.values() for copied in _calls_with_sources(uses, one)]
         parameters.passing_on |= {one.scope for one in new if one.passes_on}
@@ -203,7 +203,10 @@ def _routine_scope(parameters: RoutineParameters, call: RoutineCall) -> str:
 
 
 def _pass_call(
-    uses: TargetUses, parameters: RoutineParameters, one: tuple[RoutineCall, str], kept: Set[tuple[str, str]]
+    uses: TargetUses,
+    parameters: RoutineParameters,
+    one: tuple[RoutineCall, str],
+    safe_names: Set[tuple[str, str]],
 ) -> bool:
     """Take up what one call passes; tell whether that is more than was known."""
     call, scope = one
@@ -218,7 +221,7 @@ def _pass_call(
         }
         uses.note_passed(call.scope, passed, (scope, parameter.name))
         more |= uses.add_uses(call.scope, passed, some)
-        if not (parameter.by_value and (parameter.name, scope) in kept):
+        if not (parameter.by_value and (parameter.name, scope) in safe_names):
             more |= uses.add_rows(scope, parameter.name, uses.rows_of(passed, call.scope))
     return more
 
@@ -234,7 +237,7 @@ def _frame_passed(
 
 def routine_calls(text: str, routines: Mapping[str, tuple[int, int]]) -> Iterator[RoutineCall]:
     """Yield the calls of routines that pass something."""
-    known = {scope.partition("/")[2] for scope in routines}
+    routine_names = {scope.partition("/")[2] for scope in routines}
     for scope, (begin, end) in routines.items():
         header = _HEADER.match(text, begin, end)
         place, leads = header.end() if header else begin, True
@@ -249,7 +252,7 @@ def routine_calls(text: str, routines: Mapping[str, tuple[int, int]]) -> Iterato
             opened = OPENED.match(text, place)
             called = opened is not None and opened[1] is not None
             if (
-                word in known
+                word in routine_names
                 or (called and word in _COMPUTING_JOINTS)
                 or (leads and word not in MOVES and _PASSES.match(text, place))
             ):

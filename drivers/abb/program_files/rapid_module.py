@@ -173,10 +173,10 @@ class RapidModule(RapidDeclarations):
 
     def _take_written_arguments(self) -> None:
         """Count what instructions and routines give a value which it is passed to as if it were assigned."""
-        given = {(scope, name.partition("{")[0].lower()) for _, name, scope in self.assigned}
-        given |= {(scope, name.partition("{")[0].lower()) for name, scope in self.assigned_here}
+        assigned_names = {(scope, name.partition("{")[0].lower()) for _, name, scope in self.assigned}
+        assigned_names |= {(scope, name.partition("{")[0].lower()) for name, scope in self.assigned_here}
         text, routines = self.found.source.text, self.shifts.displacements.routines
-        for one in find_written(text, routines, self.parameters, given):
+        for one in find_written(text, routines, self.parameters, assigned_names):
             bare = one.name.partition("{")[0].lower()
             if bare in self.frames.declared or bare not in self.uses.shown:
                 self.uses.facts.set_while_running.add(bare)
@@ -186,10 +186,10 @@ class RapidModule(RapidDeclarations):
                 self.shifts.overwritten.append((one.name, one.scope))
 
     def _pass_targets(self) -> None:
-        kept = {(name.partition("{")[0].lower(), scope) for name, scope in self.set_whole}
+        whole_names = {(name.partition("{")[0].lower(), scope) for name, scope in self.set_whole}
         self.parameters.routines |= {scope.partition("/")[2] for scope in self.shifts.displacements.routines}
         calls = list(routine_calls(self.found.source.text, self.shifts.displacements.routines))
-        pass_targets(self.uses, self.parameters, calls, kept, self.frames.all_tools())
+        pass_targets(self.uses, self.parameters, calls, whole_names, self.frames.all_tools())
 
     def _take_word(self, word: str, start: int, end: int) -> int:
         """Take a word at statement level; return where to go on."""

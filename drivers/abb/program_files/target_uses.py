@@ -298,8 +298,8 @@ class TargetUses:
                     self.barred[row] = COPIED
 
     def _note_external_use(self, name: str, uses: set[ToolAndFrame]) -> None:
-        seen = [self.seen_by_other_files(tool, frame) for tool, frame in uses]
-        self.external_uses.setdefault(name.lower(), set()).update(MoveFrames(*use[:4]) for use in seen)
+        seen_uses = [self.seen_by_other_files(tool, frame) for tool, frame in uses]
+        self.external_uses.setdefault(name.lower(), set()).update(MoveFrames(*use[:4]) for use in seen_uses)
 
     def note_external_value(self, name: str, scope: str, why: str) -> None:
         """Note that a place which no declaration of this file means gets a value, or a component of it."""

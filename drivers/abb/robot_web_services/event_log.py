@@ -35,9 +35,9 @@ async def read_position_events(link: WebLink) -> tuple[Alarm, ...]:
 
 def position_alarms(entries: list[Mapping[str, Any]]) -> tuple[Alarm, ...]:
     """Return the newest entry of each known code, newest first; one without code, time or title counts for none."""
-    known = [entry for entry in entries if is_entry(entry) and entry["code"] in event_kinds()]
+    named_entries = [entry for entry in entries if is_entry(entry) and entry["code"] in event_kinds()]
     found: dict[str, Alarm] = {}
-    for entry in sorted(known, key=lambda one: str(one["tstamp"]), reverse=True):
+    for entry in sorted(named_entries, key=lambda one: str(one["tstamp"]), reverse=True):
         code = entry["code"]
         found.setdefault(
             code, Alarm(code, ", ".join((entry["title"], entry["tstamp"])), None, event_kinds()[code])

@@ -70,8 +70,8 @@ class _CopiedFrames:
     def follow_calls(self, statement: Statement) -> None:
         """Take up the frames that called programs choose: one that is chosen stays when its program has ended."""
         for name in _CALLED.findall(statement.text) if self.frames_left else ():
-            left = self.frames_left.get(name.decode("cp437").upper(), frozenset[str]())
-            self.frames |= left
+            frames_behind = self.frames_left.get(name.decode("cp437").upper(), frozenset[str]())
+            self.frames |= frames_behind
 
     def follow_motion(self, statement: Statement) -> list[tuple[int, ProgramShift]]:
         """Take up a motion; return, by position, those of its registers that another frame holds for."""
@@ -156,7 +156,7 @@ def _numbers_taught(positions: Positions, column: Sequence[str | None]) -> dict[
 def _copies_elsewhere(now: _CopiedFrames, data: bytes) -> Iterator[tuple[int, ProgramShift]]:
     statements = list(read_statements(data))
     anywhere = _state_of_all(replace(now, copies={}, frames=frozenset(), are_callers=False), statements)
-    seen = set[tuple[int, str, str]]()
+    visited = set[tuple[int, str, str]]()
     for statement in statements:
         if _JOINED.match(statement.text):
             now.join([anywhere])
@@ -165,8 +165,8 @@ def _copies_elsewhere(now: _CopiedFrames, data: bytes) -> Iterator[tuple[int, Pr
             continue
         for position, shift in now.follow_motion(statement):
             key = (position, shift.what, shift.other_frame or shift.other_tool)
-            if key not in seen:
-                seen.add(key)
+            if key not in visited:
+                visited.add(key)
                 yield position, shift
 
 

@@ -85,6 +85,6 @@ def _is_restored(patterns: _Patterns, texts: Sequence[bytes], first: int, last: 
         (number, found[1]) for number, text in enumerate(texts) if (found := patterns.saved.fullmatch(text))
     ]
     saves = [number for number, its_register in saved if its_register == register]
-    given = [each for text in texts for each in _GETS_VALUE.findall(text)]
-    given = [each for each in given if each == register or not each.isdigit()]
-    return len(saves) == len(given) == 1 and saves[0] < min(first, begun)
+    assigned = [each for text in texts for each in _GETS_VALUE.findall(text)]
+    assigned = [each for each in assigned if each == register or not each.isdigit()]
+    return len(saves) == len(assigned) == 1 and saves[0] < min(first, begun)

@@ -110,8 +110,8 @@ def _take_reached(found: MotionFindings, motion: MotionStatement, region: bool) 
 
 def _take_given(found: MotionFindings, statement: Statement) -> None:
     """Take up that a statement gives a position a value, behind the condition of an IF or not."""
-    if (given := _GIVEN.match(statement.text)) is not None:
-        found.increments.setdefault(int(given[1]), make_message(_GIVEN_HERE, statement.line))
+    if (value_match := _GIVEN.match(statement.text)) is not None:
+        found.increments.setdefault(int(value_match[1]), make_message(_GIVEN_HERE, statement.line))
 
 
 def _add_shift(found: MotionFindings, motion: MotionStatement, shift: ProgramShift) -> None:

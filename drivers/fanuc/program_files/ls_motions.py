@@ -113,11 +113,11 @@ def _turned_elsewhere(external_uses: ExternalUses | None) -> frozenset[int]:
 
 def _pallet_places(data: bytes) -> Iterator[ProgramShift]:
     """Yield the motions to a pallet: its pattern sets the place, and stays as it was taught."""
-    seen: set[bytes] = set()
+    visited: set[bytes] = set()
     for statement in read_statements(data):
         found = _TO_PALLET.match(statement.text)
-        if found is not None and found[1] not in seen:
-            seen.add(found[1])
+        if found is not None and found[1] not in visited:
+            visited.add(found[1])
             place = found[1].decode("cp437")
             yield ProgramShift(
                 statement.line, "PALLETIZING", ShiftAxes.USER_FRAME, point=place, quaternion=None, sets=True

@@ -136,8 +136,8 @@ class _SelectionFlow:
             return [None] * len(self.statements)
         numbers = {each for change in changes for each in change.chosen}
         before = self._follow_ways(changes, UNSURE if len(numbers) > 1 or UNSURE in numbers else "")
-        held = [change.arriving(some) for change, some in zip(changes, before, strict=True)]
-        return [next(iter(some)) if len(some) == 1 else UNSURE for some in held]
+        arriving = [change.arriving(some) for change, some in zip(changes, before, strict=True)]
+        return [next(iter(some)) if len(some) == 1 else UNSURE for some in arriving]
 
     def _follow_ways(self, changes: Sequence["_Change"], after_call: str) -> list[Numbers]:
         """Return what may be in force before each statement; ``after_call`` is what an open call leaves."""
@@ -150,10 +150,10 @@ class _SelectionFlow:
             open_ = [first]
             while open_:
                 at = open_.pop()
-                left = changes[at].leaving(before[at], after_call)
+                behind_call = changes[at].leaving(before[at], after_call)
                 for goal in ways[at] - {len(before)}:
-                    if not left <= before[goal]:
-                        before[goal] |= left
+                    if not behind_call <= before[goal]:
+                        before[goal] |= behind_call
                         open_.append(goal)
         return before
 
@@ -168,12 +168,12 @@ class _SelectionFlow:
         ]
         chosen = [str(int(found[2])) if found[2] else UNSURE for found in settings]
         calls = [name.decode("cp437").upper() for name in _CALLED.findall(text)]
-        left = {number for name in calls for number in self._left_by(which, name)}
+        set_numbers = {number for name in calls for number in self._left_by(which, name)}
         is_open = bool(macro_of(statement)) or any(which == "tool" or self._is_open(name) for name in calls)
         return _Change(
             frozenset(chosen[-1:]),
             bool(condition),
-            frozenset(left),
+            frozenset(set_numbers),
             is_open,
             taught.get(targets[-1]) if targets else None,
         )

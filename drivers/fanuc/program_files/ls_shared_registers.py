@@ -33,14 +33,14 @@ def shifts_by_other_programs(
     statements = list(read_statements(data))
     calls = _OpenCalls(filled, external_uses)
     anywhere = [name for statement in statements for name in calls.names_in(statement)]
-    seen: set[tuple[int, str]] = set()
+    visited: set[tuple[int, str]] = set()
     for statement in statements:
         if statement.is_motion:
             for register in motion_of(statement).register_targets:
                 reason, turn = _find_reason(register, computed, calls)
                 turn = None if register in registers.joints else turn
-                if reason and (register, reason) not in seen:
-                    seen.add((register, reason))
+                if reason and (register, reason) not in visited:
+                    visited.add((register, reason))
                     what = " ".join((f"PR[{register}]", f"({reason})"))
                     shift = ProgramShift(statement.line, what, ShiftAxes.USER_FRAME, quaternion=turn)
                     yield from ((number, shift) for number in sorted(registers.origins.get(register, ())))

@@ -66,15 +66,15 @@ class ShiftNotes:
     def note_operators(self, code: str, place: int, types: dict[str, str], used: PointMove | None) -> None:
         """Note points that the operator ``:`` puts behind a frame: the frame's axes stay while the point turns."""
         for pair in _PAIR.finditer(code):
-            left, right = pair[1].strip(), pair[2].strip()
-            if right == "{" or _is_point(left, types):
+            left_operand, right_operand = pair[1].strip(), pair[2].strip()
+            if right_operand == "{" or _is_point(left_operand, types):
                 continue
             translation, quaternion = UNREADABLE, None
-            if left[0] == "{":
+            if left_operand[0] == "{":
                 literal = self.found.literal_or_none(place + pair.start(1), place + pair.end(1))
                 translation, quaternion = (UNREADABLE, None) if literal is None else _size_of(literal)
             self.notes.append(
-                _FoundShift(place, "the operator ':'", right, translation, quaternion, used=used)
+                _FoundShift(place, "the operator ':'", right_operand, translation, quaternion, used=used)
             )
 
     def note_component(self, code: str, place: int, used: PointMove) -> None:
@@ -119,9 +119,9 @@ class ShiftNotes:
         )
 
 
-def _is_point(left: str, types: dict[str, str]) -> bool:
+def _is_point(operand: str, types: dict[str, str]) -> bool:
     """Return whether what stands before ``:`` is the point itself, so that the frame behind it goes along with it."""
-    upper = left.partition("[")[0].strip().upper()
+    upper = operand.partition("[")[0].strip().upper()
     return (
         types.get(upper) in _POINTS or (upper.startswith("X") and upper not in types) or upper == "$POS_ACT"
     )

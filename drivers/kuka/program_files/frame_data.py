@@ -164,6 +164,6 @@ def uses_of_own_data(declares: Mapping[str, bool]) -> dict[str, frozenset[MoveFr
     ``FP1`` without ``XP1``: the program of this list moves to another's ``XP1`` with its own ``FP1``, which hides the
     other's. A move to a point with the frame data of its name is no use that its program notes.
     """
-    left = frozenset((MoveFrames(None, None, COMPUTED),))
+    computed_frames = frozenset((MoveFrames(None, None, COMPUTED),))
     points = {f"X{name[1:]}" for name in declares if name.startswith("F") and len(name) > 1}
-    return dict.fromkeys(sorted(points - declares.keys()), left)
+    return dict.fromkeys(sorted(points - declares.keys()), computed_frames)

@@ -122,8 +122,8 @@ class PointUses:
         frames_of_moves = {
             move_frames for move_frames in frames_of_moves if move_frames.why != COPIED
         } or frames_of_moves
-        given = any(move_frames.why == OVERWRITTEN for move_frames in frames_of_moves)
-        if given and self.found.kinds[row] == JOINTS:
+        is_assigned = any(move_frames.why == OVERWRITTEN for move_frames in frames_of_moves)
+        if is_assigned and self.found.kinds[row] == JOINTS:
             self.found.barred[row] = OVERWRITTEN
         if not frames_of_moves or self.found.kinds[row] != CARTESIAN:
             return

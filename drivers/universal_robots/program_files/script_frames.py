@@ -27,12 +27,12 @@ def settle_assigned_frames(found: ScriptStatements, text: str) -> Mapping[int, t
     for one in reversed(assigned):  # a move to a place that is computed from another one needs that, too
         if one["frame"] in moves:
             moves[one["frame"]] += moves[one["to"]]
-    known = _constant_poses(found) if any(moves.values()) else frozenset()
-    by_start = {literal.start: row for row, literal in enumerate(found.literals)} if known else {}
+    constants = _constant_poses(found) if any(moves.values()) else frozenset()
+    by_start = {literal.start: row for row, literal in enumerate(found.literals)} if constants else {}
     offsets: dict[int, tuple[int, ...]] = {}
     for one in assigned:
         at = moves[one["to"]]
-        if not at or one["frame"] not in known or not (one["six"] or one["name"] in known):
+        if not at or one["frame"] not in constants or not (one["six"] or one["name"] in constants):
             continue
         _replace_use(found, one, "frame", [one.start("frame")], ("frame", "pose_trans"))
         if one["name"]:

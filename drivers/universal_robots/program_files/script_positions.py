@@ -104,8 +104,8 @@ class PositionFinder:
         poses, hints = Counter(pose for pose, _ in pairs), Counter(near for _, near in pairs)
         found = {}
         for pose, near in pairs:
-            known = self._is_constant(pose) and self._is_constant(near)
-            if not known or poses[pose] + hints[near] > 2 or near in self.reached:
+            is_constant = self._is_constant(pose) and self._is_constant(near)
+            if not is_constant or poses[pose] + hints[near] > 2 or near in self.reached:
                 continue
             if pose[-2:] == "_p" and near == f"{pose[:-2]}_q":  # PolyScope's pair: taught together
                 continue

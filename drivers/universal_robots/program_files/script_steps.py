@@ -119,18 +119,18 @@ class ScriptSteps:
     def _is_comment(self, offset: int) -> bool:
         return "#" in self.text[self.text.rfind("\n", 0, offset) + 1 : offset]
 
-    def _rows_before(self, offset: float, seen: frozenset[int], function: int | None = None) -> Rows:
+    def _rows_before(self, offset: float, visited: frozenset[int], function: int | None = None) -> Rows:
         """Return the joint points to which the last moves before an offset go; at its callers where none is."""
         function = self._scopes.function_at(int(offset)) if function is None else function
-        found = self._last_rows(function, offset, seen)
-        if found is not None or function in (GLOBAL, *seen):
+        found = self._last_rows(function, offset, visited)
+        if found is not None or function in (GLOBAL, *visited):
             return found or ()
         name = self._scopes.functions[function].name
         sites = [at for events in self._events.values() for at, called in events if called == name]
-        rows = {row for at in sites for row in self._rows_before(at, seen | {function})}
+        rows = {row for at in sites for row in self._rows_before(at, visited | {function})}
         return tuple(sorted(rows))
 
-    def _last_rows(self, function: int, offset: float, seen: frozenset[int]) -> Rows | None:
+    def _last_rows(self, function: int, offset: float, visited: frozenset[int]) -> Rows | None:
         """Return the joint points of the last move of a function before an offset; None where it has none."""
         for at, called in reversed(self._events.get(function, ())):
             if at >= offset:
@@ -138,8 +138,8 @@ class ScriptSteps:
             if not called:
                 return self._rows_of_move(at)
             inside = next((n for n, one in enumerate(self._scopes.functions) if one.name == called), function)
-            if inside != function and inside not in seen:
-                found = self._last_rows(inside, inf, seen | {function})
+            if inside != function and inside not in visited:
+                found = self._last_rows(inside, inf, visited | {function})
                 if found is not None:
                     return found
         return None

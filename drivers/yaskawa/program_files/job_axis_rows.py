@@ -61,9 +61,9 @@ def axis_rows_of(job: YaskawaJob) -> AxisRows:
 
 def rows_alone(jobs: Iterable[YaskawaJob], beside: Iterable[JobRow]) -> dict[str, int]:
     """Return the rows that axes go to without the robot, and that no point has beside it, with the line."""
-    known = {_row_name(row.kind, int(row.number)) for row in beside}
+    row_names = {_row_name(row.kind, int(row.number)) for row in beside}
     named = {name: line for job in jobs for name, line in axis_rows_of(job).alone.items()}
-    return {name: line for name, line in named.items() if name not in known}
+    return {name: line for name, line in named.items() if name not in row_names}
 
 
 def _take_motion(found: AxisRows, key: Key, motion: tuple[int, str], present: dict[str, JobRow]) -> None:

@@ -160,7 +160,7 @@ async def restore_programs(
         await store.refuse_while_running()
         found = {name: await store.read_file(name) for name in old}
         changed = [] if changed_too else _changed_since(store, stored, found)
-        left = {name for name in old if is_same_program(store, old[name], found[name])}
+        unchanged_names = {name for name in old if is_same_program(store, old[name], found[name])}
     if changed:
         raise DeliveryRefusedError(
             make_message(
@@ -169,7 +169,7 @@ async def restore_programs(
             ),
             remedy="Compare and fetch them first. To replace them all the same, after a copy, add --changed-too.",
         )
-    if len(left) == len(old):
+    if len(unchanged_names) == len(old):
         return RestoredPrograms(stored.with_state(DeliveryState.PUT_BACK), None)
     replaced = store_copies(stored.folder.parent, stored.delivery.address, approval.approved_by, found, old)
     return await run_to_end(_put_back_after_copy(open_store, stored, replaced))

@@ -70,10 +70,10 @@ def _fitting_joints(
     text = read_plain_text(Path(reference.where))
     for freed in freed_joints(text, base_link=reference.base, tip_link=reference.tip):
         try:
-            seen = read_measurements(path, freed.model, read).observations
+            observations = read_measurements(path, freed.model, read).observations
         except CellError:  # the file has no column for it
             continue
-        some = seen.select_rows(spread_rows(len(seen), _MOST_ROWS))
+        some = observations.select_rows(spread_rows(len(observations), _MOST_ROWS))
         left_m = fit_quickly(freed.model, some).score_m
         if left_m <= max(_FITS * motion_of(freed.model, some), _FITS_M):
             found.append((freed, left_m))

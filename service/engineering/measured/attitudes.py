@@ -58,13 +58,13 @@ def formula_of(convention: str) -> str:
 
 def _refuse_unknown(name: str) -> None:
     if name and name not in (*CONVENTIONS, *_FURTHER, *_IN_ORDER):
-        known = ", ".join((*CONVENTIONS, *_FURTHER, *_IN_ORDER))
+        conventions = ", ".join((*CONVENTIONS, *_FURTHER, *_IN_ORDER))
         raise MeasurementError(
             make_message("no orientation is called {name!r}.", name=name),
             remedy=make_message(
                 "--convention takes none, {known}; with _inverse behind it, the inverse of the attitude; with "
                 "_inverse_pose, that of the whole pose.",
-                known=known,
+                known=conventions,
             ),
         )
 

@@ -129,7 +129,7 @@ def _take_lists(line: str) -> tuple[str, list[list[_Item]]]:
     """Return a line with a mark in place of each list of numbers, and the lists."""
     if len(line) > _LONGEST_LINE or sum(map(line.count, _OPEN)) > _MOST_BRACKETS:
         return line, []
-    kept: list[str] = []
+    plain_cells: list[str] = []
     lists: list[list[_Item]] = []
     at, quoted = 0, False
     while at < len(line):
@@ -137,12 +137,12 @@ def _take_lists(line: str) -> tuple[str, list[list[_Item]]]:
         end, items = _list_from(line, at, opens=quoted)
         if items:
             lists.append(items)
-            kept.append(_MARK)
+            plain_cells.append(_MARK)
             at, quoted = end + 1, quoted and line[at] != _QUOTE
         else:
-            kept.append(line[at])
+            plain_cells.append(line[at])
             at += 1
-    return "".join(kept), lists
+    return "".join(plain_cells), lists
 
 
 def _list_from(line: str, at: int, *, opens: bool) -> tuple[int, list[_Item]]:

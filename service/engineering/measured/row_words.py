@@ -123,10 +123,10 @@ def refuse_other_headings(table: MeasurementTable, names: Sequence[str]) -> None
         With its line.
     """
     columns = {name: table.names.index(name) for name in names}
-    known = {plain_name(name) for name in table.names}
+    column_names = {plain_name(name) for name in table.names}
     for row in sorted({row for row, at in table.texts if at in columns.values()}):
         cells = [table.texts.get((row, at), "") for at in columns.values()]
-        headed = sum(plain_name(cell) in known for cell in cells)
+        headed = sum(plain_name(cell) in column_names for cell in cells)
         if all(cells) and 2 * headed >= len(cells) and not all(map(_is_same_heading, cells, names)):
             raise MeasurementError(
                 make_message(

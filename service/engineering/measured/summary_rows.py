@@ -69,18 +69,18 @@ def block_summaries(texts: Mapping[tuple[int, int], str], numbers: Array) -> dic
     A word of a summary ends a cell of theirs, and most of them are, in every column, a statistic of the rows since
     the summaries before.
     """
-    said = {
+    row_texts = {
         row: text
         for (row, _), text in sorted(texts.items())
         if _plain(text).rpartition("_")[2] in _PLAIN_WORDS
     }
     matches, first, above = 0, 0, numbers[:0]
-    for row in said:
-        if row - 1 not in said:
+    for row in row_texts:
+        if row - 1 not in row_texts:
             above = numbers[first:row]
         first = row + 1
         matches += len(above) > 1 and _is_statistic(numbers[row], above)
-    return said if matches >= _FEWEST_SUMMARIES and 2 * matches > len(said) else {}
+    return row_texts if matches >= _FEWEST_SUMMARIES and 2 * matches > len(row_texts) else {}
 
 
 def _is_statistic(row: Array, above: Array) -> bool:
@@ -103,20 +103,20 @@ def calculated_rows(numbers: Array) -> dict[int, str]:
         columns = (np.abs(above) < _LARGEST).all(axis=0)
         spread = np.where(columns, np.std(np.where(columns, above, 0.0), axis=0), 0.0)
         varying = spread > 0.0
-        known = {name: of(above[:, varying]) for name, of in _STATISTICS.items()}
-        found = [_statistic_of(row[varying], known, spread[varying]) for row in last]
+        statistics = {name: of(above[:, varying]) for name, of in _STATISTICS.items()}
+        found = [_statistic_of(row[varying], statistics, spread[varying]) for row in last]
         if all(found):
             return {len(above) + at: name for at, name in enumerate(found)}
     return {}
 
 
-def _statistic_of(row: Array, known: Mapping[str, Array], spread: Array) -> str:
+def _statistic_of(row: Array, statistics: Mapping[str, Array], spread: Array) -> str:
     filled = np.isfinite(row)
     if filled.sum() < max(_FEWEST_COLUMNS, 0.5 * len(row)):
         return ""
     tolerance = _EQUAL * spread[filled]
     return next(
-        (name for name, value in known.items() if (np.abs(row - value)[filled] <= tolerance).all()), ""
+        (name for name, value in statistics.items() if (np.abs(row - value)[filled] <= tolerance).all()), ""
     )
 
 

@@ -292,17 +292,17 @@ def _without_summaries(table: MeasurementTable) -> MeasurementTable:
     }
     if not found:
         return table
-    kept = [row for row in range(len(table)) if row not in found]
-    place = {row: at for at, row in enumerate(kept)}
+    kept_rows = [row for row in range(len(table)) if row not in found]
+    place = {row: at for at, row in enumerate(kept_rows)}
     shown = ", ".join(f"{word!r} ({table.lines[row]})" for row, word in list(found.items())[:_MOST_NAMED])
     if len(found) > _MOST_NAMED:
         shown = make_message("{} and {} more", shown, len(found) - _MOST_NAMED)
     left_out = make_message("summaries of rows left out, with their lines: {shown}", shown=shown)
     return replace(
         table,
-        numbers=table.numbers[kept],
+        numbers=table.numbers[kept_rows],
         texts={(place[row], at): text for (row, at), text in table.texts.items() if row in place},
-        lines=table.lines[kept],
+        lines=table.lines[kept_rows],
         dialect="; ".join([table.dialect, left_out]),
     )
 

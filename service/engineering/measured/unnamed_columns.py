@@ -71,7 +71,7 @@ def find_unnamed_columns(
     joints = tuple(columns[at] for at in best.joints)
     named = [tuple(columns[at] for at in place) for place in alike]
     read = _read_places(table, model, joints, named)
-    said = make_message(
+    finding = make_message(
         "headings tell nothing: {joints} are the joints and {place} the position, for so they fit {model_name}, and "
         "in no other way; `--columns` names others",
         joints=", ".join(joints),
@@ -79,7 +79,7 @@ def find_unnamed_columns(
         model_name=model.label,
     )
     further = further_places_note([place for place in named if place != read[0]])
-    dialect = join_messages("; ", [each for each in (table.dialect, said, further) if each])
+    dialect = join_messages("; ", [each for each in (table.dialect, finding, further) if each])
     return replace(table, dialect=dialect), {"joints": joints, "position": read[0]}
 
 
@@ -106,19 +106,21 @@ def find_unnamed_place(
     if moved_m < _SMALLEST_M or not triples:
         return table, ()
     places = np.array([values[:, [columns.index(name) for name in names]] for names in triples])
-    left = _left_of(flanges, moved_m, places)
-    named = [names for names, each in zip(triples, left.tolist(), strict=True) if each <= _MOST_LEFT]
+    residual_parts = _left_of(flanges, moved_m, places)
+    named = [
+        names for names, each in zip(triples, residual_parts.tolist(), strict=True) if each <= _MOST_LEFT
+    ]
     if not named:
         return table, ()
     read = _read_places(table, model, joints, named)
-    said = make_message(
+    finding = make_message(
         "no heading tells what was measured: {place} are the position, for so they fit {model_name}; `--columns` "
         "names others",
         place=", ".join(read[0]),
         model_name=model.label,
     )
     further = further_places_note([names for names in named if names != read[0]])
-    dialect = join_messages("; ", [each for each in (table.dialect, said, further) if each])
+    dialect = join_messages("; ", [each for each in (table.dialect, finding, further) if each])
     return replace(table, dialect=dialect), read[0]
 
 
@@ -147,8 +149,10 @@ def _choices(model: RobotModel, values: Array) -> Iterator[_Choice]:
         apart = [place for place in places if not set(place) & set(joints)]
         if moved_m < _SMALLEST_M or not apart:
             continue
-        left = _left_of(flanges, moved_m, np.array([values[:, place] for place in apart]))
-        yield from (_Choice(joints, place, each) for place, each in zip(apart, left.tolist(), strict=True))
+        residual_parts = _left_of(flanges, moved_m, np.array([values[:, place] for place in apart]))
+        yield from (
+            _Choice(joints, place, each) for place, each in zip(apart, residual_parts.tolist(), strict=True)
+        )
 
 
 def _places(values: Array) -> Iterator[tuple[int, ...]]:
@@ -165,7 +169,7 @@ def _places(values: Array) -> Iterator[tuple[int, ...]]:
 def _left_of(flanges: Array, moved_m: float, places: Array) -> Array:
     """Return what fits of base and target leave of the motion, by the best unit, of each choice of places (P,)."""
     spread = _spread(places)
-    left = np.full(len(places), np.inf)
+    residual_parts = np.full(len(places), np.inf)
     for metres in LENGTH_UNITS.values():
         likely = np.flatnonzero(np.abs(np.log(np.maximum(spread * metres, 1e-12) / moved_m)) < _PLAUSIBLE)
         if not len(likely):
@@ -175,8 +179,8 @@ def _left_of(flanges: Array, moved_m: float, places: Array) -> Array:
             scores = trimmed_point_scores(frames, places[likely] * metres, np.zeros(len(likely), dtype=bool))
         except (CalibrationError, np.linalg.LinAlgError):
             continue
-        left[likely] = np.minimum(left[likely], scores / (spread[likely] * metres))
-    return left
+        residual_parts[likely] = np.minimum(residual_parts[likely], scores / (spread[likely] * metres))
+    return residual_parts
 
 
 def _spread(points: Array) -> Array:

@@ -130,12 +130,12 @@ def _require_valid(backup: FanucBackup, group: int) -> tuple[GroupMastering, Gro
 
 def _is_named(serial: str, folder: Path) -> bool:
     """Return whether the backup's version report names this robot by its F number; refuse one that names another."""
-    wanted = _plain_number(serial)
-    report = read_report_in(folder, VERSION) if _F_NUMBER.fullmatch(wanted) else None
+    robot_number = _plain_number(serial)
+    report = read_report_in(folder, VERSION) if _F_NUMBER.fullmatch(robot_number) else None
     if report is None:
         return False
     there = read_version_report(report, VERSION).serial
-    if _F_NUMBER.fullmatch(_plain_number(there)) and _plain_number(there) != wanted:
+    if _F_NUMBER.fullmatch(_plain_number(there)) and _plain_number(there) != robot_number:
         raise RecordFileError(
             make_message(
                 "the backup in {folder} is of robot {there}, and the cell file says {serial}.",
@@ -145,7 +145,7 @@ def _is_named(serial: str, folder: Path) -> bool:
             ),
             remedy="Give the backup of this robot, or correct the serial number in the cell file.",
         )
-    return _plain_number(there) == wanted
+    return _plain_number(there) == robot_number
 
 
 def _plain_number(serial: str) -> str:

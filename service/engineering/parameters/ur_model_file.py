@@ -32,15 +32,15 @@ def ur_model_text(arm: ControllerArm, arm_type: str, address: str) -> str:
     CalibrationError
         Another type of arm answers, or its factory calibration does not belong to the drawing.
     """
-    known = _known_type(arm_type)
-    if arm.type_code != known.code:
+    expected_type = _known_type(arm_type)
+    if arm.type_code != expected_type.code:
         raise CalibrationError(
             make_message(
                 "the controller at {address} reports type code {found}; a {arm_type} reports {code}.",
                 address=address,
                 found=arm.type_code,
                 arm_type=arm_type,
-                code=known.code,
+                code=expected_type.code,
             ),
             remedy="Correct the address, or name the arm that is on its label.",
         )

@@ -153,15 +153,15 @@ def _draw_overview(report: IdentifiedCellReport, every: list[SeriesEvidence]) ->
     figure = new_figure(13.0, 1.0 + 2.3 * len(every))
     panels = figure.subplots(len(every), 2, width_ratios=[2.6, 1.0], squeeze=False)
     title_of(figure, f"A cell in one fit: level {report.level}, {LEVEL_NAMES[report.level]}")
-    for (left, right), evidence in zip(panels, every, strict=True):
-        held_out_by_row(left, evidence)
-        left.set_title(evidence.figure_title, loc="left")
+    for (left_panel, right_panel), evidence in zip(panels, every, strict=True):
+        held_out_by_row(left_panel, evidence)
+        left_panel.set_title(evidence.figure_title, loc="left")
         if len(evidence.held_out_m):
-            draw_histogram(right, evidence)
-            right.set_xlabel("error (mm)")
+            draw_histogram(right_panel, evidence)
+            right_panel.set_xlabel("error (mm)")
         else:
-            left.set_title(f"{evidence.figure_title}: too short to hold rows out", loc="left")
-            left.set_axis_off()
-            right.set_axis_off()
+            left_panel.set_title(f"{evidence.figure_title}: too short to hold rows out", loc="left")
+            left_panel.set_axis_off()
+            right_panel.set_axis_off()
     panels[-1, 0].set_xlabel("line of the file")
     return figure

@@ -18,10 +18,10 @@ _MOST_BINS = 50
 
 def draw_distribution(figure: FigureBase, evidence: PlottedResiduals) -> None:
     """Draw the histogram and the share of rows below each error."""
-    left, right = figure.subplots(1, 2)
+    left_panel, right_panel = figure.subplots(1, 2)
     title_of(figure, f"{evidence.figure_title}: held-out errors before and after")
-    draw_histogram(left, evidence)
-    draw_shares(right, evidence)
+    draw_histogram(left_panel, evidence)
+    draw_shares(right_panel, evidence)
 
 
 def draw_histogram(panel: "Axes", evidence: PlottedResiduals) -> None:

@@ -19,13 +19,13 @@ def draw_overview(figure: FigureBase, evidence: IdentificationEvidence) -> None:
     """Draw the page."""
     report = evidence.report
     upper, lower = figure.subfigures(2, 1, squeeze=False, height_ratios=[1.0, 2.1]).flat
-    left, right = lower.subfigures(1, 2, squeeze=False, width_ratios=[1.15, 1.0]).flat
+    left_part, right_part = lower.subfigures(1, 2, squeeze=False, width_ratios=[1.15, 1.0]).flat
     title_of(upper, f"{evidence.figure_title}: identification from {report.rows} rows")
     rows = upper.subplots()
     held_out_by_row(rows, evidence)
     rows.set_xlabel("data row")
-    draw_maps(left, evidence)
-    panels = right.subplot_mosaic([["bins", "shares"], ["words", "words"]], height_ratios=[1.0, 0.8])
+    draw_maps(left_part, evidence)
+    panels = right_part.subplot_mosaic([["bins", "shares"], ["words", "words"]], height_ratios=[1.0, 0.8])
     draw_histogram(panels["bins"], evidence)
     draw_shares(panels["shares"], evidence)
     panels["words"].axis("off")

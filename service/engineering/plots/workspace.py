@@ -38,14 +38,16 @@ class _PlaneView:
             both = np.concatenate([reach, measured])
             margin = 0.03 * float(np.ptp(both)) + 1e-3
             low_high += [float(both.min()) - margin, float(both.max()) + margin]
-        left, right, bottom, top = low_high
-        return left, right, bottom, top
+        lowest_across, highest_across, lowest_up, highest_up = low_high
+        return lowest_across, highest_across, lowest_up, highest_up
 
     def hexagon_counts(self) -> tuple[int, int]:
         """Return how many hexagons across and up make them regular."""
-        left, right, bottom, top = self.axis_limits()
-        size = max(right - left, top - bottom) / _CELLS
-        return max(round((right - left) / size), 1), max(round((top - bottom) / size / np.sqrt(3)), 1)
+        lowest_across, highest_across, lowest_up, highest_up = self.axis_limits()
+        size = max(highest_across - lowest_across, highest_up - lowest_up) / _CELLS
+        return max(round((highest_across - lowest_across) / size), 1), max(
+            round((highest_up - lowest_up) / size / np.sqrt(3)), 1
+        )
 
 
 def error_map(figure: FigureBase, evidence: IdentificationEvidence) -> None:
@@ -117,9 +119,9 @@ def _plane_views(evidence: IdentificationEvidence) -> tuple[_PlaneView, _PlaneVi
 
 
 def _frame_panel(panel: "Axes", view: _PlaneView) -> None:
-    left, right, bottom, top = view.axis_limits()
-    panel.set_xlim(left, right)
-    panel.set_ylim(bottom, top)
+    lowest_across, highest_across, lowest_up, highest_up = view.axis_limits()
+    panel.set_xlim(lowest_across, highest_across)
+    panel.set_ylim(lowest_up, highest_up)
     panel.set_aspect("equal")
     panel.plot(0, 0, "+", color="black", ms=9, clip_on=False)
     title, across, up = view.words

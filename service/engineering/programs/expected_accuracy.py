@@ -101,12 +101,14 @@ class Expectation:
             )
         if self.change_covariance is not None:
             places = arms["source"].tip_arm.compute_frames(ends.source_rad[block].T)[1][-1].T
-            seen = turn
+            view_turn = turn
             if self.source_carrier is not None:
                 carrier = self.source_carrier[block]
                 places = np.einsum("nij,nj->ni", carrier[:, :3, :3], places) + carrier[:, :3, 3]
-                seen = turn @ carrier[:, :3, :3].swapaxes(1, 2)
-            total = total + seen @ frame_covariances(self.change_covariance, places) @ seen.swapaxes(-1, -2)
+                view_turn = turn @ carrier[:, :3, :3].swapaxes(1, 2)
+            total = total + view_turn @ frame_covariances(
+                self.change_covariance, places
+            ) @ view_turn.swapaxes(-1, -2)
         variance = self._left_over(self.target) + ends.target_tool.sigma_m**2
         if not self.nominal:
             variance += self._left_over(self.source) + ends.source_tool.sigma_m**2

@@ -99,8 +99,8 @@ class InspectedProgram:
         places = _rounded_rows(positions.frame_tip[:, :3, 3] * 1e3)
         shown = np.full(positions.joints.shape[1], np.degrees(1.0))
         if reach is not None:
-            known = reach.shown_per_joint[: len(shown)]
-            shown[: len(known)] = known
+            reach_joints = reach.shown_per_joint[: len(shown)]
+            shown[: len(reach_joints)] = reach_joints
         joints = _rounded_rows(positions.joints * shown) if positions.joints.size else [[]] * len(positions)
         for i, name in enumerate(positions.names):
             yield {

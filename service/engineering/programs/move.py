@@ -200,8 +200,8 @@ def _can_follow(project: Project, base_change: Array) -> bool:
         return True
     if other.scara is None:
         return False
-    seen = base_change[:3, :3] @ other.scara.up
-    lean = np.arctan2(np.linalg.norm(np.cross(seen, other.scara.up)), seen @ other.scara.up)
+    moved_up = base_change[:3, :3] @ other.scara.up
+    lean = np.arctan2(np.linalg.norm(np.cross(moved_up, other.scara.up)), moved_up @ other.scara.up)
     return bool(lean <= project.largest_tilt_rad)
 
 

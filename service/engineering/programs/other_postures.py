@@ -71,11 +71,11 @@ class OtherPostureSearch:
         taught = taught_postures(before, count, axes)
         last_taught = _carried_forward(taught)
         found, why = np.full((count, axes), np.nan), [""] * count
-        known = np.flatnonzero(np.isfinite(last_taught[:, 0]))
+        taught_rows = np.flatnonzero(np.isfinite(last_taught[:, 0]))
         for i in np.flatnonzero(~np.isfinite(last_taught[:, 0])).tolist():
             why[i] = make_message(NO_POSTURE, joints=axes)
-        for first in range(0, len(known), _BLOCK):
-            rows = known[first : first + _BLOCK]
+        for first in range(0, len(taught_rows), _BLOCK):
+            rows = taught_rows[first : first + _BLOCK]
             candidates, lean = self._candidates(base_flange[rows], last_taught[rows])
             for i, row in enumerate(rows.tolist()):
                 if lean[i] > LEANEST_RAD:

@@ -165,10 +165,10 @@ def _without_shared_axes(points: ProgramPoints, rows: Rows, start: int, outcome:
         moved = set() if table is None else set(points.row[rows][np.isfinite(table).any(axis=1)].tolist())
         shared = set[int]()
         for group in program.positions.shared_external:
-            left = [row for row in group if row not in changed]
-            with_it = [first[row] for row in group if row in moved] if left else []
+            unchanged_rows = [row for row in group if row not in changed]
+            with_it = [first[row] for row in group if row in moved] if unchanged_rows else []
             if with_it:
-                why = make_message(_SHARES, name=program.positions.names[left[0]])
+                why = make_message(_SHARES, name=program.positions.names[unchanged_rows[0]])
                 points.refuse_points(np.array(with_it, dtype=np.intp), why)
                 shared.update(with_it)
         if not shared:

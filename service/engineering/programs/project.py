@@ -307,7 +307,9 @@ def _read_alignment(table: FixtureTable, folder: Path, serial: str) -> Alignment
         ) from refused
     mine = [a for a in found if a.robot_serial == serial and name in (None, a.fixture)]
     if len(mine) != 1:
-        wanted = make_message("{serial} with {fixture}", serial=serial, fixture=name) if name else serial
+        fixture_label = (
+            make_message("{serial} with {fixture}", serial=serial, fixture=name) if name else serial
+        )
         there = [
             make_message("{fixture} from robot {serial}", fixture=a.fixture, serial=a.robot_serial)
             for a in found
@@ -317,7 +319,7 @@ def _read_alignment(table: FixtureTable, folder: Path, serial: str) -> Alignment
                 "{path} holds {count} alignments of robot {wanted}: {there}.",
                 path=path,
                 count=len(mine),
-                wanted=wanted,
+                wanted=fixture_label,
                 there=join_messages("; ", there) or "nothing",
             ),
             remedy="Name the robot's own alignment file, and the fixture under [fixture] name.",

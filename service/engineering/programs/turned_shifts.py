@@ -248,10 +248,10 @@ def _size_counts(shift: ProgramShift, turned: _TurnedChange) -> bool:
     return bool((costs[unread] * _TOO_FAR_M > _LEAST_M).any())
 
 
-def _set_part_counts(shift: ProgramShift, seen: _TurnedChange) -> bool:
+def _set_part_counts(shift: ProgramShift, change: _TurnedChange) -> bool:
     """Return whether coordinates that get a value of their own would change with the point."""
-    apart = np.abs(seen.change - np.eye(4))[:3]
-    if not seen.exact:
+    apart = np.abs(change.change - np.eye(4))[:3]
+    if not change.exact:
         return bool((apart > _LEAST_M).any())
     return bool((apart[np.isnan(shift.translation_m)] > _LEAST_M).any())
 

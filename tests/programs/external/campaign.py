@@ -87,9 +87,11 @@ def generate_cell(name: str, seed: int) -> GeneratedCell:
     text = spelling.write(points, spelling.frame)
     if name == "fanuc":
         text = write_fanuc(points, spelling.frame, str(rng.choice(["", "", "COORD", "RTCP", "INC"])))
-    known = axes if is_stated else axes[: int(rng.integers(len(axes) + 1))][:-1]
+    stated_axes = axes if is_stated else axes[: int(rng.integers(len(axes) + 1))][:-1]
     unsaid = '[unsaid]\ntool = "tGrip"\n' if name == "abb" else ""
-    return GeneratedCell(true, replace(true, axes=known, lines=unsaid), spelling.read(text), text, change)
+    return GeneratedCell(
+        true, replace(true, axes=stated_axes, lines=unsaid), spelling.read(text), text, change
+    )
 
 
 def _held_cell(name: str, rng: np.random.Generator, change: Array) -> GeneratedCell:
@@ -148,19 +150,19 @@ def try_cell(name: str, seed: int, tally: ExternalTally) -> None:
     tally.programs += 1
     tally.points += len(rows)
     for row, old, new in zip(rows, made.points, after, strict=True):
-        left = result.status[row] == LEFT
-        tally.left_points += left
-        tally.changed += not left
-        why = find_wrong_point(made, old, new, left=left)
+        is_left = result.status[row] == LEFT
+        tally.left_points += is_left
+        tally.changed += not is_left
+        why = find_wrong_point(made, old, new, left=is_left)
         if why:
             tally.wrong.append(f"seed {seed}, {program.positions.names[row]}: {why}")
     tally.wrong += [f"seed {seed}: {why}" for why in _wrong_codes(result, rows)]
 
 
 def _wrong_codes(result: ProgramResult, rows: Sequence[int]) -> list[str]:
-    left = [row for row in rows if result.status[row] == LEFT]
-    found = ["a point is left without a reason" for row in left if not result.reason[row]]
-    if left and result.exit_code is not ExitCode.REFUSED:
+    left_rows = [row for row in rows if result.status[row] == LEFT]
+    found = ["a point is left without a reason" for row in left_rows if not result.reason[row]]
+    if left_rows and result.exit_code is not ExitCode.REFUSED:
         found.append("points are left, and the exit code is not 4")
     return found
 

@@ -167,14 +167,17 @@ def joints_of(model: RobotModel, flange: Array, starts: Array) -> Array:
     for start in starts:
         joints = np.array(start)
         for _ in range(30):
-            left = gap(flange, flange_of(model, joints))
-            if np.abs(left).max() < 1e-12:
+            gap_left = gap(flange, flange_of(model, joints))
+            if np.abs(gap_left).max() < 1e-12:
                 return joints
             step = 1e-6
             slopes = np.array(
-                [(gap(flange, flange_of(model, joints + step * each)) - left) / step for each in np.eye(6)]
+                [
+                    (gap(flange, flange_of(model, joints + step * each)) - gap_left) / step
+                    for each in np.eye(6)
+                ]
             ).T
-            joints = joints - np.clip(np.linalg.solve(slopes, left), -0.2, 0.2)
+            joints = joints - np.clip(np.linalg.solve(slopes, gap_left), -0.2, 0.2)
     raise AssertionError("no joints")
 
 
@@ -221,10 +224,10 @@ def test_compensation_knows_the_axis_as_it_was_identified(
         joints = joints_of(nominal, flange, np.radians(spelling.postures))
         tip = flange_of(real, joints) @ TOOL
         if sort == "rail":
-            reached, asked = real_axis.motion(at) @ tip, FRAME @ believed.tip
+            reached, goal = real_axis.motion(at) @ tip, FRAME @ believed.tip
         else:
-            reached, asked = np.linalg.inv(real_axis.motion(at)) @ tip, frame @ believed.tip
-        assert_near(asked, reached)
+            reached, goal = np.linalg.inv(real_axis.motion(at)) @ tip, frame @ believed.tip
+        assert_near(goal, reached)
 
 
 class _RealAxis:
@@ -245,10 +248,10 @@ def test_a_fixture_that_was_measured_with_the_robot_elsewhere_on_its_rail(tmp_pa
     cells = HandCell(spelling, (axis,)), HandCell(spelling, (axis,), CLONE_BASE @ FRAME)
     nominal = arm(spelling.model)
     fixture = pose((0.7, 0.2, 0.1), (0.1, 0.0, 0.3))
-    seen = np.linalg.inv(axis.motion(450.0)) @ CLONE_BASE @ fixture
+    clone_base = np.linalg.inv(axis.motion(450.0)) @ CLONE_BASE @ fixture
     master = write_project(cells[0], tmp_path / "a", real=nominal, serial="A", fixture=fixture)
     clone = write_project(
-        cells[1], tmp_path / "b", real=nominal, serial="B", fixture=seen, at="at = { rail = 450.0 }\n"
+        cells[1], tmp_path / "b", real=nominal, serial="B", fixture=clone_base, at="at = { rail = 450.0 }\n"
     )
     text = spelling.write(cells[0].points([{axis.axis: 100.0}]), spelling.frame)
     brand = brand_named(spelling.brand)
@@ -297,6 +300,6 @@ def test_the_frame_that_could_be_entered_instead(coordinated: bool, tmp_path: Pa
     cell = HandCell(spelling, (axis,), frame=axis.frame if coordinated else FRAME)
     project = cell.project(tmp_path)
     change = axis.frame @ pose((0.01, 0.02, 0.03)) @ np.linalg.inv(axis.frame)
-    said = instead_of_moving(project, spelling.frame, change)
-    assert ("X 10.000, Y 20.000, Z 30.000 mm" in said) == coordinated
-    assert bool(said) == coordinated
+    advice = instead_of_moving(project, spelling.frame, change)
+    assert ("X 10.000, Y 20.000, Z 30.000 mm" in advice) == coordinated
+    assert bool(advice) == coordinated

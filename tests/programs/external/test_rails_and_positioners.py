@@ -233,7 +233,7 @@ def test_a_work_object_that_a_mechanical_unit_moves(elsewhere: bool, tmp_path: P
 
     assert_moved(cell, run(cell.project(tmp_path / "stated")), spelling.read(text))
     still = HandCell(spelling, (table(spelling, coordinated=False),), frame=cell.frame)
-    left = run(still.project(tmp_path / "still"))
-    assert set(left.status) == {LEFT}
-    assert "mechanical unit" in left.reason[0]
-    assert left.after.to_bytes() == text.encode()
+    left_result = run(still.project(tmp_path / "still"))
+    assert set(left_result.status) == {LEFT}
+    assert "mechanical unit" in left_result.reason[0]
+    assert left_result.after.to_bytes() == text.encode()

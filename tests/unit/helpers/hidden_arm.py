@@ -38,8 +38,11 @@ class HiddenArm:
         dice = np.random.default_rng([self.seed, 2])
         sizes = np.array([_LENGTH_M] * 3 + [_ANGLE_RAD] * 3) * self.geometry
         arm = self.nominal.with_twists(dice.normal(size=(self.nominal.axis_count + 1, 6)) * sizes)
-        seen = homogeneous_matrix(exp_rotation(dice.normal(size=3)), np.array([2.5, 0.7, 0.3]))
-        return arm.tip_positions(joints + self.zeros(), _TIP_IN_FLANGE_M) @ seen[:3, :3].T + seen[:3, 3]
+        base_world = homogeneous_matrix(exp_rotation(dice.normal(size=3)), np.array([2.5, 0.7, 0.3]))
+        return (
+            arm.tip_positions(joints + self.zeros(), _TIP_IN_FLANGE_M) @ base_world[:3, :3].T
+            + base_world[:3, 3]
+        )
 
     def postures(self, count: int, salt: int = 3) -> np.ndarray:
         """Return postures within all limits (count, n)."""
@@ -75,17 +78,17 @@ def calibrate(
     hidden = HiddenArm(model, seed, geometry)
     joints = hidden.postures(points)
     once, sigma = np.zeros(points, dtype=np.intp), np.full(points, NOISE_M)
-    seen = PointObservations(joints, hidden.measured(joints), sigma, once)
-    found = identify_arm(model, seen, options=IdentificationOptions(level=level, judge=False))
+    observations = PointObservations(joints, hidden.measured(joints), sigma, once)
+    found = identify_arm(model, observations, options=IdentificationOptions(level=level, judge=False))
     further = hidden.postures(200, 5)
-    readings, said = hidden.measured(further, 6), predict_readings(found, further)
+    readings, predicted = hidden.measured(further, 6), predict_readings(found, further)
     nominal = found.frames.seen_from(0).base_flange(further)[:, :3, 3]
-    away = np.linalg.norm(readings - said.positions_m, axis=1)
+    away = np.linalg.norm(readings - predicted.positions_m, axis=1)
     noise = NOISE_M * np.sqrt(3.0)
     return Calibrated(
         float(np.sqrt(np.mean(np.sum((readings - nominal) ** 2, axis=1)))) / noise,
         float(np.sqrt(np.mean(away**2))) / noise,
-        float((away <= said.expanded_m).mean()),
+        float((away <= predicted.expanded_m).mean()),
         _zeros(found, hidden),
     )
 
@@ -93,10 +96,10 @@ def calibrate(
 def _zeros(found, hidden):
     """Return how far identified zeros that nothing hides are from those hidden, in their stated deviations."""
     fit, concealed = found.robust.fit, {item.parameter for item in found.not_identified}
-    wanted = hidden.nominal.joint_coupling @ hidden.zeros()
+    expected_zeros = hidden.nominal.joint_coupling @ hidden.zeros()
     sigma = np.sqrt(np.diag(fit.covariance))
     return {
-        p.name: float((fit.deviations[i] - wanted[p.joint]) / sigma[i])
+        p.name: float((fit.deviations[i] - expected_zeros[p.joint]) / sigma[i])
         for i, p in enumerate(fit.layout.parameters)
         if p.role == "offset" and p.name not in concealed
     }

@@ -91,10 +91,10 @@ def test_an_arm_of_another_kind_is_refused_for_what_it_is(tmp_path, robot, text,
     (tmp_path / "project.toml").write_text(PROJECT.format(model=f"{DESCRIPTIONS}/{robot}"))
     words = ["program", "inspect", "--project", str(tmp_path / "project.toml"), str(tmp_path / "A.LS")]
     assert run_command_line(words) == 10
-    told = " ".join(capsys.readouterr().out.split())
-    assert says in told
-    assert cure in told
-    assert "interaction" not in told
+    output = " ".join(capsys.readouterr().out.split())
+    assert says in output
+    assert cure in output
+    assert "interaction" not in output
 
 
 def test_a_program_of_joints_moves_with_an_arm_whose_postures_are_not_distinguished(tmp_path):
@@ -144,5 +144,5 @@ def test_points_beyond_a_sum_of_joints_are_named(tmp_path, capsys):
     )
     words = ["program", "inspect", "--project", str(path), str(tmp_path / "A.LS"), "--points", "--json"]
     assert run_command_line(words) == 4
-    told = json.dumps(json.loads(capsys.readouterr().out))
-    assert "J2+J3 beyond its limit" in told
+    output = json.dumps(json.loads(capsys.readouterr().out))
+    assert "J2+J3 beyond its limit" in output

@@ -168,8 +168,8 @@ def test_a_point_that_a_scara_would_have_to_lean_for_is_left_with_the_angle(tmp_
     code, text = run(tmp_path, SCARA, listing(points), "--frame", "2", "--offset", "0,0,1,1.5,0,0")
     assert code == 4
     assert text == listing(points)
-    told = " ".join(capsys.readouterr().out.split())
-    assert "turn it by 1.50 deg more than" in told
+    output = " ".join(capsys.readouterr().out.split())
+    assert "turn it by 1.50 deg more than" in output
     code, text = run(
         tmp_path,
         SCARA,
@@ -228,8 +228,8 @@ def test_a_far_turn_of_the_work_keeps_the_side_of_the_elbow(tmp_path, elbow):
     assert written[1] * elbow > 5
     before, yaw = scara_tip_mm(*posture)
     after, turned = scara_tip_mm(*written)
-    wanted = turn_z(np.radians(80.0)) @ before + np.array([60.0, -40.0, 0.0])
-    assert np.abs(after - wanted).max() < 3e-3
+    expected_m = turn_z(np.radians(80.0)) @ before + np.array([60.0, -40.0, 0.0])
+    assert np.abs(after - expected_m).max() < 3e-3
     assert abs(np.remainder(np.degrees(turned - yaw) - 80 + 180, 360) - 180) < 2e-4
 
 
@@ -264,10 +264,10 @@ def test_five_joints_follow_what_keeps_the_tool_upright(tmp_path):
     tool = np.eye(4)
     tool[:3, 3] = np.array(TOOL_MM) * 1e-3
     for i, joints in enumerate(UPRIGHT):
-        wanted = change @ fanuc_flange(model, joints) @ tool
+        expected_tip = change @ fanuc_flange(model, joints) @ tool
         found = fanuc_flange(model, joints_of(text)[i + 1]) @ tool
-        assert np.abs(found - wanted)[:3, 3].max() < 4e-6  # four decimals of a degree at 0.7 m
-        assert degrees_apart(wanted, found) < 4e-4
+        assert np.abs(found - expected_tip)[:3, 3].max() < 4e-6  # four decimals of a degree at 0.7 m
+        assert degrees_apart(expected_tip, found) < 4e-4
 
 
 def test_a_turn_that_five_joints_cannot_follow_is_left_with_the_angle(tmp_path, capsys):
@@ -295,9 +295,9 @@ def test_poses_of_five_joints_take_the_posture_before_them(tmp_path):
     code, text = run(tmp_path, FIVE, listing(points), "--frame", "2", "--offset", "20,-15,30,0,0,10")
     assert code == 0
     for i, pose in enumerate(taught):
-        wanted = turn_z(np.radians(10.0)) @ pose[:3, 3] * 1e3 + [20, -15, 30]
+        expected_mm = turn_z(np.radians(10.0)) @ pose[:3, 3] * 1e3 + [20, -15, 30]
         x, y, z, *wpr = poses_of(text)[i + 2]
-        assert np.abs([x, y, z] - wanted).max() < 1.6e-3  # both files have three decimals
+        assert np.abs([x, y, z] - expected_mm).max() < 1.6e-3  # both files have three decimals
         turned = np.eye(4)
         turned[:3, :3] = rotation_from("fanuc_wpr", np.radians([wpr]))[0]
         expected = np.eye(4)
@@ -363,11 +363,11 @@ def test_seven_joints_move_with_the_elbow_axis_at_its_taught_value(tmp_path):
     for i, joints in enumerate(ELBOWS):
         pulses = [float(v) for v in re.search(rf"C{i:05d}=(.*)", text)[1].split(",")]
         s, low, u, r, b, t, e = np.degrees(np.array(pulses) / PULSES)
-        wanted = change @ flange(joints) @ tool
+        expected_tip = change @ flange(joints) @ tool
         found = flange([s, low, e, u, r, b, t]) @ tool
         assert abs(e - joints[2]) <= 0.51 / 66000 * 57.3  # the same pulse
-        assert np.abs(found - wanted)[:3, 3].max() < 3e-5  # a pulse is some 14 microradians at a metre
-        assert degrees_apart(wanted, found) < 4e-3
+        assert np.abs(found - expected_tip)[:3, 3].max() < 3e-5  # a pulse is some 14 microradians at a metre
+        assert degrees_apart(expected_tip, found) < 4e-3
 
 
 @pytest.mark.parametrize(
@@ -446,7 +446,7 @@ def test_compensation_of_a_scara_puts_its_real_tip_where_the_program_says(tmp_pa
     route = compensation_transfer(project, ProgramDirection.UPLOAD, BRAND.configurations)
     result = route.transfer_programs([program])[0]
     assert result.is_complete
-    wanted = project.frames["2"] @ result.before.positions.frame_tip
+    expected_tips = project.frames["2"] @ result.before.positions.frame_tip
     joints = commanded_joints(project, result.after.positions.frame_tip)
     real = tips_by_hand(project.identified.state.arm_model, project.tools["1"].real, joints)
     nominal = tips_by_hand(
@@ -454,9 +454,11 @@ def test_compensation_of_a_scara_puts_its_real_tip_where_the_program_says(tmp_pa
         project.tools["1"].real,
         commanded_joints(project, result.before.positions.frame_tip),
     )
-    assert np.linalg.norm((nominal - wanted)[:, :3, 3], axis=1).min() > 3e-4
-    assert np.linalg.norm((real - wanted)[:, :3, 3], axis=1).max() < 2e-6  # the file has three decimals
-    yaw = [np.degrees(np.arctan2(pose[1, 0], pose[0, 0])) for pose in np.linalg.inv(wanted) @ real]
+    assert np.linalg.norm((nominal - expected_tips)[:, :3, 3], axis=1).min() > 3e-4
+    assert (
+        np.linalg.norm((real - expected_tips)[:, :3, 3], axis=1).max() < 2e-6
+    )  # the file has three decimals
+    yaw = [np.degrees(np.arctan2(pose[1, 0], pose[0, 0])) for pose in np.linalg.inv(expected_tips) @ real]
     assert np.abs(yaw).max() < 2e-3
     assert any("deg of the orientation stay" in warning for warning in result.warnings)
 
@@ -525,8 +527,8 @@ def test_rods_of_an_identified_arm_are_said_to_stay_uncorrected(tmp_path):
     assert rods_left_out(plain, plain) == []
     state = starting_state(plain.nominal, StartingPoint({}), (), np.eye(4), ())
     identified = replace(plain, identified=IdentifiedArm(state, "0" * 64, 1, None, None, None))
-    (said,) = rods_left_out(identified, plain)
-    assert "rods drive axis 3 of abb_irb2400" in said
+    (remark,) = rods_left_out(identified, plain)
+    assert "rods drive axis 3 of abb_irb2400" in remark
     scara = scara_project(tmp_path, 5)
     assert rods_left_out(scara, scara) == []
 

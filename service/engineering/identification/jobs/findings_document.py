@@ -7,7 +7,7 @@ from cellcal.service.engineering.identification.identify_findings import Identif
 
 
 def findings_document(
-    known: Sequence[IdentifiedRow], ripple_count: int, unknown: Iterable[NotIdentified]
+    identified: Sequence[IdentifiedRow], ripple_count: int, not_identified: Iterable[NotIdentified]
 ) -> dict[str, object]:
     """Return the known parameters with their deviations, how many of ripple beside them, and the unknown ones."""
     return {
@@ -18,11 +18,11 @@ def findings_document(
                 "deviation": row.deviation,
                 "standard_uncertainty": row.sigma,
             }
-            for row in known
+            for row in identified
         ],
         "ripple_count": ripple_count,
         "unknown": [
             {"cure": cure, "hidden": [{"names": names, "behind": one} for one, names in behind.items()]}
-            for cure, behind in unknown_by_cure(unknown).items()
+            for cure, behind in unknown_by_cure(not_identified).items()
         ],
     }

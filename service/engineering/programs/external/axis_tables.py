@@ -76,10 +76,10 @@ def fixture_values(table: FixtureTable, axes: CellAxes, where: str) -> dict[str,
     by_name = {axis.name: axis for axis in axes.axes}
     for name in table.at:
         if name not in by_name:
-            unknown, known = unknown_key(name, tuple(by_name))
+            unknown, remedy = unknown_key(name, tuple(by_name))
             raise ProjectError(
                 make_message("{where}: {unknown}", where=where, unknown=unknown),
-                remedy=join_messages(" ", ("Name an axis as its [[track]] or [[positioner]] does.", known)),
+                remedy=join_messages(" ", ("Name an axis as its [[track]] or [[positioner]] does.", remedy)),
             )
     return {name: value * by_name[name].kind.per_unit for name, value in table.at.items()}
 
