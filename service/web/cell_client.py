@@ -196,10 +196,10 @@ class CellProcessClient:
 
     async def _answer_to(self, answer: asyncio.Future[OrderReply], *, is_stop: bool) -> OrderReply:
         """Wait for an answer; for that to a stop only shortly where the process sends nothing at all meanwhile."""
-        heard = self._lines_heard
+        lines_before = self._lines_heard
         first_s = STOP_ANSWER_S if is_stop else ANSWER_S
         await asyncio.wait({answer}, timeout=first_s)
-        if not answer.done() and self._lines_heard > heard:
+        if not answer.done() and self._lines_heard > lines_before:
             await asyncio.wait({answer}, timeout=ANSWER_S - first_s)
         if not answer.done():
             raise CellProcessSilentError
