@@ -108,9 +108,19 @@ def state_seen(state: str, run_id: str, under_way: Collection[str]) -> str:
 def _holder_of(path: Path) -> str | None:
     """Return who holds a lease; None where nobody does."""
     try:
-        descriptor = os.open(path, os.O_RDWR | os.O_CLOEXEC)
+        descriptor = os.open(
+            path, os.O_RDONLY | os.O_CLOEXEC
+        )  # a look must also do on a disk that is read-only
     except FileNotFoundError:
         return None
+    except OSError as error:
+        raise CellError(
+            make_message(
+                "whether the robot is in use cannot be seen: {error}.", error=error.strerror or error
+            ),
+            remedy="Run cellcal as the user of its data folder, or give that user its files.",
+            code="store.io",
+        ) from error
     try:
         fcntl.flock(descriptor, fcntl.LOCK_SH | fcntl.LOCK_NB)
     except BlockingIOError:

@@ -11,7 +11,7 @@ import pytest
 
 from cellcal.calibration.errors import CellError
 from cellcal.service.exit_codes import ExitCode, exit_code_of
-from cellcal.service.record.robot_lock import LeaseHeldError, acquire_lease
+from cellcal.service.record.robot_lock import LeaseHeldError, acquire_lease, is_held
 from cellcal.service.record.service_lock import LOCK_NAME, DataFolderInUseError, hold_data_folder
 
 # The lock is all that is tried: a process that only holds it, and is killed.
@@ -65,3 +65,28 @@ def test_a_disk_without_locks_is_told_as_such(tmp_path: Path, monkeypatch: pytes
     with pytest.raises(CellError, match="cannot lock files") as refused:
         acquire_lease(tmp_path, "F-1", "one").__enter__()
     assert not isinstance(refused.value, LeaseHeldError)
+
+
+def test_a_robot_is_looked_at_where_the_disk_has_become_read_only(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    opened = os.open
+
+    def open_to_read(path: Path, flags: int, mode: int = 0o777) -> int:
+        if flags & (os.O_RDWR | os.O_WRONLY):
+            raise OSError(errno.EROFS, "Read-only file system", str(path))
+        return opened(path, flags, mode)
+
+    with acquire_lease(tmp_path, "F-1", "one"):
+        monkeypatch.setattr(os, "open", open_to_read)
+        assert is_held(tmp_path, "F-1")
+    assert not is_held(tmp_path, "F-1")
+
+
+def test_a_lock_file_of_another_user_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(path: Path, flags: int) -> int:
+        raise PermissionError(errno.EACCES, "Permission denied", str(path))
+
+    monkeypatch.setattr(os, "open", refuse)
+    with pytest.raises(CellError, match="cannot be seen: Permission denied"):
+        is_held(tmp_path, "F-1")
