@@ -154,7 +154,7 @@ def _describe_mastering(config: CellConfig, serial: str) -> tuple[NightState, st
     """Say what the mastering of a robot that shows no trouble was compared with."""
     if journalled_mastering(config, serial)().record is not None:
         return NightState.UNCHANGED, "as in its mastering record."
-    text = "its mastering was compared with nothing: there is no mastering record of it."
+    text = "its mastering was compared with nothing: there is no mastering record of it that can be read."
     return NightState.NOT_COMPARED, text
 
 
