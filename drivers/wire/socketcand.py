@@ -6,8 +6,10 @@
 * the death of the daemon is not noticed when receiving, and the reader spins: here it raises at once
 """
 
+import math
 import select
 import socket
+import time
 from collections import deque
 
 import can
@@ -24,6 +26,7 @@ class SafeSocketcandBus(SocketCanDaemonBus):
 
     def __init__(self, channel: str, host: str, port: int, *, handshake_s: float) -> None:
         self._handshake_s = handshake_s
+        self._ends_s = math.inf
         try:
             super().__init__(channel=channel, host=host, port=port)  # type: ignore[no-untyped-call]
         except BaseException:
@@ -38,9 +41,16 @@ class SafeSocketcandBus(SocketCanDaemonBus):
 
     def _expect_msg(self, msg: str) -> None:
         """Read one answer, and leave what follows it to the receiver."""
-        self._daemon_socket.settimeout(self._handshake_s)
+        if (
+            self._ends_s == math.inf
+        ):  # connected now: all answers have this time together, each octet may be late
+            self._ends_s = time.monotonic() + self._handshake_s
         answer = b""
         while not answer.endswith(b">") and len(answer) < _LONGEST_ANSWER:
+            remaining_s = self._ends_s - time.monotonic()
+            if remaining_s <= 0.0:
+                raise TimeoutError("the daemon did not complete its greeting")
+            self._daemon_socket.settimeout(remaining_s)
             byte = self._daemon_socket.recv(1)
             if not byte:
                 raise can.CanInitializationError("the daemon closed the connection")

@@ -1,9 +1,12 @@
 """``cellcal serve``: the service and its pages for one cell."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
+
+if TYPE_CHECKING:
+    from cellcal.service.cli.serve_checks import ListenAddress
 
 
 def serve(
@@ -37,19 +40,29 @@ def serve(
     allow_host
         A name that browsers use for this service; may be given more than once.
     """
-    import uvicorn
-
-    from cellcal.service.cli.printing import STDERR_CONSOLE
     from cellcal.service.cli.serve_checks import ListenAddress, refuse_unguarded
+    from cellcal.service.configuration.cell_file import read_cell_file
+    from cellcal.service.record.service_lock import hold_data_folder
 
     listening = ListenAddress(host, tls_cert, tls_key, tuple(name.lower() for name in allow_host))
     refuse_unguarded(cell, listening)
+    address = f"{listening.url_scheme}://{listening.host_name}:{port}"
+    # Before the port, which the other service mostly has as well: a service that is there is the better news.
+    with hold_data_folder(
+        read_cell_file(cell).cell.data_dir, f"cellcal serve of {cell.absolute()} at {address}"
+    ):
+        _serve_pages(cell, listening, port, address)
+    return 0
+
+
+def _serve_pages(cell: Path, listening: "ListenAddress", port: int, address: str) -> None:
+    import uvicorn
+
+    from cellcal.service.cli.printing import STDERR_CONSOLE
     from cellcal.service.gc_freeze import freeze_startup_objects
     from cellcal.service.web.app import create_app  # the heavy part last
     from cellcal.service.web.context import ServiceSettings
     from cellcal.service.web.server import WebServer, bind_address, run_server
-
-    address = f"{listening.url_scheme}://{listening.host_name}:{port}"
 
     def print_address(token: str) -> None:
         STDERR_CONSOLE.print(
@@ -57,10 +70,10 @@ def serve(
         )
 
     service_settings = ServiceSettings(
-        cell, tls=tls_cert is not None, allowed_hosts=listening.hosts,
+        cell, tls=listening.tls_cert is not None, allowed_hosts=listening.hosts,
         on_console_token=print_address if listening.on_loopback else None,
     )  # fmt: skip
-    listening_socket = bind_address(host, port)
+    listening_socket = bind_address(listening.host, port)
     app = create_app(service_settings)
     STDERR_CONSOLE.print(
         f"cellcal serves {cell} on {address} (Ctrl+C ends it).", markup=False, soft_wrap=True
@@ -69,10 +82,9 @@ def serve(
         print_address(app.state.context.authenticator.console_token())
     freeze_startup_objects()
     config = uvicorn.Config(
-        app, host=host, port=port, log_level="warning", log_config=None, ws="websockets-sansio",
+        app, host=listening.host, port=port, log_level="warning", log_config=None, ws="websockets-sansio",
         timeout_graceful_shutdown=5,
         ws_per_message_deflate=False,  # fifty screens ten times a second: packing costs more than the bytes
-        ssl_certfile=tls_cert, ssl_keyfile=tls_key, server_header=False, proxy_headers=False,
+        ssl_certfile=listening.tls_cert, ssl_keyfile=listening.tls_key, server_header=False, proxy_headers=False,
     )  # fmt: skip
     run_server(WebServer(config), listening_socket)
-    return 0

@@ -36,7 +36,8 @@ def watch(
         Look once at each robot and end, as for a timer at night. Exit code 0: all as before; 3: a position is or was
         lost, or a zero changed; 5: a robot was not read; 4: one was compared with nothing. The gravest counts.
     accept
-        With --once: a robot whose present zero and log a person has judged to be right.
+        With --once: a robot whose present zero and log a person has judged to be right. A mastering record is
+        answered by a new one only.
     """
     if once:
         return _look_once(cell, frozenset(accept), as_json=as_json)

@@ -20,6 +20,7 @@ from cellcal.calibration.errors import CellError
 from cellcal.drivers.supervision import start_task
 from cellcal.service.demo.fake_cell import free_address, running_fakes, write_cell_file
 from cellcal.service.gc_freeze import freeze_startup_objects
+from cellcal.service.record.service_lock import hold_data_folder
 from cellcal.service.web.server import WebServer, bind_address
 
 HOST = "127.0.0.1"
@@ -103,6 +104,7 @@ async def _serve_demo(folder: Path, options: DemoOptions, listening: socket.sock
             folder, address, seed=options.seed, time_factor=options.time_factor, furnished=True
         )
     loading = asyncio.create_task(asyncio.to_thread(_import_modules))  # while the fakes start
+    service = f"cellcal demo at {_url_of(listening)}"
     async with running_fakes(path) as fake_cell:
         await loading
         from cellcal.service.demo.demo_startup import DemoStartup  # noqa: PLC0415  loaded by now
@@ -120,12 +122,17 @@ async def _serve_demo(folder: Path, options: DemoOptions, listening: socket.sock
         )
         telling = start_task("address of the demo", partial(_announce_address, server, listening, options))
         try:
-            await server.serve([listening])
+            with hold_data_folder(app.state.context.config.cell.data_dir, service):
+                await server.serve([listening])
         finally:
             for task in (opening, telling):
                 task.cancel()
             await asyncio.gather(opening, telling, return_exceptions=True)
     options.say("The demo has ended.")
+
+
+def _url_of(listening: socket.socket) -> str:
+    return f"http://{HOST}:{listening.getsockname()[1]}/"
 
 
 def _import_modules() -> None:
@@ -135,7 +142,7 @@ def _import_modules() -> None:
 
 async def _announce_address(server: _DemoServer, listening: socket.socket, options: DemoOptions) -> None:
     await server.is_up.wait()
-    address = f"http://{HOST}:{listening.getsockname()[1]}/"
+    address = _url_of(listening)
     options.say(f"Demo, no robot: a fake cell at {address}")
     if options.browser and has_display():
         await asyncio.to_thread(webbrowser.open, address)

@@ -119,6 +119,7 @@ class Journal:
         self._broken: StoreError | None = None
         self._boot_id = _boot_id()
         self._database = connect(path)
+        self._file = _file_identity(path)
         try:
             prepare_database(self._database, (*_PRAGMAS, _SCHEMA))
             self.damage = self._find_damage()
@@ -177,7 +178,9 @@ class Journal:
                 self._roll_back()
                 raise
         except sqlite3.Error as error:
+            self._refuse_if_taken_away()
             raise self._store_error(run_id, error) from error
+        self._refuse_if_taken_away()
         return stored
 
     def list_events(self, run_id: str | None = None) -> list[JournalEvent]:
@@ -260,6 +263,16 @@ class Journal:
             raise self._broken
         self.refuse_damaged()
 
+    def _refuse_if_taken_away(self) -> None:
+        """Refuse where the file was deleted, moved or replaced: SQLite goes on to write what is in no file."""
+        if _file_identity(self.path) != self._file:
+            self._broken = StoreError(
+                "the journal was deleted, moved or replaced while it was open: what is found now is lost.",
+                code="store.io",
+                remedy="Put the data folder back, or restore a backup; then start anew.",
+            )
+            raise self._broken
+
     def refuse_damaged(self) -> None:
         """Refuse what a damaged journal cannot tell: the newest of anything may stand behind the damage.
 
@@ -302,6 +315,15 @@ class Journal:
             return int(self._database.execute(sql, (run_id,)).fetchall()[0][0])
         except sqlite3.Error:
             return None
+
+
+def _file_identity(path: Path) -> tuple[int, int] | None:
+    """Return which file a path names at present; None where there is none."""
+    try:
+        status = path.stat()
+    except OSError:
+        return None
+    return status.st_dev, status.st_ino
 
 
 def _row_values(event: JournalEvent) -> tuple[Any, ...]:

@@ -23,6 +23,10 @@ class LeaseHeldError(CellError):
     code = "busy"
 
 
+class LockBusyError(Exception):
+    """Another process holds a lock."""
+
+
 class LeaseLostError(CellError):
     """The right to command this robot went to another process while it was used."""
 
@@ -70,8 +74,8 @@ def acquire_lease(directory: Path, robot: str, holder: str, right: str = "") -> 
     descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
     try:
         try:
-            _lock_alone(descriptor)
-        except OSError as error:
+            lock_alone(descriptor)
+        except LockBusyError as error:
             other = os.read(descriptor, 200).decode(errors="replace").partition("\n")[0] or "another process"
             raise LeaseHeldError(
                 make_message("{other} is working on robot {robot}", other=other, robot=robot),
@@ -104,9 +108,19 @@ def state_seen(state: str, run_id: str, under_way: Collection[str]) -> str:
 def _holder_of(path: Path) -> str | None:
     """Return who holds a lease; None where nobody does."""
     try:
-        descriptor = os.open(path, os.O_RDWR | os.O_CLOEXEC)
+        descriptor = os.open(
+            path, os.O_RDONLY | os.O_CLOEXEC
+        )  # a look must also do on a disk that is read-only
     except FileNotFoundError:
         return None
+    except OSError as error:
+        raise CellError(
+            make_message(
+                "whether the robot is in use cannot be seen: {error}.", error=error.strerror or error
+            ),
+            remedy="Run cellcal as the user of its data folder, or give that user its files.",
+            code="store.io",
+        ) from error
     try:
         fcntl.flock(descriptor, fcntl.LOCK_SH | fcntl.LOCK_NB)
     except BlockingIOError:
@@ -116,16 +130,33 @@ def _holder_of(path: Path) -> str | None:
     return None
 
 
-def _lock_alone(descriptor: int) -> None:
-    """Take the lock; who only looks whether it is held (``is_held``) has it for a moment."""
-    for _ in range(_LOOKS):
+def lock_alone(descriptor: int) -> None:
+    """Take the lock of a file; who only looks whether it is held (``is_held``) has it for a moment.
+
+    Raises
+    ------
+    LockBusyError
+        Another process holds it.
+    CellError
+        The file system knows no locks.
+    """
+    for look in range(_LOOKS):
         try:
             fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
+        except BlockingIOError as error:
+            if look == _LOOKS - 1:
+                raise LockBusyError from error
             time.sleep(_LOOK_S)
+        except OSError as error:  # a share that knows no locks; no other process need be there
+            raise CellError(
+                make_message(
+                    "the disk of data_dir cannot lock files: {error}.", error=error.strerror or error
+                ),
+                remedy="Set data_dir of the cell file to a folder on a disk of this computer.",
+                code="store.io",
+            ) from error
         else:
             return
-    fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
 
 
 def _read_token(descriptor: int) -> int:

@@ -67,8 +67,9 @@ _SET_ANEW = (
     "has to prove it"
 )
 _BROUGHT_BACK = (
-    "somebody brought the position back, and nothing proves that each motor stands in the right turn: measure it by "
-    "a drift check or position_cure before the robot goes to taught points"
+    "the position was brought back, and nothing proves that each motor stands in the right turn: measure it before "
+    "the robot goes to taught points; a new record or a position_cure that passes answers this, and after a drift "
+    "check, which may not see every axis, a person (`cellcal watch --once --accept`)"
 )
 _ALONE = frozenset({LossMode.MEMORY, LossMode.TURNS})  # what may be recovered without a person's judgement
 

@@ -45,6 +45,12 @@ _EXIT_CODES = {
 }
 
 
+_ONLY_A_RECORD = (
+    "--accept does not answer its mastering, which is compared with its mastering record: after work at it, take a "
+    "new one (mastering_record)."
+)
+
+
 @dataclass(frozen=True, slots=True)
 class LookedAtRobot:
     """What one look found of one robot."""
@@ -95,8 +101,8 @@ async def _look_over(config: CellConfig, entry: RobotConfig, robot: Robot, *, ac
 
     watch = RobotWatches(config, on_loss, remarks.append).watch_of(entry.name, robot)
     position = _position_of(watch)
-    if accept and position is not None:
-        await position.look(robot, accept=True)
+    if accept:
+        remarks.append(await _accept_shown(position, robot))
     await watch.look_once()
     if watch.condition.readiness is Readiness.UNREACHABLE:
         return LookedAtRobot(entry.name, NightState.FAILED, _words_of(watch.condition))
@@ -107,13 +113,33 @@ async def _look_over(config: CellConfig, entry: RobotConfig, robot: Robot, *, ac
             "{detected_by}: {words}.", detected_by=losses[0].detected_by, words=losses[0].suspicion.words
         )
         state = NightState.LOST if lost else NightState.CHANGED
-        return LookedAtRobot(entry.name, state, join_messages(" ", (text, *remarks)))
+        return LookedAtRobot(entry.name, state, join_messages(" ", filter(None, (text, *remarks))))
     if robot.capabilities.reads_mastering:
         state, text = _describe_mastering(config, entry.serial)
     else:
         state, text = _describe_look(robot, None if position is None else position.last_look)
     stops = [_words_of(watch.condition)] if watch.condition.readiness is Readiness.STOPPED else []
-    return LookedAtRobot(entry.name, state, join_messages(" ", (text, *remarks, *stops)))
+    return LookedAtRobot(entry.name, state, join_messages(" ", filter(None, (text, *remarks, *stops))))
+
+
+async def _accept_shown(position: PositionComparison | None, robot: Robot) -> str:
+    """Take what a robot shows of its zero as right, where it shows any; return what was accepted, or why not."""
+    if position is None:
+        return _ONLY_A_RECORD
+    if (await robot.read_condition()).readiness is Readiness.POSITION_LOST:
+        return "--accept: nothing was accepted, for its position is lost now."
+    look_before = await position.look(robot)
+    await position.look(robot, accept=True)
+    texts = [_ONLY_A_RECORD] if robot.capabilities.reads_mastering else []
+    if look_before.trouble is not None:
+        texts.append(
+            make_message(
+                "--accept: a person has judged this to be right: {trouble}.", trouble=look_before.trouble[0]
+            )
+        )
+    elif look_before.compared_with:
+        texts.append("--accept: there was nothing to answer.")
+    return join_messages(" ", texts)
 
 
 def _position_of(watch: RobotWatch) -> PositionComparison | None:
@@ -128,7 +154,7 @@ def _describe_mastering(config: CellConfig, serial: str) -> tuple[NightState, st
     """Say what the mastering of a robot that shows no trouble was compared with."""
     if journalled_mastering(config, serial)().record is not None:
         return NightState.UNCHANGED, "as in its mastering record."
-    text = "its mastering was compared with nothing: there is no mastering record of it."
+    text = "its mastering was compared with nothing: there is no mastering record of it that can be read."
     return NightState.NOT_COMPARED, text
 
 

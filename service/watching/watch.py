@@ -220,7 +220,8 @@ class RobotWatch:
             reason = error.strerror or str(error)  # without the name of the draft, which is another each time
             if self._disk != reason:
                 self._warn(
-                    f"{self._robot.name}: its healthy counts cannot be kept: {reason}. Make room on the disk."
+                    f"{self._robot.name}: its healthy counts cannot be kept: {reason}. See that the disk may be "
+                    "written and has room."
                 )
             self._disk = reason
 

@@ -18,6 +18,7 @@ from websockets.asyncio.client import connect
 from websockets.exceptions import ConnectionClosedError
 
 from cellcal.service.cli.app import run_command_line
+from cellcal.service.demo.fake_cell import write_cell_file
 from cellcal.service.exit_codes import ExitCode
 from cellcal.service.web.connections import ALL_OF_ADDRESS, HEADERS_S, WAITING_OF_ADDRESS, ServerConnections
 from tests.service.browser_pages import serve_app
@@ -210,6 +211,7 @@ def test_a_port_that_cannot_be_used_ends_the_command(
 ) -> None:
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port_text = str(taken.getsockname()[1]) if port == "taken" else port
-        words = {"serve": [str(tmp_path / "cell.toml")], "demo": ["--no-browser", "--keep", str(tmp_path)]}
+        cell = write_cell_file(tmp_path / "served", "127.0.0.1", seed=1, time_factor=1.0)
+        words = {"serve": [str(cell)], "demo": ["--no-browser", "--keep", str(tmp_path)]}
         assert run_command_line([command, *words[command], "--port", port_text]) == ExitCode.USAGE
     assert f"port {port_text} of 127.0.0.1 cannot be used" in capsys.readouterr().err

@@ -152,3 +152,17 @@ def test_a_full_disk_says_how_many_points_are_safe_and_keeps_them(tmp_path: Path
     with Journal.open_file(path) as journal:
         assert len(journal.list_events("run-1")) == 4
         assert journal.verify_chain() is None
+
+
+@pytest.mark.parametrize("what", ["deleted", "moved", "replaced"])
+def test_a_fact_for_a_file_that_was_taken_away_is_no_stored_fact(journal: Journal, what: str) -> None:
+    journal.append("r", "started", {})
+    moved = journal.path.with_name("moved.db")
+    journal.path.rename(moved)
+    if what == "deleted":
+        moved.unlink()
+    elif what == "replaced":
+        Journal.open_file(journal.path).close()
+    for _ in range(2):
+        with pytest.raises(StoreError, match="was deleted, moved or replaced"):
+            journal.append("r", "finding", {"n": 1})

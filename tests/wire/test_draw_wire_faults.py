@@ -1,9 +1,11 @@
 """A length is either measured now by the right gauge, or it is an error (rows F21-F35)."""
 
 import asyncio
+import math
 import socket
 import struct
 import threading
+import time
 from collections.abc import AsyncIterator
 from contextlib import suppress
 from typing import Any
@@ -279,6 +281,26 @@ class TestTheTrapsOfSocketcand:
         with pytest.raises(TimeoutError):
             SafeSocketcandBus("can0", "127.0.0.1", daemon.port, handshake_s=0.1)
         daemon.stop_daemon()
+
+    def test_a_greeting_that_trickles_is_given_up(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        now_s = 0.0
+
+        class TricklingSocket:
+            def settimeout(self, timeout_s: float) -> None:
+                assert timeout_s <= 1.0
+
+            def recv(self, size: int) -> bytes:
+                nonlocal now_s
+                now_s += 0.3  # each octet comes before its own wait has ended
+                return b"<"[:size]
+
+        monkeypatch.setattr(time, "monotonic", lambda: now_s)
+        bus = SafeSocketcandBus.__new__(SafeSocketcandBus)
+        bus._SocketCanDaemonBus__socket = TricklingSocket()  # type: ignore[assignment]
+        bus._handshake_s, bus._ends_s, bus._is_shutdown = 1.0, math.inf, True
+        with pytest.raises(TimeoutError):
+            bus._expect_msg("< hi >")
+        assert now_s < 1.5
 
     def test_a_daemon_that_says_no_is_an_error(self) -> None:
         daemon = ScriptedDaemon(b"< hi >", b"< error could not open bus >")

@@ -89,8 +89,10 @@ async def test_a_position_that_was_lost_and_is_back_is_told_every_night_until_it
         assert found.state == "changed", found
         assert ("20032" if "abb" in nights.name else "4107") in found.sentence
         assert night_exit_code([found]) is ExitCode.OUT_OF_TOLERANCE
-    assert (await nights.look(accept=True)).state == "unchanged"
-    assert (await nights.look()).state == "unchanged"
+    for answer in ("a person has judged this to be right", "nothing to answer"):
+        found = await nights.look(accept=True)
+        assert (found.state, answer in found.sentence) == ("unchanged", True), found
+    assert "--accept" not in (await nights.look()).sentence
 
 
 @pytest.mark.parametrize("nights", ANOTHER_ZERO, indirect=True)
@@ -133,9 +135,11 @@ async def test_a_lost_position_is_told_as_such(nights: Nights, inject: Any) -> N
     await inject(
         {"kuka": (("mastering_lost", {"axes": "A2"}),)}.get(nights.name) or LOST_AND_BACK[nights.name][:1]
     )
-    found = await nights.look()
-    assert found.state == "position lost"
-    assert night_exit_code([found]) is ExitCode.OUT_OF_TOLERANCE
+    for accept in (False, True):
+        found = await nights.look(accept=accept)
+        assert found.state == "position lost"
+        assert ("nothing was accepted" in found.sentence) is accept
+        assert night_exit_code([found]) is ExitCode.OUT_OF_TOLERANCE
 
 
 @pytest.mark.parametrize("nights", ["kuka"], indirect=True)

@@ -37,6 +37,7 @@ async def test_mastering_that_is_not_the_records_is_told_where_it_is_only_read(t
             found = await look(config, accept=accept)
             assert (found.state, night_exit_code([found])) == ("changed", ExitCode.OUT_OF_TOLERANCE), found
             assert "J3" in found.sentence
+            assert ("--accept does not answer its mastering" in found.sentence) is accept
 
 
 async def test_a_loss_is_told_until_a_new_record_where_the_old_counts_were_typed_again(

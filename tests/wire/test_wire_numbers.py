@@ -106,3 +106,11 @@ def test_a_whole_number_is_never_cut_short() -> None:
     for text in ("3.7", "-0.5", "1e17", "[3]"):
         with pytest.raises(ValueError, match="number"):
             parse_whole(text)
+
+
+@pytest.mark.parametrize("code", [False, True, 0.0, "0", None, [0]])
+def test_an_error_number_of_rmi_is_a_whole_number(code: object) -> None:
+    link = RmiLink("arm", "127.0.0.1", 1, deadline_s=1.0)
+    with pytest.raises(WireProtocolError, match="ErrorID"):
+        link.accept_reply({"Command": "FRC_Reset", "ErrorID": code})
+    assert link.accept_reply({"Command": "FRC_Reset", "ErrorID": 0})

@@ -6,6 +6,7 @@ control connection, whatever address the controller names.
 """
 
 import ftplib
+import math
 import re
 import time
 from collections.abc import Iterator
@@ -44,12 +45,13 @@ _DOS_LINE = re.compile(
 
 @dataclass(frozen=True, slots=True)
 class FtpLogin:
-    """The user, and how long an answer and a whole file may take."""
+    """The user, and how long an answer, a whole file or listing, and all of them may take."""
 
     user: str = "anonymous"
     password: str = ""
     timeout_s: float = 10.0
     file_timeout_s: float = 120.0
+    session_timeout_s: float = 1200.0  # of all files together: one controller must not hold up a night
 
 
 class ReadOnlyFtp(ftplib.FTP):
@@ -57,20 +59,47 @@ class ReadOnlyFtp(ftplib.FTP):
 
     allowed = READING_COMMANDS
     _reply_lines = 0
+    _reply_ends_s = math.inf
+    _received = b""
 
     def getline(self) -> str:
-        """Read a line of a reply; one without an end is no reply."""
+        """Read a line of a reply; one without an end, in lines, octets or time, is no reply."""
         self._reply_lines += 1
         if self._reply_lines > _MOST_REPLY_LINES:
             raise ftplib.error_proto(f"a reply of more than {_MOST_REPLY_LINES} lines")
-        return super().getline()
+        if self._reply_lines == 1:
+            self._reply_ends_s = time.monotonic() + (self.timeout or math.inf)
+        while b"\n" not in self._received:
+            if len(self._received) > self.maxline:
+                raise ftplib.error_proto("a line of a reply without an end")
+            self._received += self._receive_piece()
+        line, _, self._received = self._received.partition(b"\n")
+        return line.decode(self.encoding).removesuffix("\r")
+
+    def _receive_piece(self) -> bytes:
+        assert self.sock is not None
+        remaining_s = self._reply_ends_s - time.monotonic()
+        if remaining_s <= 0.0:
+            raise TimeoutError
+        self.sock.settimeout(remaining_s)
+        try:
+            piece = self.sock.recv(_CHUNK)
+        finally:
+            self.sock.settimeout(self.timeout)
+        if not piece:
+            raise EOFError
+        return piece
+
+    def getmultiline(self) -> str:
+        """Read a whole reply, with a time of its own."""
+        self._reply_lines = 0
+        return super().getmultiline()
 
     def putcmd(self, line: str) -> None:
         """Send a command that reads; any other is a fault of ours and is not sent."""
         verb = line.split(" ", 1)[0].upper()
         if verb not in self.allowed:
             raise AssertionError(verb)
-        self._reply_lines = 0
         super().putcmd(line)
 
 
@@ -81,6 +110,7 @@ class FtpSource:
         self._address, self._login = address, login or FtpLogin()
         self._ftp = self._make_client()
         self._names: dict[str, str] | None = None
+        self._ends_s = math.inf
 
     def _make_client(self) -> ReadOnlyFtp:
         return ReadOnlyFtp(encoding="latin-1")  # any byte is a character
@@ -94,6 +124,7 @@ class FtpSource:
         return True
 
     def __enter__(self) -> "FtpSource":
+        self._ends_s = time.monotonic() + self._login.session_timeout_s
         try:
             self._open_link()
         except BaseException:
@@ -160,32 +191,46 @@ class FtpSource:
 
     def _index_names(self) -> dict[str, str]:
         if self._names is None:
-            names: list[str] = []
-
-            def take_name(name: str) -> None:
-                names.append(name)
-                if len(names) > MAX_NAMES:
-                    raise WireProtocolError(
-                        self.device,
-                        make_message(
-                            "it lists {name_count} files, more than a controller has.", name_count=len(names)
-                        ),
-                        remedy=_CABLE,
-                    )
-
-            with self._named_failures("listing its files"):
-                try:
-                    self._ftp.retrlines("NLST", take_name)
-                except (ftplib.error_perm, ftplib.error_temp) as error:
-                    if isinstance(error, ftplib.error_temp) and not str(error).startswith(_EMPTY_LISTING):
-                        raise
-                    names.clear()  # an empty folder, or a server that lists nothing: names are tried one by one
-            ends = [end[0] for name in map(_listed_name, names) if (end := _NAME_END.search(name))]
+            ends = [
+                end[0] for name in map(_listed_name, self._list_lines()) if (end := _NAME_END.search(name))
+            ]
             self._names = {end.lower(): end for end in ends}
         return self._names
 
+    def _list_lines(self) -> list[str]:
+        """Return the lines of a listing; none of an empty folder, or of a server that lists nothing."""
+        with self._named_failures("listing its files"):
+            try:
+                self._ftp.voidcmd("TYPE A")
+                with self._ftp.transfercmd("NLST") as connection:
+                    content = self._receive_content(connection, "the list of its files")
+                self._ftp.voidresp()
+            except (ftplib.error_perm, ftplib.error_temp) as error:
+                if isinstance(error, ftplib.error_temp) and not str(error).startswith(_EMPTY_LISTING):
+                    raise
+                return []  # names are tried one by one
+        lines = content.decode(self._ftp.encoding).replace("\r", "\n").split("\n")
+        if len(lines) > MAX_NAMES:
+            raise WireProtocolError(
+                self.device,
+                make_message(
+                    "it lists {name_count} files, more than a controller has.", name_count=len(lines)
+                ),
+                remedy=_CABLE,
+            )
+        return lines
+
     def _retrieve_patiently(self, name: str) -> bytes | None:
         """Return a file; ask again for one that is refused for now."""
+        if time.monotonic() > self._ends_s:
+            raise DeviceTimeoutError(
+                self.device,
+                make_message(
+                    "its files did not arrive within {session_timeout_s:g} s.",
+                    session_timeout_s=self._login.session_timeout_s,
+                ),
+                remedy=_AGAIN,
+            )
         for _ in range(_TRIES - 1):
             try:
                 return self._retrieve(name)

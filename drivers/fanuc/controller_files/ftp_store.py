@@ -8,6 +8,8 @@ listing has another head, and the same statements and positions.
 import asyncio
 import ftplib
 import io
+import math
+from dataclasses import replace
 from typing import Self
 
 from cellcal.calibration.message import make_message
@@ -83,7 +85,9 @@ class FtpProgramStore:
     tells_running = False
 
     def __init__(self, address: ControllerAddress, login: FtpLogin) -> None:
-        self._source = _WritingSource(address, login)
+        self._source = _WritingSource(
+            address, replace(login, session_timeout_s=math.inf)
+        )  # a person waits for it
 
     async def __aenter__(self) -> Self:
         try:

@@ -162,10 +162,10 @@ class RmiLink:
     def accept_reply(self, reply: Packet) -> Packet:
         """Return a reply; raise RefusedError where the controller refuses."""
         code = reply.get("ErrorID", 0)
+        if type(code) is not int:  # neither true nor 0.0
+            raise self._unreadable("an ErrorID is no number")
         if code == 0:
             return reply
-        if not isinstance(code, int):
-            raise self._unreadable("an ErrorID is no number")
         number = code - _ERROR_BASE
         entry = code_table("cellcal.drivers.fanuc.rmi", "refusals.tsv").get(number)
         text = (
@@ -267,7 +267,7 @@ class RmiLink:
                     remedy="Read the alarm at the pendant and reset it.",
                 )
             )
-        elif "Instruction" in packet and isinstance(sequence_id, int):
+        elif "Instruction" in packet and type(sequence_id) is int:
             executed = self._instructions.get(sequence_id)
             if executed is not None and not executed.done():
                 executed.set_result(packet)
