@@ -9,7 +9,14 @@ from cellcal.drivers.programs.cross_file_uses import BatchDeclarations
 from cellcal.service.engineering.programs.move import move_transfer
 from cellcal.service.engineering.programs.result import LEFT, ProgramResult
 from cellcal.service.exit_codes import ExitCode
-from tests.programs.external.brands import BRANDS, WrittenPoint, write_abb, write_fanuc, write_kuka
+from tests.programs.external.brands import (
+    BRANDS,
+    WrittenPoint,
+    write_abb,
+    write_fanuc,
+    write_kuka,
+    write_yaskawa,
+)
 from tests.programs.external.cells import ON_TABLE, HandCell, rail, table
 from tests.programs.external.test_rails_and_positioners import CHANGE
 
@@ -106,3 +113,11 @@ def test_stars_of_an_extended_axis_leave_that_point_alone(joints: bool, tmp_path
         cell.project(tmp_path), CHANGE, brand_named("fanuc").configurations, joints="move"
     ).transfer_programs([program])[0]
     assert [status == LEFT for status in result.status] == [True, False, False, False, False]
+
+
+def test_the_mark_that_dos_put_behind_a_text_cuts_no_job_short() -> None:
+    cell = HandCell(BRANDS["yaskawa"], ())
+    data = write_yaskawa(cell.points([{}]), "2").encode() + b"\x1a"
+    program = brand_named("yaskawa").read("rail.jbi", data)
+    assert len(program.positions) == 5
+    assert program.to_bytes() == data
