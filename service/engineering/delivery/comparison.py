@@ -120,8 +120,10 @@ async def compare_programs(store: ProgramStore, here: Mapping[str, bytes]) -> tu
         other = await store.read_file(there[name.lower()])
         same = is_same_program(store, content, other)
         found.append(ComparedProgram(name, Difference.SAME if same else Difference.DIFFERS))
-    given = {name.lower() for name in here}
-    found += [ComparedProgram(name, Difference.ONLY_THERE) for name in names if name.lower() not in given]
+    names_here = {name.lower() for name in here}
+    found += [
+        ComparedProgram(name, Difference.ONLY_THERE) for name in names if name.lower() not in names_here
+    ]
     return tuple(sorted(found, key=lambda each: each.name.lower()))
 
 

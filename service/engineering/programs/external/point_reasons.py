@@ -82,13 +82,13 @@ def external_reasons(
 def _add_standing(positions: Positions, axes: CellAxes, reasons: list[str], *, caseless: bool) -> None:
     """Leave points whose program says that their frame stands, where the project lets an axis turn it."""
     for row in positions.standing_frames:
-        turning = [
+        axis_names = [
             axes.axes[n].name
             for n in axes.carriers_of(positions.user_frames[row], caseless=caseless)
             if axes.axes[n].coordinated
         ]
-        if turning:
-            reasons[row] = reasons[row] or make_message(STANDS, turning[0])
+        if axis_names:
+            reasons[row] = reasons[row] or make_message(STANDS, axis_names[0])
 
 
 def _is_met(
