@@ -163,6 +163,23 @@ def _read_alone(brand: ProgramBrand, name: str, data: bytes) -> ProgramFile | Pr
         return error
 
 
+# Programs of the brands in forms that no reader takes: why, and the cure.
+_NOT_READ = {
+    ".urpx": (
+        "this is a program of PolyScope X, which is not read.",
+        "Of Universal Robots .urp and .script are read; change this one's points on the robot.",
+    ),
+    ".tp": (
+        "this is the binary form of a FANUC program, which is not read.",
+        "Save it on the controller as a listing (.LS).",
+    ),
+    ".kl": (
+        "this is a KAREL program, whose positions are not read.",
+        "Change its positions on the controller, or in its source.",
+    ),
+}
+
+
 def _unknown_program_error(name: str, data: bytes) -> ProgramFileError:
     """Return why a file is no program, an editor's marks of its encoding first."""
     if PurePath(name).suffix.lower() in (suffix for suffixes in SUFFIXES.values() for suffix in suffixes):
@@ -179,6 +196,9 @@ def _unknown_program_error(name: str, data: bytes) -> ProgramFileError:
                 "an editor put a byte order mark before this program; the controller's own files have none.",
                 remedy="Save it as plain text without the mark, or take the controller's own file.",
             )
+    if PurePath(name).suffix.lower() in _NOT_READ:
+        why, remedy = _NOT_READ[PurePath(name).suffix.lower()]
+        return ProgramFileError(name, why, remedy=remedy)
     suffixes_text = ", ".join(sorted({suffix for suffixes in SUFFIXES.values() for suffix in suffixes}))
     return ProgramFileError(
         name, "this is not a robot program that can be read.", remedy=f"There are {suffixes_text}."

@@ -51,6 +51,7 @@ class Positions:
     group_axes: Array | None = None  # (N, m) joints of groups that are no arm, beside the robot's positions
     conditions: Conditions = field(default_factory=dict)  # rows that a project's statement makes changeable
     held_work: frozenset[int] = frozenset()  # rows of a standing tool, seen from the work in the gripper
+    standing_frames: frozenset[int] = frozenset()  # rows whose frame no axis turns, as their programs say
     posture_hints: frozenset[int] = frozenset()  # rows whose joints may only choose the posture of a pose
     shared_external: tuple[
         tuple[int, ...], ...

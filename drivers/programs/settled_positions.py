@@ -5,7 +5,7 @@ from dataclasses import replace
 from pathlib import PurePath
 
 from cellcal.calibration.message import make_message
-from cellcal.drivers.programs.barred import MOVED_FRAMES, SEEN_FROM_FLANGE
+from cellcal.drivers.programs.barred import MOVED_FRAMES, SEEN_FROM_FLANGE, TURNED_BASE
 from cellcal.drivers.programs.conditions import ConditionalBar, ProjectNeed
 from cellcal.drivers.programs.file_declarations import (
     COPIED,
@@ -139,6 +139,10 @@ def copies_with_other_tools(
     return list(found.values())
 
 
+def _frames_there(use: MoveFrames) -> tuple[str, str, bool]:
+    return lower_name(use.tool), lower_name(use.frame), use.why == TURNED_BASE
+
+
 def _agree_uses(
     uses: Sequence[tuple[MoveFrames, str]], external_uses: ExternalUses
 ) -> tuple[str | None, str | None, str]:
@@ -153,7 +157,7 @@ def _agree_uses(
         for move_frames, file in some
     ]
     why = next(filter(None, whys), "")
-    if len({(lower_name(move_frames.tool), lower_name(move_frames.frame)) for move_frames, _ in some}) > 1:
+    if len({_frames_there(each) for each, _ in some}) > 1:
         files = sorted({PurePath(file).name for _, file in some if file})
         why = why or make_message(
             _DIFFERENT, ", ".join(files[:3]) + (" and others" if len(files) > 3 else "")

@@ -4,7 +4,7 @@ import re
 
 import pytest
 
-from cellcal.drivers.program_registry import SUFFIXES, all_brands
+from cellcal.drivers.program_registry import SUFFIXES, all_brands, read_program
 from cellcal.drivers.programs.errors import ProgramFileError
 from tests.programs.fuzz import (
     GeneratorSource,
@@ -72,3 +72,10 @@ def test_a_number_of_thousands_of_digits_is_refused_or_kept(source: GeneratorSou
 
 def test_a_brand_s_suffixes_are_known_before_it_is_loaded():
     assert {brand.brand: brand.suffixes for brand in all_brands()} == dict(SUFFIXES)
+
+
+@pytest.mark.parametrize(("name", "what"), [("A.TP", "binary"), ("a.urpx", "PolyScope X"), ("a.kl", "KAREL")])
+def test_a_form_that_no_reader_takes_says_what_it_is(name: str, what: str) -> None:
+    with pytest.raises(ProgramFileError, match=what) as refused:
+        read_program(name, b"\0\1\2")
+    assert refused.value.remedy

@@ -2,14 +2,14 @@
 
 import re
 from collections.abc import Mapping, Set
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from cellcal.calibration.geometry import Pose
 from cellcal.calibration.message import make_message
 from cellcal.drivers.abb.program_files.collected_positions import RapidPositions, pose_of
 from cellcal.drivers.abb.program_files.literals import AGGREGATES, AggregateError
 from cellcal.drivers.abb.program_files.target_uses import TargetUses
-from cellcal.drivers.programs.positions import ProgramFrames
+from cellcal.drivers.programs.positions import Positions, ProgramFrames
 
 _HELD_WORK_TEXT = (
     "{} is held by the robot: its targets are seen from the flange, and need [held_work] in the project."
@@ -109,6 +109,15 @@ class DeclaredFrames:
         name = self.uses.spell_name(name)
         if poses.setdefault(name, pose) != pose:
             self.uses.facts.several.add(name.lower())
+
+
+def with_standing_work(positions: Positions, frames: ProgramFrames) -> Positions:
+    """Return positions that note which of them are in a work object whose declaration says that no unit moves it."""
+    fixed = {name.lower() for name in (*frames.base_frame, *frames.cell_base_frame)}
+    rows = {
+        row for row, name in enumerate(positions.user_frames) if name is not None and name.lower() in fixed
+    }
+    return replace(positions, standing_frames=frozenset(rows))
 
 
 def _poses_of(poses: Mapping[str, Pose], names: Set[str]) -> dict[str, Pose | None]:

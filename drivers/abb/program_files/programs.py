@@ -14,6 +14,7 @@ from cellcal.calibration.geometry import Array, quaternion_from_rotation
 from cellcal.calibration.message import make_message
 from cellcal.drivers.abb.program_files.collected_positions import LEAST_ANGLE_DECIMALS
 from cellcal.drivers.abb.program_files.configuration import AbbConfigurations, numbers_of
+from cellcal.drivers.abb.program_files.declared_frames import with_standing_work
 from cellcal.drivers.abb.program_files.instructions import MOVES
 from cellcal.drivers.abb.program_files.literals import AGGREGATES
 from cellcal.drivers.abb.program_files.measured_places import (
@@ -218,6 +219,7 @@ class AbbFile:
         positions = _without_other_robots(positions, external_uses.other_task)
         if is_of_unknown_robot(external_uses):
             positions = _without_all(positions, UNKNOWN_ROBOT)
+        positions = with_standing_work(positions, frames)
         return replace(self, positions=positions, frames=frames, remarks=(*standing, *self.remarks, *remarks))
 
     def _refuse_unfit(self, row: int, *, pose: bool, joints: bool, frame: str | None) -> None:

@@ -35,7 +35,7 @@ def _value_pattern(name: bytes, number: bytes, unit: bytes) -> bytes:
 
 def _extended_pattern(number: bytes) -> bytes:
     field = rb"E[1-9]" + _GAP + rb"=[ \t]*+(?:" + number + rb")" + _GAP + rb"(?:mm|deg)\b" + _COMMA
-    return rb"(?P<extended>(?:" + field + _GAP + rb")*+)"
+    return rb"(?P<extended>(?:" + field + _GAP + rb")*+)(?!" + _GAP + rb"[EJ][1-9])"  # none of them has stars
 
 
 def _cartesian_pieces(number: bytes, prefix: str = "") -> tuple[tuple[str, bytes], ...]:

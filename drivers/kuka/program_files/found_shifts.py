@@ -63,6 +63,10 @@ class ShiftNotes:
         if kind in (*_POINTS, "FRAME") and _CALL.search(value) is not None:
             self.notes.append(_FoundShift(place, "the program", name))
 
+    def note_correction(self, name: str, place: int) -> None:
+        """Note that the points that follow are shifted in axes that do not turn with them."""
+        self.notes.append(_FoundShift(place, name, COMPUTED_PLACE))
+
     def note_operators(self, code: str, place: int, types: dict[str, str], used: PointMove | None) -> None:
         """Note points that the operator ``:`` puts behind a frame: the frame's axes stay while the point turns."""
         for pair in _PAIR.finditer(code):

@@ -20,6 +20,7 @@ from cellcal.drivers.programs.routine_calls import RoutineParameter
 UNKNOWN = "?"
 WRITTEN_OUT = "$"  # before the numbers of one that stands in the text
 TURNED_BY_AXIS = "!"  # a base that an external axis turns, by data of the controller
+TURNED = "^"  # before the number of a base that EK() lets an external axis turn
 RESET = "~"  # what the controller begins with: BAS(#INITMOV,0) sets it, behind what the routine sets
 BARRED = {
     "several": SEVERAL,
@@ -73,7 +74,7 @@ class FrameUse:
             return None
         at = bisect_right(self.order, (place, "")) - 1
         value = self.order[at][1] if at >= 0 else ""
-        return value if value.isdigit() else None
+        return value if value.removeprefix(TURNED).isdigit() else None
 
     def value_in_force(self, *, said_before: bool) -> str | None:
         """Return what holds where it is set before or not: known only where the routine sets one thing."""

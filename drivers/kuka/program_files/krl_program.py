@@ -15,6 +15,7 @@ from cellcal.drivers.kuka.program_files.found_shifts import ShiftNotes
 from cellcal.drivers.kuka.program_files.frame_data import FramesInForce, data_taken
 from cellcal.drivers.kuka.program_files.frame_uses import (
     RESET,
+    TURNED,
     TURNED_BY_AXIS,
     UNKNOWN,
     WRITTEN_OUT,
@@ -207,8 +208,7 @@ class KrlProgram(KrlMotions):
             return table[1]
         turned = patterns.FROM_KINEMATICS.fullmatch(text, place, line.end)
         if turned is not None and which == "BASE" and not frame[2]:
-            self.points.turned_bases.add(turned[1])
-            return turned[1]
+            return f"{TURNED}{turned[1]}"
         is_null = patterns.NULL.fullmatch(text, place, line.end) or (
             which == "BASE" and patterns.WORLD.fullmatch(text, place, line.end)
         )
@@ -240,6 +240,8 @@ class KrlProgram(KrlMotions):
         upper = name.name.upper()
         self.points.sets_root |= upper in patterns.ROOTS
         value = without_strings(self.found.source.text[name.value : line.end])
+        if upper in patterns.CORRECTIONS and value.strip().upper() != "FALSE":
+            self.shifts.note_correction(name.name, line.start)
         if value[:1] == "{" or patterns.NAME_VALUE.match(value):
             self.points.set_data.add(upper)
         if upper in patterns.TABLES:

@@ -76,7 +76,13 @@ CALLS_NOTHING = frozenset(("EXT", "EXTFCT", "SPLINE", "PTP_SPLINE"))  # declared
 _SYSTEM_CALLS = (  # of the inline forms and of INI: they set no tool and no base, and move nothing
     "SET_CD_PARAMS", "IR_STOPM", "ARCMAINNG", "ARCGETDELAY", "ARCGETPATH",
 )  # fmt: skip
-KNOWN_CALLS = frozenset(("BAS", "IF", "WHILE", "UNTIL", "SWITCH", "NOT", "AND", "OR", "FOR", *_SYSTEM_CALLS))
+_BASES = ("EK", "EB", "EB_ABS", "LK")  # they return a base, and give nothing a value
+KNOWN_CALLS = frozenset(
+    ("BAS", "IF", "WHILE", "UNTIL", "SWITCH", "NOT", "AND", "OR", "FOR", *_BASES, *_SYSTEM_CALLS)
+)
+CORRECTIONS = frozenset(
+    ("BASE_CORR_ON", "M_BAS_COR_ON")
+)  # BAS.SRC then shifts every base, in its own axes or the world's
 LOOPS = frozenset(("LOOP", "REPEAT"))
 LANDINGS = frozenset(("ENDLOOP", "UNTIL"))
 SENSOR = "TS_BC"  # TouchSense: corrections from what was found

@@ -9,6 +9,7 @@ from cellcal.drivers.kuka.program_files.collected_positions import KrlPositions
 from cellcal.drivers.kuka.program_files.frame_uses import (
     BARRED,
     RESET,
+    TURNED,
     TURNED_BY_AXIS,
     UNKNOWN,
     WRITTEN_OUT,
@@ -69,7 +70,6 @@ class PointUses:
     calls: list[RoutineCall] = field(default_factory=list)  # that pass data with a name
     used_names: dict[str, list[str]] = field(default_factory=dict)  # by array, when all is read
     external_tool: bool = False
-    turned_bases: set[str] = field(default_factory=set)  # those that an external axis turns
     copies: dict[str, set[str]] = field(default_factory=dict)  # of named points: the names they are given to
     bases_of: dict[tuple[str, int], Set[MoveFrames]] = field(
         default_factory=dict
@@ -138,7 +138,7 @@ class PointUses:
             ),
             "",
         )
-        if len({move_frames[:2] for move_frames in frames_of_moves}) > 1:
+        if len({move_frames[:3] for move_frames in frames_of_moves}) > 1:
             why = why or BARRED["several"]
         if why:
             self.found.barred[row] = why
@@ -192,11 +192,12 @@ class PointUses:
         if why:
             return MoveFrames(None, None, why, routine.name)
         tool = self._name_of("TOOL", tool_now or routine.tool.value_in_force(said_before=tool_said))
-        base = self._name_of("BASE", base_now or routine.base.value_in_force(said_before=base_said))
+        value = base_now or routine.base.value_in_force(said_before=base_said)
+        base = self._name_of("BASE", value)
         why = in_set_table(self.set_tables, tool, None if joints else base)
         if why:
             return MoveFrames(None, None, why, routine.name)
-        turned = not joints and base in self.turned_bases
+        turned = not joints and value is not None and value.startswith(TURNED)
         return MoveFrames(tool, base, TURNED_BASE if turned else "", routine.name)
 
     def uses_in(self, routine: KrlRoutine, name: str) -> frozenset[ParameterUse]:
@@ -363,7 +364,9 @@ class PointUses:
 
     def _name_of(self, which: str, value: str | None) -> str | None:
         """Return a tool's or base's name: ``$TOOL`` with its numbers where it is written out."""
-        return f"${which}={value[1:]}" if value is not None and value.startswith(WRITTEN_OUT) else value
+        if value is None or not value.startswith(WRITTEN_OUT):
+            return None if value is None else value.removeprefix(TURNED)
+        return f"${which}={value[1:]}"
 
     def written_out(self, which: str) -> dict[str, Pose | None]:
         """Return the tools or bases that are written out, by the names under which files find them."""

@@ -39,6 +39,7 @@ from cellcal.drivers.kuka.program_files.passed_points import (
 from cellcal.drivers.kuka.program_files.patterns import MOVE
 from cellcal.drivers.kuka.program_files.point_edits import PointEdits
 from cellcal.drivers.kuka.program_files.point_uses import in_set_table
+from cellcal.drivers.kuka.program_files.standing_bases import standing_rows, with_standing_bases
 from cellcal.drivers.kuka.program_files.written_numbers import (
     WrittenPoints,
 )
@@ -135,17 +136,18 @@ class KukaFile:
         own = _DEFINED.search(source.text, 0, _LOOKED_AT)
         module = own[1] if own else PurePath(name).stem
         written = found.written_numbers(rows)
+        taught = frozenset(k for k, row in enumerate(rows.tolist()) if row in summary.taught)
         return cls(
             source=source,
             name=module,
             declarations=_with_path(PurePath(name), summary.declarations, summary.set_data),
             keys=tuple(found.names[row].upper() for row in rows.tolist()),
-            taught=frozenset(k for k, row in enumerate(rows.tolist()) if row in summary.taught),
+            taught=taught,
             routines={
                 k: summary.routines[row] for k, row in enumerate(rows.tolist()) if row in summary.routines
             },
             frame_data=summary.frame_data,
-            positions=found.to_positions(rows, written, summary.shifts),
+            positions=with_standing_bases(found.to_positions(rows, written, summary.shifts), taught),
             remarks=tuple(sorted(found.remarks, key=lambda remark: remark.line)),
             frames=frames,
             written=written,
@@ -156,6 +158,7 @@ class KukaFile:
         """Return the file with what others say of its positions."""
         set_data = data_set_by_programs(external_uses, self.frame_data)
         taught_keys = {self.keys[row] for row in self.taught}
+        standing = standing_rows(self.positions, external_uses, self.keys)
         external_uses = with_frame_data(external_uses, self.frame_data, set_data, taught_keys)
         used = frozenset(self.routines) | {
             k
@@ -176,12 +179,13 @@ class KukaFile:
         positions = _without_mixed_work(positions, self.keys, external_uses)
         positions = _without_set_data(positions, self.keys, self.taught, set_data)
         positions = _with_carried_bases(positions, self.taught, external_uses)
+        positions = replace(positions, standing_frames=standing - positions.conditions.keys())
         frames = with_declared(
             self.frames, positions, external_uses.tools, external_uses.bases, own=frozenset()
         )
         root = external_uses.bases.get(ROOT)
         frames = seen_from_base(_with_written_out(frames), root)
-        standing = (standing_remark(root),) if root is not None and len(positions) else ()
+        of_root = (standing_remark(root),) if root is not None and len(positions) else ()
         absent = {
             name: frozenset(without_reset(move_frames, known=False) for move_frames in moves)
             for name, moves in external_uses.absent.items()
@@ -190,7 +194,7 @@ class KukaFile:
         places = absent_places(self.source, absent, MOVE, comment=";", statement_end="\n")
         copies = copies_with_other_tools(positions, external_uses, self.keys)
         positions = replace(positions, shifts=(*positions.shifts, *places, *copies))
-        return replace(self, positions=positions, frames=frames, remarks=(*standing, *self.remarks, *remarks))
+        return replace(self, positions=positions, frames=frames, remarks=(*of_root, *self.remarks, *remarks))
 
 
 @dataclass(frozen=True)

@@ -44,6 +44,7 @@ _LINE = re.compile(
     rf"(?:(C|P|BC|EC|BP|EP|EX)(\d{{1,6}})[ \t]*=[ \t]*({_NUMBER}(?:[ \t]*,[ \t]*{_NUMBER}){{0,11}})"
     r"|(/[^\r\n]*)|(?:'[^\r\n]*)?|[ \t]+(?:'[^\r\n]*)?)[ \t]*\r?(?:\n|\Z)"
 )
+_END_OF_FILE = "\x1a"  # which tools of DOS put behind a text
 _WORD = re.compile(r"(/{1,4})([A-Z]\w*)(?:[ \t]+(.*?))?[ \t]*\Z")
 _SLASHED = re.compile(r"^/[^\r\n]*", re.MULTILINE)
 _WHOLE = re.compile(r"\d{1,9}\Z")
@@ -180,7 +181,7 @@ class _JobReader:
                     where, 1, make_message("{full_name!r} is not understood.", full_name=found[0][:40])
                 )
             job.header.append((where, word[2], word[3] or ""))
-        if _last_instruction(job.instructions) != "END":
+        if _last_instruction(job.instructions.rstrip(_END_OF_FILE)) != "END":
             raise self.error_at(job.line, 1, "the job ends without END; it is cut short.")
         self._refuse_other_counts(job)
         self.part = ""

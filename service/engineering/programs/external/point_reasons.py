@@ -30,6 +30,7 @@ from cellcal.service.engineering.programs.other_axes import (
 OTHER_GROUP = "belongs to another motion group than the robot"
 NOT_SAID = "does not say where {} stands"
 SET_LATER = "a program sets values of external axes while it runs"
+STANDS = "its program sets a base or work object that no axis turns, and {} turns it in the project"
 NO_FRAME = "its program names no user frame, so nothing tells whether its work is on {}"
 
 
@@ -70,11 +71,24 @@ def external_reasons(
     for row, condition in positions.conditions.items():
         if not _is_met(program, row, condition, axes, tools):
             reasons[row] = condition.why
+    _add_standing(positions, axes, reasons, caseless=_is_caseless(program))
     if len(axes):
         _add_axis_reasons(program, axes, point_axes, reasons, stays)
         if set_later:
             _add_set_later(program, axes, reasons, stays)
     return ExternalReasons(reasons, stays, point_axes)
+
+
+def _add_standing(positions: Positions, axes: CellAxes, reasons: list[str], *, caseless: bool) -> None:
+    """Leave points whose program says that their frame stands, where the project lets an axis turn it."""
+    for row in positions.standing_frames:
+        axis_names = [
+            axes.axes[n].name
+            for n in axes.carriers_of(positions.user_frames[row], caseless=caseless)
+            if axes.axes[n].coordinated
+        ]
+        if axis_names:
+            reasons[row] = reasons[row] or make_message(STANDS, axis_names[0])
 
 
 def _is_met(
