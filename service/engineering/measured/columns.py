@@ -253,6 +253,12 @@ def _of_kind(
     return found
 
 
+def units_of_joints(names: Sequence[str]) -> dict[str, str]:
+    """Return the units of joints that turn, as `TableLayout` has them; empty where their names tell none."""
+    unit = _joint_units(names)
+    return {"joints": unit} if unit else {}
+
+
 def _joint_units(names: Sequence[str]) -> str:
     """Return the unit of joints that their names tell; where each tells its own, all of them with commas between."""
     each = [unit_of(name) for name in names]
