@@ -47,16 +47,10 @@ from cellcal.service.engineering.measured.unnamed_columns import (
     tell_nothing,
 )
 from cellcal.service.engineering.measured.usable_rows import (
-    OUTLIER as OUTLIER,  # noqa: PLC0414  # readers of measurements import it from here
-)
-from cellcal.service.engineering.measured.usable_rows import (
     REPEAT,
     RejectedRow,
     usable_rows,
     without_invalid,
-)
-from cellcal.service.engineering.measured.usable_rows import (
-    UNREAD as UNREAD,  # noqa: PLC0414
 )
 
 _NO_NUMBER = ", which is no number"
