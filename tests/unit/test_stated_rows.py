@@ -78,3 +78,11 @@ def test_joints_that_stand_twice_and_fit_alike_are_named(tmp_path: Path) -> None
     same = [[*DEG[i].tolist(), *DEG[i].tolist(), *MM[i].tolist()] for i in range(40)]
     found = read(tmp_path / "n.csv", [*J, *A, "X", "Y", "Z"], same)
     assert not [text for text in found.guesses if "joints stand twice" in text]
+
+
+def test_deviations_called_s_are_no_place(tmp_path: Path) -> None:
+    rows = [[*DEG[i].tolist(), 0.01, 0.012, 0.009, *MM[i].tolist()] for i in range(12)]
+    found = read(tmp_path / "m.csv", [*J, "sX", "sY", "sZ", "X", "Y", "Z"], rows)
+    assert found.layout.position == ("X", "Y", "Z")
+    only = [[*DEG[i].tolist(), *MM[i].tolist()] for i in range(12)]
+    assert read(tmp_path / "n.csv", [*J, "sX", "sY", "sZ"], only).layout.position == ("sX", "sY", "sZ")

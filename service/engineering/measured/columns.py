@@ -304,6 +304,8 @@ def _find_positions(names: Sequence[str], plain: Mapping[str, str], *, has_lengt
     other is the controller's.
     """
     triples = {key: names for key, names in find_triples(names, plain, "xyz").items() if _is_place(key)}
+    if len(triples) > 1:
+        triples.pop(("s_", ""), None)  # sX, sY, sZ are standard deviations of X, Y, Z
     measured = [found for key, found in triples.items() if _key_words(key) & _MEASURED]
     controller_triples = [
         found
