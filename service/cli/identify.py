@@ -202,8 +202,8 @@ def _at_options(
 
     if at is not None:
         return AtOptions(at, convention, identified)
-    given = {"--at-csv": at_csv is not None, "--at-convention": convention, "--at-identified": identified}
-    names = [name for name, value in given.items() if value]
+    options = {"--at-csv": at_csv is not None, "--at-convention": convention, "--at-identified": identified}
+    names = [name for name, value in options.items() if value]
     if names:
         raise CellError(
             f"{' and '.join(names)} without --at: there are no points.",

@@ -238,7 +238,7 @@ def _plain(text: str) -> str:
 
 
 def _words(text: str) -> list[str]:
-    """Return letters and numbers apart; ``RS007L`` is ``RS 7L``."""
+    """Return letters and numbers apart, numbers without leading zeros: 007 is 7."""
     return [word.lstrip("0") or "0" if word.isdecimal() else word for word in _WORD.findall(text.lower())]
 
 

@@ -30,15 +30,17 @@ _SAME_RAD = 1e-5  # between sets that are one, written twice
 
 def joint_sets(
     table: MeasurementTable,
-    chosen: tuple[str, ...],
+    first_names: tuple[str, ...],
     good: NDArray[np.bool_],
     arm: tuple[RobotModel, Array],
     coupling: str,
 ) -> dict[tuple[str, ...], Array]:
-    """Return the chosen joints [rad] of usable rows, and further columns that headings rank as they do these."""
+    """Return the joints [rad] of usable rows, and of further columns that headings rank as they do these."""
     model, joints_rad = arm
-    sets = {chosen: joints_rad}
-    for names in like_joint_columns(table.names, {name: plain_name(name) for name in table.names}, chosen):
+    sets = {first_names: joints_rad}
+    for names in like_joint_columns(
+        table.names, {name: plain_name(name) for name in table.names}, first_names
+    ):
         raw = np.column_stack([table.numbers[good, table.names.index(name)] for name in names])
         if np.isfinite(raw).all():
             units = UnitChoice(units_of_joints(names), [])
@@ -58,13 +60,13 @@ def better_joints(
     positions : (N, 3)
         What the device read, as written.
     """
-    (chosen, first), *others = sets.items()
+    (first_names, first), *others = sets.items()
     differing = [(names, values) for names, values in others if np.abs(values - first).max() > _SAME_RAD]
     if not differing or len(first) < _FEWEST_ROWS:
         return {}, ""
     rows = spread_rows(len(first), _MOST_ROWS)
     unit = unit_of_points(model, first, positions, LENGTH_UNITS)
-    names = [chosen, *(each for each, _ in differing)]
+    names = [first_names, *(each for each, _ in differing)]
     if unit:
         metres, once = positions[rows] * LENGTH_UNITS[unit], np.zeros(len(rows), dtype=np.intp)
         scores = np.array(
@@ -81,8 +83,8 @@ def better_joints(
         if scores[0] < _CLEAR * np.delete(scores, 0).min():
             return {}, ""
     return {}, make_message(
-        "joints stand twice ({chosen}; {other}) and nothing tells which the robot had: name those that it had, not "
-        "those that it was told (`--columns joints=…`)",
-        chosen=", ".join(chosen),
+        "joints stand twice ({first_names}; {other}) and nothing tells which the robot had: name those that it had, "
+        "not those that it was told (`--columns joints=…`)",
+        first_names=", ".join(first_names),
         other=", ".join(names[1]),
     )

@@ -230,14 +230,14 @@ def _of_set(item: ParameterSet, nominal: RobotModel) -> _FileContent:
     )
 
 
-def _serial_notes(named: str, who: SetOrigin) -> tuple[str, ...]:
+def _serial_notes(serial_in_file: str, who: SetOrigin) -> tuple[str, ...]:
     """Return the note that a file names another robot: no two arms have the same deviations."""
-    if named in ("", who.robot_serial):
+    if serial_in_file in ("", who.robot_serial):
         return ()
     return (
         make_message(
-            "the file is of robot {named}, and is kept as robot {serial}: right only where both are one arm",
-            named=named,
+            "the file is of robot {serial_in_file}, and is kept as robot {serial}: right only where both are one arm",
+            serial_in_file=serial_in_file,
             serial=who.robot_serial,
         ),
     )

@@ -332,12 +332,12 @@ def holds_unread_places(path: Path) -> bool:
 
 def _unread_below(folder: Path, listed: Set[Path]) -> list[Path]:
     """Return programs in a form that is not read, beside which their listing does not stand."""
-    known = {str(path).casefold() for path in listed}
+    listed_paths = {str(path).casefold() for path in listed}
     return [
         path
         for path in sorted(folder.rglob("*"))
         if path.suffix.lower() in _UNREAD_SUFFIXES
-        and str(path.with_suffix("")).casefold() not in known
+        and str(path.with_suffix("")).casefold() not in listed_paths
         and not path.name.startswith("-")  # what the controller's background editor keeps
         and path.is_file()
     ]
