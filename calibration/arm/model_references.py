@@ -18,8 +18,8 @@ from cellcal.calibration.arm.dh_table import DhTable
 from cellcal.calibration.arm.model_scale import MODEL_FILE_UNITS, refuse_wrong_units
 from cellcal.calibration.arm.mounting import DESCRIPTIONS, FILE_ENDINGS, MOUNTED, gravity_of, split_mounting
 from cellcal.calibration.arm.robot_model import RobotModel
-from cellcal.calibration.arm.robot_models import model_text
-from cellcal.calibration.arm.robot_models.catalogue_index import LINKAGE, catalogue_entries
+from cellcal.calibration.arm.robot_models import known_names, model_text
+from cellcal.calibration.arm.robot_models.catalogue_index import LINKAGE, catalogue_entries, robot_spelled
 from cellcal.calibration.arm.robot_models.model_text import ModelText, read_model_text
 from cellcal.calibration.arm.urdf_reader import UrdfArm, read_urdf
 from cellcal.calibration.documents import DocumentError
@@ -86,7 +86,10 @@ def parse_reference(text: str) -> ModelReference:
                 code="usage",
             )
         words[key] = value
-    return ModelReference(where, words.get("base"), words.get("tip"), words.get("sha256"), mounting)
+    parts = ModelReference(where, words.get("base"), words.get("tip"), words.get("sha256"), mounting)
+    if parts.is_file or where in known_names():
+        return parts
+    return replace(parts, where=robot_spelled(where) or where)
 
 
 def is_known_model(reference: str) -> bool:
@@ -110,7 +113,7 @@ def load_model(reference: str) -> RobotModel:
         No such robot or file, a file that has changed, or one that describes no arm.
     """
     parts = parse_reference(reference)
-    model = _file_model(parts) if parts.is_file else _listed_model(parts, reference)
+    model = _file_model(parts) if parts.is_file else _listed_model(parts, _name_of(parts, reference))
     return replace(model, gravity_in_base=gravity_of(parts.mounting)) if parts.mounting else model
 
 
@@ -124,8 +127,15 @@ def fixed_reference(reference: str, folder: Path) -> str:
     """
     parts = parse_reference(reference)
     return (
-        load_model(str(replace(parts, where=str(folder / parts.where)))).name if parts.is_file else reference
+        load_model(str(replace(parts, where=str(folder / parts.where)))).name
+        if parts.is_file
+        else _name_of(parts, reference)
     )
+
+
+def _name_of(parts: ModelReference, reference: str) -> str:
+    """Return the reference as it is written, but with the catalogue's own name of the robot."""
+    return reference if reference.startswith(parts.where) else str(parts)
 
 
 def maker_of(reference: str) -> str:

@@ -48,7 +48,15 @@ def parse_calibration_conf(text: str) -> FactoryCalibration:
     CalibrationError
         A missing key, or a list that does not hold six finite numbers.
     """
-    values = dict(re.findall(r"^\s*(\w+)\s*=\s*([^#\n]*?)\s*(?:#.*)?$", text, flags=re.MULTILINE))
+    lines = re.findall(r"^\s*(\w+)\s*=\s*([^#\n]*?)\s*(?:#.*)?$", text, flags=re.MULTILINE)
+    values = dict(lines)
+    if len(lines) > len(values):
+        keys = [key for key, _ in lines]
+        twice = next(key for key in keys if keys.count(key) > 1)
+        raise CalibrationError(
+            f"calibration.conf holds {twice} twice.",
+            remedy="Two files stand in one: divide it, and take the one of this arm.",
+        )
     missing = [key for key in ("delta_theta", "delta_a", "delta_d", "delta_alpha") if key not in values]
     if missing:
         raise CalibrationError(f"calibration.conf lacks {', '.join(missing)}")

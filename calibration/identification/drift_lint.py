@@ -23,7 +23,7 @@ class ResidualDrift:
     slope: Array  # (channels,) m per unit
     sigma: Array  # (channels,), from groups
     by_chance: float  # probability of the largest slope over its deviation, all channels counted
-    total_m: float  # over the range of the quantity
+    total_m: float  # over the range of the quantity, of channels that depend on it surely, if any do
 
 
 def drift_with(quantity: Array, left_m: Array, groups: Rows) -> ResidualDrift | None:
@@ -49,9 +49,12 @@ def drift_with(quantity: Array, left_m: Array, groups: Rows) -> ResidualDrift | 
         [np.bincount(labels, centred * (c - s * centred)) for c, s in zip(centred_m, slope, strict=True)]
     )
     sigma = np.sqrt((scores**2).sum(axis=1) * number / (number - 1)) / square
-    ratio = float(np.max(np.abs(slope) / np.maximum(sigma, 1e-300)))
-    by_chance = min(2.0 * (1.0 - float(scipy.special.stdtr(number - 1, ratio))) * len(slope), 1.0)
-    return ResidualDrift(slope, sigma, by_chance, float(np.linalg.norm(slope)) * float(np.ptp(quantity)))
+    ratio = np.abs(slope) / np.maximum(sigma, 1e-300)
+    each = np.minimum(2.0 * (1.0 - scipy.special.stdtr(number - 1, ratio)) * len(slope), 1.0)
+    # Sure and large in one channel: attitudes without noise follow anything surely, by nanometres.
+    sure = each < _BY_CHANCE
+    size = float(np.linalg.norm(slope[sure] if sure.any() else slope))
+    return ResidualDrift(slope, sigma, float(each.min()), size * float(np.ptp(quantity)))
 
 
 def temperature_drift(temperature: Array | None, left_m: Array, groups: Rows) -> list[Lint]:

@@ -36,6 +36,7 @@ from cellcal.calibration.identification.misfit_slides import (
     slide_readings,
     turn_readings,
 )
+from cellcal.calibration.identification.misfit_split import find_split
 from cellcal.calibration.identification.misfit_zeros import far_zeros, refuse_far_zero, with_fitted_zeros
 from cellcal.calibration.identification.observations import (
     LengthObservations,
@@ -154,9 +155,25 @@ def refuse_gross_misfit(
         No known cause explains them.
     """
     motion_m, left_m = motion_of(model, observations), float(trimmed_rms(errors))
-    if left_m <= max(_GROSS * motion_m, _GROSS_M):
+    limit_m = max(_GROSS * motion_m, _GROSS_M)
+    if left_m <= limit_m:
         return
-    raise _unknown_cause_error(model, left_m, motion_m, observations, targets)
+    row = find_split(model, observations, min(limit_m, left_m / _DECISIVE))
+    if row is None:
+        raise _unknown_cause_error(model, left_m, motion_m, observations, targets)
+    says = make_message(
+        "the first {count} usable rows and the {rest} behind them fit {model_name} by themselves and not together: "
+        "the device was moved in between, or the target, or another robot follows",
+        count=row,
+        rest=len(observations) - row,
+        model_name=model.label,
+    )
+    cure = "Divide the file there and identify each part, or describe the parts in a layout (`--layout`)."
+    raise MisfitError(
+        make_message("{says}.", says=says),
+        remedy=make_message("{cure} Nothing was stored.", cure=cure),
+        causes=(MisfitCause(("split",), says, cure, 0.0),),
+    )
 
 
 def _refuse_constant(observations: Observations, motion_m: float) -> None:

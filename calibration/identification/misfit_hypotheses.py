@@ -27,6 +27,10 @@ _MOST_PERMUTED = 6  # joints: beyond, only two of them change places
 _TURN_DEG = 180.0 / np.pi
 
 
+_OTHER_ANGLES = (  # the unit that was taken, another one, and what its numbers are to be multiplied with
+    ("deg", "gon", 0.9),
+    ("rad", "rev", 2.0 * np.pi),
+)
 _SLIDE_UNITS = (
     # Taken as mm:
     (1e3, "m"), (10.0, "cm"), (25.4, "inch"),
@@ -118,14 +122,15 @@ def _angle_units(
 ) -> Iterator[JointInterpretation]:
     if not turning.any():
         return
-    if names.angle_unit in ("", "deg"):
-        yield JointInterpretation(
-            "angle unit",
-            1,
-            joints_rad * np.where(turning, 0.9, 1.0),
-            make_message("the joints are in {unit}, not in {other}", unit="gon", other="deg"),
-            "Say so: `--units joints=gon`.",
-        )
+    for other, unit, factor in _OTHER_ANGLES:
+        if names.angle_unit in ("", other):
+            yield JointInterpretation(
+                "angle unit",
+                1,
+                joints_rad * np.where(turning, factor, 1.0),
+                make_message("the joints are in {unit}, not in {other}", unit=unit, other=other),
+                f"Say so: `--units joints={unit}`.",
+            )
     for factor, unit, other in ((_TURN_DEG, "rad", "deg"), (1.0 / _TURN_DEG, "deg", "rad")):
         if names.angle_unit in ("", other):
             yield JointInterpretation(

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from cellcal.service.cli.printing import PlainTable
     from cellcal.service.engineering.identification.identify import IdentifyReport
     from cellcal.service.engineering.identification.identify_at import TipsAt
-    from cellcal.service.engineering.measured.measurements import RejectedRow
+    from cellcal.service.engineering.measured.usable_rows import RejectedRow
 
 MOST_ROWS_SHOWN = 12
 SCALES = {
@@ -76,7 +76,7 @@ def _print_errors(console: "Console", report: "IdentifyReport") -> None:
 
 
 def _describe_rows(report: "IdentifyReport") -> str:
-    from cellcal.service.engineering.measured.measurements import REPEAT
+    from cellcal.service.engineering.measured.usable_rows import REPEAT
 
     usable = len(report.measurements.rows)
     if usable == report.rows:
@@ -114,7 +114,7 @@ def _add_error_row(table: "PlainTable", title: str, errors: "ErrorSummary") -> N
 
 
 def _print_rejected(console: "Console", report: "IdentifyReport") -> None:
-    from cellcal.service.engineering.measured.measurements import OUTLIER, REPEAT, UNREAD
+    from cellcal.service.engineering.measured.usable_rows import OUTLIER, REPEAT, UNREAD
 
     unread = [row for row in report.rejected if row.kind == UNREAD]
     outliers = [row for row in report.rejected if row.kind == OUTLIER]

@@ -14,8 +14,9 @@ from cellcal.calibration.identification.misfit_error import MisfitError
 from cellcal.service.engineering.identification.at_points import AtOptions, read_points
 from cellcal.service.engineering.identification.identify_check import file_names
 from cellcal.service.engineering.measured.cell_numbers import parse_cell
-from cellcal.service.engineering.measured.measurements import REPEAT, ReadOptions, read_measurements
+from cellcal.service.engineering.measured.measurements import ReadOptions, read_measurements
 from cellcal.service.engineering.measured.table import MeasurementError, read_table
+from cellcal.service.engineering.measured.usable_rows import REPEAT
 
 MODEL = load_model("fanuc_m6ib")
 HEADING = ("J1", "J2", "J3", "J4", "J5", "J6", "X", "Y", "Z")

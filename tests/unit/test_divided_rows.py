@@ -167,12 +167,39 @@ def test_pulses_are_no_degrees(tmp_path: Path) -> None:
     assert "pulses per degree" in refused.value.remedy
 
 
-def test_gon_are_recognised_by_the_fit(tmp_path: Path) -> None:
+@pytest.mark.parametrize(("unit", "taken", "factor"), [("gon", "deg", 0.9), ("rev", "rad", 2 * np.pi)])
+def test_gon_and_revolutions_are_recognised_by_the_fit(unit: str, taken: str, factor: float) -> None:
     true = tracker_points(ROBOT, 40)
-    rows = replace(true.observations, joints_rad=true.observations.joints_rad / 0.9)
+    rows = replace(true.observations, joints_rad=true.observations.joints_rad / factor)
     with pytest.raises(MisfitError) as refused:
-        refuse_misfit(true.model, rows, FileNames(tuple(HEADING[:6]), angle_unit="deg"), search_models=False)
-    assert "`--units joints=gon`" in refused.value.remedy
+        refuse_misfit(true.model, rows, FileNames(tuple(HEADING[:6]), angle_unit=taken), search_models=False)
+    assert f"`--units joints={unit}`" in refused.value.remedy
+
+
+@pytest.mark.parametrize("unit", ["rev", "revolutions", "Umdrehungen"])
+def test_joints_in_revolutions_are_read_by_their_heading(tmp_path: Path, unit: str) -> None:
+    true = tracker_points(ROBOT, 12)
+    rows = [
+        [*(f"{float(cell) / 360:.9f}" for cell in cells[:6]), *cells[6:]]
+        for cells in cells_of(true.observations)
+    ]
+    file = write(tmp_path / "m.csv", [*(f"J{i} [{unit}]" for i in range(1, 7)), "X", "Y", "Z"], *rows)
+    found = read_measurements(file, true.model).observations
+    assert np.allclose(found.joints_rad, true.observations.joints_rad, rtol=0, atol=1e-5)
+
+
+@pytest.mark.parametrize(
+    "heading", [[f"{axis} pulse" for axis in "SLURBT"], [f"J{i} counts" for i in range(1, 7)]]
+)
+def test_joints_that_headings_call_pulses_are_none(tmp_path: Path, heading: list[str]) -> None:
+    true = tracker_points(ROBOT, 12)
+    file = write(tmp_path / "m.csv", [*heading, "X", "Y", "Z"], *cells_of(true.observations))
+    with pytest.raises(MeasurementError, match="no 6 joint columns") as refused:
+        read_measurements(file, true.model)
+    assert "pulses per degree" in refused.value.remedy
+    both = [[*cells[:6], *cells] for cells in cells_of(true.observations)]
+    file = write(tmp_path / "n.csv", [*heading, *(f"J{i} [deg]" for i in range(1, 7)), "X", "Y", "Z"], *both)
+    assert read_measurements(file, true.model).layout.joints[0] == "J1 [deg]"
 
 
 @pytest.mark.parametrize("first", ["#", "# no", "%"])

@@ -8,8 +8,8 @@ import pytest
 
 from cellcal.calibration.orientation import values_from
 from cellcal.service.cli.app import run_command_line
-from cellcal.service.engineering.measured.measurements import UNREAD
 from cellcal.service.engineering.measured.table import read_table
+from cellcal.service.engineering.measured.usable_rows import UNREAD
 from cellcal.service.exit_codes import ExitCode
 from tests.unit.helpers.simulated_arm import tracker_poses
 

@@ -121,3 +121,13 @@ def test_the_floor_names_what_is_coarse():
     (values,) = lints.rounding_floor(model, joints, np.full(6, 1e-9), 1e-3)
     assert "measured values to 1 mm" in values.message
     assert "joints" not in values.message
+
+
+def test_attitudes_without_noise_make_no_order_of_rows() -> None:
+    rng, rows = np.random.default_rng(5), np.arange(40.0)
+    places = rng.normal(0.0, 3e-5, (3, 40))
+    attitudes = 1e-9 * (rows - rows.mean()) + rng.normal(0.0, 1e-9, (3, 40))
+    assert order_drift(np.vstack([places, attitudes]), np.arange(40)) == []
+    places[1] += 4e-6 * rows
+    (found,) = order_drift(np.vstack([places, attitudes]), np.arange(40))
+    assert found.code == "order"

@@ -373,3 +373,32 @@ def test_sentences_take_the_label_of_a_model():
             # No sentence: the --robot of a command line, which is to be typed again.
             lines = [line for line in file.read_text(encoding="utf-8").splitlines() if "--robot" not in line]
             assert not raw.search("\n".join(lines)), file.name
+
+
+@pytest.mark.parametrize(
+    ("written", "name"),
+    [
+        ("RS 7L", "kawasaki_rs007l"),
+        ("IRB 120", "abb_irb120"),
+        ("KR 210 R2700-2", "kuka_kr210_r2700_2"),
+        ("TX2-90L", "staubli_tx2_90l"),
+        ("UR10e@ceiling", "ur10e@ceiling"),
+        ("fr3", "franka_fr3"),
+    ],
+)
+def test_a_robot_is_loaded_by_its_title_in_any_spelling(written: str, name: str) -> None:
+    assert load_model(written).name == name
+    assert fixed_reference(written, Path()) == name
+
+
+@pytest.mark.parametrize("written", ["7", "kr 210", "irb", "GP", "RS", "10"])
+def test_words_that_could_mean_several_robots_load_none(written: str) -> None:
+    with pytest.raises(CalibrationError, match="no robot model"):
+        load_model(written)
+
+
+@pytest.mark.parametrize("written", ["YuMi", "IRB 14000", "irb14050"])
+def test_arms_on_one_body_are_answered_with_what_helps(written: str) -> None:
+    with pytest.raises(CalibrationError, match="do not ship") as refused:
+        load_model(written)
+    assert "layout with two robots" in refused.value.remedy

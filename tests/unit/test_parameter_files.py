@@ -211,6 +211,33 @@ def test_a_set_is_exported_as_its_own_file(run_cli):
     assert "parameter set 17 version 1" in sets.load_set("18").source
 
 
+def test_a_set_of_another_robot_is_noted(run_cli):
+    run_cli("import", identification_file(run_cli), "--robot", "ur10e", "--serial", "17", "--by", "Ada")
+    out = run_cli.tmp / "set.toml"
+    run_cli("export", "17", out, "--format", "toml")
+    assert "note:" not in run_cli("import", out, "--robot", "ur10e", "--serial", "17", "--by", "Ada").err
+    said = run_cli("import", out, "--robot", "ur10e", "--serial", "18", "--by", "Ada").err
+    assert "the file is of robot 17" in " ".join(said.split())
+
+
+@pytest.mark.parametrize(
+    ("content", "says"),
+    [
+        (b'MOC:CFG_1.0::\n#\nARM_CALIB:\n -name "rob1_1"\n', "an ABB controller"),
+        ("&ACCESS RV\nDEFDAT $MACHINE PUBLIC\n;Länge\nENDDAT\n".encode("latin-1"), "a KUKA controller"),
+        (b"[*SYSTEM*]$DMR_GRP  Storage: CMOS  Access: RW\n", "a FANUC controller"),
+        (b"/CRC 1234\n///VERSION\nYAS 3.30-00\n", "a Yaskawa controller"),
+        (b'<?xml version="1.0"?><robot name="a"/>', "a description"),
+        (b'title = "mine"\njoints = ["J1"]\n', "a model file"),
+        (b"J1,J2,X\n1,2,3\n", "no parameters of an arm in a form that is read"),
+    ],
+)
+def test_files_of_other_controllers_are_called_what_they_are(run_cli, content, says):
+    file = write_text(run_cli.tmp / "file", content)
+    with pytest.raises(CalibrationError, match=says):
+        run_cli("import", file, "--robot", "abb_irb120", "--serial", "17", "--by", "Ada")
+
+
 def test_kinematics_of_another_arm_are_refused(run_cli):
     factory_imported(run_cli)
     foreign = RosKinematics(ros_frames(UR), UrKinematics(UR.dh).factory_hash)
@@ -302,7 +329,7 @@ def test_an_impossible_export_is_refused_before_anything_is_written(run_cli):
         (("export", "17", run_cli.tmp / "x", "--format", "docx"), "no format"),
         (("export", "17", run_cli.tmp / "x", "--format", "ros-yaml"), "calibration.conf first"),
         (("import", run_cli.tmp / "nothing", "--robot", "ur10e", "--serial", "17", "--by", "Ada"), "no file"),
-        (("import", taken, "--robot", "ur10e", "--serial", "17", "--by", "Ada"), "no kinematics|impossible"),
+        (("import", taken, "--robot", "ur10e", "--serial", "17", "--by", "Ada"), "no parameters of an arm"),
         (
             ("import", identification_file(run_cli), "--robot", "ur5e", "--serial", "17", "--by", "Ada"),
             "not of a ur5e",

@@ -110,6 +110,11 @@ def test_a_configuration_file_is_deltas_to_nominal():
     assert model.dh.a_m[1] == pytest.approx(-0.612541, abs=5e-6)
 
 
+def test_two_configurations_in_one_file_are_refused():
+    with pytest.raises(CalibrationError, match="delta_theta twice"):
+        parse_calibration_conf(CONF + CONF)
+
+
 def test_an_arm_that_was_not_linearised_is_marked():
     assert not parse_calibration_conf(
         CONF.replace("calibration_status = 2", "calibration_status = 1")

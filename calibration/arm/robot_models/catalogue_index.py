@@ -123,6 +123,25 @@ def is_called(entry: CatalogueEntry, words: str) -> bool:
     return _fits(entry, search_words, "".join(search_words))
 
 
+def robot_spelled(words: str) -> str:
+    """Return the one robot whose name or title this is in another spelling, with or without its maker; else none."""
+    spelling = _plain(words)
+    tells = not spelling.isalpha() and not spelling.isdecimal()  # letters or a number alone are a series
+    return _spellings().get(spelling, "") if tells else ""
+
+
+@cache
+def _spellings() -> dict[str, str]:
+    found: dict[str, str] = {}
+    for entry in catalogue_entries():
+        makers = {_plain(entry.file), _plain(entry.maker)}
+        whole = {_plain(entry.name), _plain(entry.title)}
+        for spelling in whole | {text.removeprefix(maker) for text in whole for maker in makers}:
+            same = found.setdefault(spelling, entry.name) == entry.name and entry.usable
+            found[spelling] = entry.name if same else ""
+    return found
+
+
 def nearest_names(name: str) -> list[str]:
     """Return names that a mistyped one may stand for, the nearest first."""
     found = [entry.name for entry in find_robots(name.replace("_", " ")) if entry.usable]
@@ -196,8 +215,7 @@ def _shared_words(entry: CatalogueEntry, words: str) -> int:
     """Return how many words the name or title begins with as these do, without the maker: ``irb 6700`` are two."""
     makers = {*_WORD.findall(entry.file), *_WORD.findall(entry.maker.lower())}
     query, *spellings = (
-        [word for word in _WORD.findall(text.lower()) if word not in makers]
-        for text in (words, entry.name, entry.title)
+        [word for word in _words(text) if word not in makers] for text in (words, entry.name, entry.title)
     )
     alike = (takewhile(lambda pair: pair[0] == pair[1], zip(own, query, strict=False)) for own in spellings)
     return max(len(list(begun)) for begun in alike)
@@ -220,7 +238,12 @@ def _likeness(entry: CatalogueEntry, together: str, *, beginning: bool = False) 
 
 
 def _plain(text: str) -> str:
-    return "".join(_WORD.findall(text.lower()))
+    return "".join(_words(text))
+
+
+def _words(text: str) -> list[str]:
+    """Return letters and numbers apart, numbers without leading zeros: 007 is 7."""
+    return [word.lstrip("0") or "0" if word.isdecimal() else word for word in _WORD.findall(text.lower())]
 
 
 @cache

@@ -1,4 +1,4 @@
-"""Robots that people ask for by name and that are no serial arms: why they are not listed, and what can be done.
+"""Robots that people ask for by name and that are no single serial arm: why they are not listed, and what helps.
 
 Which names these are is from memory of the makers' series; a wrong one costs a sentence, and no number depends on it.
 """
@@ -14,6 +14,7 @@ _PARALLEL = re.compile(
 _LEVEL_WRIST = re.compile(
     r"palleti[sz]er|irb(460|660|760)(?!\d)|(^|fanuc)m410|kr\d+(r\d+)?pa(?![a-z])|mpl(?!80)\d|cp(130|180|300|500|700)l"
 )
+_TWO_ARMS = re.compile(r"yumi|irb140(00|50)(?!\d)|duaro|nextage|baxter")
 RODS_ANSWER = "calibration/arm/robot_models/README.md, “Wrists that rods keep level”, shows one."
 
 
@@ -37,9 +38,19 @@ _LEVEL = OtherKind(
 )
 
 
+_ARMS_OF_ONE = OtherKind(
+    "has arms whose numbers do not ship.",
+    "Take each arm from the maker's description: `--robot 'cell.urdf?base=BODY&tip=LEFT_TOOL'`, and the other one "
+    "with its own tip. Each is identified as a robot of its own, or both together by a layout with two robots "
+    "(`deploy/layouts/`).",
+)
+
+
 def other_kind(words: str) -> OtherKind | None:
     """Return what is known of a robot that is no plain serial arm; None of any other name."""
     plain = "".join(_PLAIN.findall(words.lower()))
     if _PARALLEL.search(plain):
         return _PARALLEL_ROBOT
+    if _TWO_ARMS.search(plain):
+        return _ARMS_OF_ONE
     return _LEVEL if _LEVEL_WRIST.search(plain) else None

@@ -50,8 +50,9 @@ from cellcal.service.engineering.identification.identify_verdicts import (
     judge_limits,
 )
 from cellcal.service.engineering.identification.row_fit import FittedRows, IdentifyOptions, fit_rows
-from cellcal.service.engineering.measured.measurements import OUTLIER, Measurements, RejectedRow
+from cellcal.service.engineering.measured.measurements import Measurements
 from cellcal.service.engineering.measured.table import MeasurementError
+from cellcal.service.engineering.measured.usable_rows import OUTLIER, RejectedRow
 from cellcal.service.engineering.parameters.identified_parameter import IdentifiedParameter
 
 

@@ -15,8 +15,8 @@ from cellcal.calibration.message import make_message
 from cellcal.service.csv_writing import write_rows
 from cellcal.service.engineering.identification.at_points import AtPoints, solve_joints
 from cellcal.service.engineering.identification.identify import IdentifyReport
-from cellcal.service.engineering.measured.measurements import REPEAT
 from cellcal.service.engineering.measured.table import MeasurementError
+from cellcal.service.engineering.measured.usable_rows import REPEAT
 
 _PROBABILITY = 0.95
 

@@ -253,6 +253,12 @@ def _of_kind(
     return found
 
 
+def units_of_joints(names: Sequence[str]) -> dict[str, str]:
+    """Return the units of joints that turn, as `TableLayout` has them; empty where their names tell none."""
+    unit = _joint_units(names)
+    return {"joints": unit} if unit else {}
+
+
 def _joint_units(names: Sequence[str]) -> str:
     """Return the unit of joints that their names tell; where each tells its own, all of them with commas between."""
     each = [unit_of(name) for name in names]
@@ -298,6 +304,8 @@ def _find_positions(names: Sequence[str], plain: Mapping[str, str], *, has_lengt
     other is the controller's.
     """
     triples = {key: names for key, names in find_triples(names, plain, "xyz").items() if _is_place(key)}
+    if len(triples) > 1:
+        triples.pop(("s_", ""), None)  # sX, sY, sZ are standard deviations of X, Y, Z
     measured = [found for key, found in triples.items() if _key_words(key) & _MEASURED]
     controller_triples = [
         found

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 _UNIT = re.compile(r"[\[(\uff08\u3010]\s*(?P<unit>[^\])\uff09\u3011]*)\s*[\])\uff09\u3011]")
 _TRAILING_UNIT = re.compile(
-    r"_(mm|deg|rad|m|degrees|radians|cm|um|inches|inch|in|ft|feet|mils|mil|grad|gon|mrad|mdeg)$"
+    r"_(mm|deg|rad|m|degrees|radians|cm|um|inches|inch|in|ft|feet|mils|mil|grad|gon|mrad|mdeg|rev|revs)$"
 )
 _UNIT_NAMES = {
     "mm": "mm", "m": "m", "cm": "cm", "deg": "deg", "°": "deg", "º": "deg", "degree": "deg", "degrees": "deg",
@@ -22,7 +22,9 @@ _UNIT_NAMES = {
     "インチ": "inch", "град": "deg", "градус": "deg", "градусы": "deg", "рад": "rad", "мм": "mm", "см": "cm",
     "м": "m", "мкм": "um", "дюйм": "inch", "millimetri": "mm", "gradi": "deg", "radianti": "rad", "graus": "deg",
     "degrés": "deg", "degré": "deg", "stopnie": "deg", "graden": "deg", "grader": "deg", "derece": "deg",
-    "astetta": "deg", "fok": "deg",
+    "astetta": "deg", "fok": "deg", "rev": "rev", "revs": "rev", "revolution": "rev", "revolutions": "rev",
+    "turn": "rev", "turns": "rev", "umdrehung": "rev", "umdrehungen": "rev", "vueltas": "rev",
+    "圈": "rev", "转": "rev",
 }  # fmt: skip
 # What a word of a heading means, in the words that columns are told by; the longer first where one holds another.
 _WORDS: Sequence[tuple[str, str]] = (
@@ -90,6 +92,14 @@ _WHOLE = {word: meaning for word, meaning in _WORDS if not _is_cjk(word)}
 _COMMA_UNIT = re.compile(r",\s*(?P<unit>[^\s,]+)\s*$")  # J1, deg
 _WORD_AND_NUMBER = re.compile(r"([^\W\d_]+)(\d+)")
 _GLUED = re.compile(r"(?<=[a-z])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])")  # MeasX, XNominal
+_PULSES = re.compile(
+    r"(?<![^\W_])(pulses?|puls|impulse|impulsos|counts?|cnts?|increments?|inkremente|incr|ticks)(?![^\W_])|脉冲|パルス",
+    re.IGNORECASE,
+)
+PULSES_REMEDY = (
+    "If it holds encoder pulses, divide each joint's by its pulses per degree, with their sign, from the "
+    "controller's parameters. If it holds thousandths of degrees, say `--units joints=mdeg`."
+)
 _NUMBER_FIRST = re.compile(r"(?<![a-z\d])(\d)_?(axis|joint)(?![a-z])(?!_?\d)")
 
 
@@ -146,6 +156,11 @@ def unit_of(name: str) -> str:
 def unit_named(text: str) -> str:
     """Return the one spelling of a unit, empty for what is none."""
     return _UNIT_NAMES.get(text.strip().rstrip(".").lower(), "") or _UNIT_NAMES.get(text.strip().lower(), "")
+
+
+def counts_pulses(name: str) -> bool:
+    """Return whether a name tells numbers of an encoder in place of an angle."""
+    return _PULSES.search(name) is not None and not unit_of(name)
 
 
 def heading_words() -> tuple[str, ...]:

@@ -5,7 +5,13 @@ from collections.abc import Mapping, Sequence
 
 from cellcal.calibration.message import make_message
 from cellcal.service.engineering.measured.column_words import CONTROLLER_WORDS, SPREAD_WORDS, find_triples
-from cellcal.service.engineering.measured.headings import plain_name, unit_of, without_unit
+from cellcal.service.engineering.measured.headings import (
+    PULSES_REMEDY,
+    counts_pulses,
+    plain_name,
+    unit_of,
+    without_unit,
+)
 from cellcal.service.engineering.measured.table import MeasurementError
 from cellcal.service.engineering.measured.table_heads import are_numbered
 from cellcal.service.engineering.measured.units import LENGTH_UNITS
@@ -63,6 +69,8 @@ def find_joints(
     MeasurementError
         They are not found.
     """
+    every = names
+    names = [name for name in names if not counts_pulses(name)]
     called = _called_joints(names, plain, joint_names)
     if called or not joint_names:  # a list of places has no joints
         return called
@@ -83,9 +91,33 @@ def find_joints(
         make_message(
             "no {joint_name_count} joint columns found among {names}.",
             joint_name_count=count,
-            names=", ".join(names),
+            names=", ".join(every),
         ),
-        remedy=_joints_remedy(names if numeric is None else numeric, plain, joint_names),
+        remedy=PULSES_REMEDY
+        if len(every) - len(names) >= count
+        else _joints_remedy(every if numeric is None else numeric, plain, joint_names),
+    )
+
+
+def like_joint_columns(
+    names: Sequence[str], plain: Mapping[str, str], joints: Sequence[str]
+) -> tuple[tuple[str, ...], ...]:
+    """Return further numbered columns of as many joints that headings rank as they do these."""
+    families = _numbered_families([name for name in names if not counts_pulses(name)], plain)
+    count = len(joints)
+    sets = {
+        key: tuple(numbered[first + i] for i in range(count))
+        for key, numbered in families.items()
+        if (first := _first_number(numbered, count)) >= 0
+    }
+    own = next((key for key, found in sets.items() if found == tuple(joints)), None)
+    if own is None:
+        return ()
+    rank = _preference_rank(own) - _STEMS.index(own[1])
+    return tuple(
+        found
+        for key, found in sets.items()
+        if key != own and _preference_rank(key) - _STEMS.index(key[1]) == rank
     )
 
 

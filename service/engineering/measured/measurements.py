@@ -17,6 +17,7 @@ from cellcal.calibration.identification.unrounding import find_resolution
 from cellcal.calibration.message import make_message
 from cellcal.service.engineering.measured.columns import TableLayout, UntoldPlaceError, detect_layout
 from cellcal.service.engineering.measured.joined_sheets import joined_tables
+from cellcal.service.engineering.measured.joint_choice import better_joints, joint_sets
 from cellcal.service.engineering.measured.joint_coupling import controller_joints
 from cellcal.service.engineering.measured.joint_units import joint_units, refuse_typed_zeros
 from cellcal.service.engineering.measured.joints_file import with_joints_of
@@ -45,19 +46,14 @@ from cellcal.service.engineering.measured.unnamed_columns import (
     find_unnamed_place,
     tell_nothing,
 )
+from cellcal.service.engineering.measured.usable_rows import (
+    REPEAT,
+    RejectedRow,
+    usable_rows,
+    without_invalid,
+)
 
-UNREAD, OUTLIER, REPEAT = "no reading", "outlier", "repeat"
-_UNBELIEVABLE = 1e9  # in any unit that instruments write
 _NO_NUMBER = ", which is no number"
-
-
-@dataclass(frozen=True, slots=True)
-class RejectedRow:
-    """A data row, counted from 0, that takes no part, and why."""
-
-    row: int
-    reason: str
-    kind: str = UNREAD  # or OUTLIER: it was read, and the fit does not believe it; or REPEAT of another row
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,9 +117,7 @@ def _interpret_table(
     names = [name for name in (*layout.joints, *layout.position, *layout.turn, layout.length) if name]
     numbers = {name: table.column_values(name) for name in (*names, *layout.spread, *layout.controller)}
     refuse_other_headings(table, names)
-    good, rejected = _usable_rows(table, names, numbers)
-    _refuse_none(path, good, rejected)
-    _refuse_mostly_text(path, rejected, len(table))
+    good, rejected = _valid_rows(table, path, (names, layout.group), numbers)
     guesses = [table.dialect] if table.dialect else []
     units = UnitChoice({**layout.units, **options.units}, guesses)
     raw = np.column_stack([numbers[name][good] for name in layout.joints])
@@ -131,13 +125,10 @@ def _interpret_table(
     if model.sliding is None:
         refuse_no_angles(layout.joints, raw, unit)
     joints = controller_joints(_as_typed(raw * unit, layout, model), model, options.joint_coupling)
-    if layout.further or layout.length:
-        better = _find_better_columns(table, layout, good, (model, joints, _steps_of(raw) * unit))
-        if better:
-            return _interpret_table(
-                table, path, model, replace(options, columns={**options.columns, **better})
-            )
-    guesses += filter(None, [further_places_note(layout.further)])
+    better, notes = _find_better_columns(table, layout, good, (model, joints, _steps_of(raw) * unit), options)
+    if better:
+        return _interpret_table(table, path, model, replace(options, columns={**options.columns, **better}))
+    guesses += notes
     good, joints, silent = _with_readings(table, good, joints, (layout, numbers, model))
     _refuse_none(path, good, (*rejected, *silent))
     good, joints, again = _without_repeats(table, good, joints, [numbers[name] for name in names])
@@ -169,6 +160,19 @@ def _interpret_table(
         targets=target_column(table, rows, used),
         unused=unused_columns(table, rows, used),
     )
+
+
+def _valid_rows(
+    table: MeasurementTable, path: Path, used: tuple[Sequence[str], str], numbers: Mapping[str, Array]
+) -> tuple[np.typing.NDArray[np.bool_], tuple[RejectedRow, ...]]:
+    """Return which rows hold the numbers that are needed and are not called bad, and the others."""
+    names, group = used
+    good, rejected = usable_rows(table, names, numbers)
+    _refuse_none(path, good, rejected)
+    _refuse_mostly_text(path, rejected, len(table))
+    good, rejected = without_invalid(table, good, rejected, (*names, group))
+    _refuse_none(path, good, rejected)
+    return good, rejected
 
 
 def _lay_out(
@@ -253,11 +257,20 @@ def _find_better_columns(
     layout: TableLayout,
     good: np.typing.NDArray[np.bool_],
     arm: tuple[RobotModel, Array, Array],
-) -> dict[str, tuple[str, ...]]:
-    """Return columns of measured and controller's places where the numbers show others than the headings."""
-    places = (layout.position, layout.controller, *layout.further, (layout.length,))
-    values = {name: table.column_values(name)[good] for names in places for name in names if name}
-    return better_places(*arm, layout, values)
+    options: ReadOptions,
+) -> tuple[dict[str, tuple[str, ...]], list[str]]:
+    """Return columns of places and joints where the numbers show others than the headings, and what is to be said."""
+    if layout.further or layout.length:
+        places = (layout.position, layout.controller, *layout.further, (layout.length,))
+        values = {name: table.column_values(name)[good] for names in places for name in names if name}
+        if better := better_places(*arm, layout, values):
+            return better, []
+    better, note = {}, ""
+    if layout.position and "joints" not in options.columns:
+        sets = joint_sets(table, layout.joints, good, arm[:2], options.joint_coupling)
+        positions = np.column_stack([table.column_values(name)[good] for name in layout.position])
+        better, note = better_joints(arm[0], sets, positions)
+    return better, [text for text in (further_places_note(layout.further), note) if text]
 
 
 def _steps_of(columns: Array) -> Array:
@@ -344,32 +357,6 @@ def _without_repeats(
         for at in copies
     ]
     return usable_without(good, copies), np.delete(joints_rad, copies, axis=0), again
-
-
-def _usable_rows(
-    table: MeasurementTable, names: Sequence[str], numbers: Mapping[str, Array]
-) -> tuple[np.typing.NDArray[np.bool_], tuple[RejectedRow, ...]]:
-    values = np.column_stack([numbers[name] for name in names])
-    missing = ~(np.abs(values) < _UNBELIEVABLE)  # and what is no number at all
-    good: np.typing.NDArray[np.bool_] = np.logical_not(missing.any(axis=1))
-    rejected = []
-    for row in np.flatnonzero(~good).tolist():
-        name = names[int(np.argmax(missing[row]))]
-        cell = table.texts.get((row, table.names.index(name)), "")
-        what = make_message("holds {cell!r}, which is no number", cell=cell) if cell else "is empty"
-        if not np.isnan(numbers[name][row]):
-            what = make_message(
-                "holds {number:g}, which marks a missing measurement", number=numbers[name][row]
-            )
-        rejected.append(
-            RejectedRow(
-                row,
-                make_message(
-                    "line {line}: column {name!r} {what}", line=table.lines[row], name=name, what=what
-                ),
-            )
-        )
-    return good, tuple(rejected)
 
 
 def _refuse_mostly_text(path: Path, rejected: tuple[RejectedRow, ...], rows: int) -> None:

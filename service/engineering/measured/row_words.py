@@ -8,7 +8,7 @@ import numpy as np
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.identification.observations import Rows
 from cellcal.calibration.message import make_message
-from cellcal.service.engineering.measured.headings import plain_name, without_unit
+from cellcal.service.engineering.measured.headings import PULSES_REMEDY, plain_name, without_unit
 from cellcal.service.engineering.measured.table import MeasurementError, MeasurementTable
 
 _ROBOTS = frozenset(
@@ -160,6 +160,5 @@ def refuse_no_angles(names: Sequence[str], values: Array, units_rad: Array) -> N
                     column=name,
                     most=float(most),
                 ),
-                remedy="If it holds encoder pulses, divide each joint's by its pulses per degree, with their sign, "
-                "from the controller's parameters. If it holds thousandths of degrees, say `--units joints=mdeg`.",
+                remedy=PULSES_REMEDY,
             )

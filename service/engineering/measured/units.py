@@ -16,6 +16,7 @@ ANGLE_UNITS = {
     "mrad": 1e-3,
     "mdeg": float(np.deg2rad(1e-3)),
     "gon": float(np.pi / 200),
+    "rev": float(2 * np.pi),
 }
 
 __all__ = ["ANGLE_UNITS", "LENGTH_UNITS", "to_celsius"]

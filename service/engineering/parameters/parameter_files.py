@@ -16,6 +16,7 @@ from cellcal.calibration.arm.urdf import bare_urdf
 from cellcal.calibration.documents.json_text import parse_json
 from cellcal.calibration.documents.plain_files import read_plain_bytes
 from cellcal.calibration.geometry import log_transform
+from cellcal.calibration.message import make_message
 from cellcal.service.engineering.parameters.calibrated_models import (
     CalibratedModel,
     calibrated_description,
@@ -25,6 +26,7 @@ from cellcal.service.engineering.parameters.calibrated_models import (
     values_of_model,
 )
 from cellcal.service.engineering.parameters.identified_parameter import IdentifiedParameter
+from cellcal.service.engineering.parameters.other_makers_files import other_file_error
 from cellcal.service.engineering.parameters.parameter_set import (
     ParameterSet,
     ParameterSetError,
@@ -94,6 +96,7 @@ class _FileContent:
     what: str
     factory_hash: str = ""
     notes: tuple[str, ...] = ()
+    robot_serial: str = ""  # of the robot that the file names
 
 
 def import_file(sets: ParameterSets, path: Path, nominal: RobotModel, who: SetOrigin) -> ImportedSet:
@@ -129,7 +132,7 @@ def import_file(sets: ParameterSets, path: Path, nominal: RobotModel, who: SetOr
         factory_hash=content.factory_hash or factory_hash,
     )
     calibrated_model(nominal, draft)
-    return ImportedSet(sets.save_draft(draft), content.notes)
+    return ImportedSet(sets.save_draft(draft), (*content.notes, *_serial_notes(content.robot_serial, who)))
 
 
 def export_set(
@@ -179,10 +182,9 @@ def _factory_hash(sets: ParameterSets, robot_serial: str) -> str:
 
 
 def _read_content(data: bytes, nominal: RobotModel) -> _FileContent:
-    try:
-        text = data.decode("utf-8-sig")
-    except UnicodeDecodeError:
+    if b"\0" in data:  # each length of a message begins with zeros, and no text holds one
         return _of_table(read_primary_kinematics(data), nominal, "primary interface")
+    text = data.decode("utf-8-sig", errors="replace")
     start = text.lstrip()
     if start.startswith("{"):
         return _of_identification(text, nominal)
@@ -192,7 +194,7 @@ def _read_content(data: bytes, nominal: RobotModel) -> _FileContent:
         return _of_set(parse_set(text), nominal)
     if "kinematics:" in text:
         return _of_ros(read_ros_kinematics(text), nominal)
-    return _of_table(read_primary_kinematics(data), nominal, "primary interface")
+    raise other_file_error(text)
 
 
 def _of_table(kinematics: UrKinematics, nominal: RobotModel, what: str) -> _FileContent:
@@ -221,7 +223,23 @@ def _of_ros(ros: RosKinematics, nominal: RobotModel) -> _FileContent:
 def _of_set(item: ParameterSet, nominal: RobotModel) -> _FileContent:
     calibrated_model(nominal, item)
     return _FileContent(
-        item.values, f"parameter set {item.robot_serial} version {item.version}", item.factory_hash
+        item.values,
+        f"parameter set {item.robot_serial} version {item.version}",
+        item.factory_hash,
+        robot_serial=item.robot_serial,
+    )
+
+
+def _serial_notes(serial_in_file: str, who: SetOrigin) -> tuple[str, ...]:
+    """Return the note that a file names another robot: no two arms have the same deviations."""
+    if serial_in_file in ("", who.robot_serial):
+        return ()
+    return (
+        make_message(
+            "the file is of robot {serial_in_file}, and is kept as robot {serial}: right only where both are one arm",
+            serial_in_file=serial_in_file,
+            serial=who.robot_serial,
+        ),
     )
 
 

@@ -43,8 +43,9 @@ from cellcal.service.engineering.identification.row_fit import IdentifyOptions
 from cellcal.service.engineering.job_processes import finish_job, leave_with_the_service, write_message
 from cellcal.service.engineering.measured.cells import describes_a_cell
 from cellcal.service.engineering.measured.layouts import layout_document, overlay_options, read_layout
-from cellcal.service.engineering.measured.measurements import OUTLIER, ReadOptions
+from cellcal.service.engineering.measured.measurements import ReadOptions
 from cellcal.service.engineering.measured.table import read_table
+from cellcal.service.engineering.measured.usable_rows import OUTLIER
 from cellcal.service.engineering.parameters.parameter_files import SetOrigin
 from cellcal.service.unexpected_errors import log_in_lines, run_guarded
 
