@@ -41,16 +41,18 @@ class FigureScale:
     unit: str
     factor: float
     top: float
+    commas: bool = False  # the decimal mark
 
     @classmethod
-    def for_largest(cls, most: float, unit: str = "m") -> "FigureScale":
+    def for_largest(cls, most: float, unit: str = "m", *, commas: bool = False) -> "FigureScale":
         top = 1.08 * most if most > 1e-9 else 1e-6
         if unit == "rad":
-            return cls("deg", math.degrees(1.0), top)
-        return cls("mm", 1e3, top) if top >= 2e-4 else cls("µm", 1e6, top)
+            return cls("deg", math.degrees(1.0), top, commas)
+        return cls("mm", 1e3, top, commas) if top >= 2e-4 else cls("µm", 1e6, top, commas)
 
     def format_value(self, value: float) -> str:
-        return f"{value * self.factor:.6g}"
+        written = f"{value * self.factor:.6g}"
+        return written.replace(".", ",") if self.commas else written
 
 
 @dataclass(slots=True)
