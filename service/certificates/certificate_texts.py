@@ -288,7 +288,8 @@ def _describe_scalar(key: str, value: bool | int | float | str, translations: Tr
     if isinstance(value, float):
         unit = next((unit for unit in ("rad", "m") if key.endswith(f"_{unit}")), "")
         return translations.format_number(format_quantity(value, unit) if unit else f"{value:.6g}")
-    return translations.translate(value) if translations.is_translated(str(value)) else str(value)
+    text = str(value)
+    return translations.translate(text) if translations.is_translated(text) else text
 
 
 def _display_name(key: str, translations: Translations) -> str:

@@ -105,15 +105,30 @@ def test_how_a_universal_robots_arm_stands_has_its_words(name: str) -> None:
         assert not of_an_arm(name) - refusal_texts(locale).keys(), locale
 
 
-def reasons_of_a_controller() -> set[str]:
-    """Return why controllers refuse: what stands in a sentence of their driver."""
-    packages = ("cellcal.drivers.fanuc.rmi", "cellcal.drivers.yaskawa")
-    return {entry.text for package in packages for entry in code_table(package, "refusals.tsv").values()}
+CODE_TABLES = (
+    ("draw_wire", "emergencies.tsv"),
+    ("fanuc.rmi", "refusals.tsv"),
+    ("modbus_robot", "reasons.tsv"),
+    ("universal_robots", "refusals.tsv"),
+    ("wire", "modbus_exceptions.tsv"),
+    ("yaskawa", "refusals.tsv"),
+    ("modbus_robot", "alarms.tsv"),  # the controller has a text of its own for them
+)
 
 
-def test_why_a_controller_refuses_has_its_words() -> None:
-    for locale in TRANSLATED:
-        assert not reasons_of_a_controller() - refusal_texts(locale).keys(), locale
+def told_by_devices() -> set[str]:
+    """Return what codes of devices mean, which stands in a sentence of their driver, and what a person does."""
+    tables = [
+        (name, code_table(f"cellcal.drivers.{package}", name).values()) for package, name in CODE_TABLES
+    ]
+    meanings = {entry.text for name, entries in tables if name != "alarms.tsv" for entry in entries}
+    remedies = {step for _, entries in tables for entry in entries for step in SENTENCE.split(entry.remedy)}
+    return (meanings | remedies) - {""}
+
+
+@pytest.mark.parametrize("locale", TRANSLATED)
+def test_what_a_code_of_a_device_means_and_asks_for_has_its_words(locale: str) -> None:
+    assert not told_by_devices() - translated_sentences(locale)
 
 
 @pytest.mark.parametrize("room", WHOLE)
@@ -149,7 +164,7 @@ def test_every_translation_has_a_source_sentence() -> None:
     sources = [file for room in rooms for file in (ROOT / room).rglob("*.py")]
     source_sentences = {sentence for file in sources for sentence in sentences_in(file)}
     source_sentences |= {sentence for name in ARM_TABLES for sentence in of_an_arm(name)}
-    source_sentences |= reasons_of_a_controller()
+    source_sentences |= told_by_devices()
     written = "\n".join(literal for file in sources for literal in _string_literals(file))
     former = set(map(number_holes, json.loads(FORMER.read_text(encoding="utf-8"))))
     assert not former & source_sentences
