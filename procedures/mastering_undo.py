@@ -41,7 +41,8 @@ class MasteringUndo:
         str,
         describe_setting(
             "Run to undo",
-            "The run whose writing is taken back; empty: the last one that wrote.",
+            "The run whose writing is taken back, by its number in the history; "
+            "empty: the last one that wrote.",
             "what",
             basic=True,
         ),
@@ -94,7 +95,8 @@ async def stored_backup(cell: Cell, of_run: str) -> MasteringBackup:
     """Return what this very robot held before a run wrote its mastering."""
     serial = (await cell.robot.identify()).serial
     own = [backup for backup in cell.backups if backup.robot_serial == serial]
-    fits = [backup for backup in own if of_run in ("", backup.of_run)]
+    # Pages show the number of a run without the procedure's name before it.
+    fits = [backup for backup in own if of_run in ("", backup.of_run, backup.of_run.rpartition("-")[2])]
     if not fits:
         raise RefusalError(
             "no run of this robot that wrote a mastering is in the journal"

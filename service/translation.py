@@ -27,7 +27,7 @@ from cellcal.calibration.message import (
 Locale: TypeAlias = Literal["en", "de", "es", "zh"]
 LOCALES: tuple[Locale, ...] = get_args(Locale)
 BUILT = Path(__file__).parent / "web" / "dist" / "locales"  # beside the pages
-_KINDS = ("procedures", "refusals")
+_KINDS = ("procedures", "settings", "refusals")
 _COMMA = ("de", "es")
 _UNITS = ("", "%", "mm", "m", "deg", "rad")  # what may stand behind the number of an argument
 _PUNCTUATION = frozenset(" .,;:\n")
@@ -52,7 +52,7 @@ class Translations:
         for file in (folder / kind / f"{locale}.json" for kind in _KINDS):
             if file.is_file():
                 table |= parse_json(read_plain_text(file))
-        return cls(locale, table, locale in _COMMA, find)
+        return cls(locale, table, writes_commas(locale), find)
 
     def translate(self, text: str) -> str:
         """Return a text in this language; a sentence without an entry stays English."""
@@ -184,6 +184,11 @@ def is_punctuation(template: str) -> bool:
     return any(name is not None for _, name in parts) and all(
         _PUNCTUATION.issuperset(each) for each, _ in parts
     )
+
+
+def writes_commas(locale: Locale) -> bool:
+    """Return whether the decimal mark of a language is a comma."""
+    return locale in _COMMA
 
 
 def is_number(text: str) -> bool:

@@ -19,6 +19,7 @@ import time
 from collections.abc import Awaitable, Callable
 from typing import TypeVar
 
+from cellcal.calibration.message import make_message
 from cellcal.drivers.errors import (
     DeviceError,
     DeviceTimeoutError,
@@ -198,7 +199,9 @@ class CanopenLink:
             raise
         except TimeoutError:
             self._abandon_worker(session, worker)
-            message = f"the CAN bus did not react within {self._deadline_s:g} s."
+            message = make_message(
+                "the CAN bus did not react within {deadline_s:g} s.", deadline_s=self._deadline_s
+            )
             raise DeviceTimeoutError(self.device, message, remedy=_DAEMON) from None
 
     def _abandon_worker(self, session: CanSession, worker: CallWorker) -> None:

@@ -4,6 +4,7 @@ import math
 
 from cellcal.calibration.message import make_message
 from cellcal.procedures.recovery.cure_result import AxisProof, PositionCureResult
+from cellcal.procedures.recovery.gate_words import state_gate_check
 from cellcal.procedures.verdict import (
     Characteristic,
     ProcedureVerdict,
@@ -56,17 +57,7 @@ def _axis_figures(axis: AxisProof, limit_rad: float) -> tuple[Characteristic, ..
 def verdict_on_cure(limit_rad: float, result: PositionCureResult) -> ProcedureVerdict:
     """Say axis by axis what the lengths prove, and what a person does next about one that is wrong."""
     figures = [figure for axis in result.axes for figure in _axis_figures(axis, limit_rad)]
-    gate = [
-        state_fact(
-            make_message("gate: {check_name}", check_name=check.name),
-            check.passed,
-            check.sentence,
-            found=check.found,
-            limit=check.limit,
-            unit=check.unit,
-        )
-        for check in result.gate
-    ]
+    gate = map(state_gate_check, result.gate)
     constants = state_fact(
         "the machine data are those of the record",
         not result.changed_constants,

@@ -9,6 +9,7 @@ from cellcal.procedures.accuracy_limits import (
     limits_in_force,
     limits_text,
 )
+from cellcal.procedures.recovery.gate_words import state_gate_check
 from cellcal.procedures.recovery.recovery_result import JointRecovery, RecoveryResult
 from cellcal.procedures.recovery.recovery_spec import MasteringRecoverySpec
 from cellcal.procedures.verdict import (
@@ -38,17 +39,7 @@ def verdict_on_recovery(
     """Say joint by joint what was restored, and repeat the gate that let it pass."""
     limits = limits_in_force(MASTERING, accuracy_class, own)
     joints = [_joint_figure(joint, limits.axis_rad) for joint in result.joints]
-    checks = [
-        state_fact(
-            make_message("gate: {check_name}", check_name=check.name),
-            check.passed,
-            check.sentence,
-            found=check.found,
-            limit=check.limit,
-            unit=check.unit,
-        )
-        for check in result.gate
-    ]
+    checks = map(state_gate_check, result.gate)
     moved = ", ".join(
         f"{joint.name} {joint.turns_restored:+d}"
         for joint in result.joints

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from cellcal.calibration.message import make_message
+from cellcal.service.certificates.result_names import RESULT_NAMES
 from cellcal.service.quantities import format_quantity
 from cellcal.service.translation import Translations
 
@@ -58,7 +59,7 @@ def describe_figure(figure: Mapping[str, Any], translations: Translations = ENGL
         word=translations.translate("stated" if figure["decision"] is None else figure["decision"].upper()),
         found=_format_quantity(figure["value"], unit, translations) if shown else "",
         expanded=_format_quantity(expanded, unit, translations) if expanded else "",
-        coverage=f"k = {figure['coverage']:.2f}" if expanded else "",
+        coverage=translations.format_number(f"k = {figure['coverage']:.2f}") if expanded else "",
         limit="" if limit is None else _format_quantity(limit, unit, translations),
         rule=translations.translate(figure["rule"]),
         budget=tuple(
@@ -108,7 +109,7 @@ def controller_rows(
     rows = (
         ("active tool", _describe_tool(frames, translations)),
         ("user frame", _user_frame(frames.get("user_frame_number"), translations)),
-        ("payload", "" if payload is None else f"{payload:.3f} kg"),
+        ("payload", "" if payload is None else translations.format_number(f"{payload:.3f} kg")),
         ("controller mode", translations.translate(mode) if mode in _CONTROL_MODES else mode),
     )
     moved = translations.translate(_LEVELS.get(controller["motion_level"], "not recorded"))
@@ -163,23 +164,29 @@ def short_facts(result: Any, translations: Translations = ENGLISH) -> Iterator[t
     """Return what of a result, or of settings, fits on a line: single values and poses."""
     for key, value in result.items() if isinstance(result, dict) else ():
         if is_pose(value):
-            yield _display_name(key), describe_pose(value, translations)
+            yield _display_name(key, translations), describe_pose(value, translations)
         elif isinstance(value, bool | int | float | str) and value != "":
-            yield _display_name(key), _describe_scalar(key, value, translations)
+            yield _display_name(key, translations), _describe_scalar(key, value, translations)
         elif isinstance(value, dict):
             yield from short_facts({k: v for k, v in value.items() if is_pose(v)}, translations)
 
 
 def describe_pose(pose: Mapping[str, Any], translations: Translations = ENGLISH) -> str:
     """Return a pose in millimetres, with its quaternion."""
-    q = ", ".join(f"{v:+.7f}" for v in pose["quaternion"])
-    return f"{describe_place(pose['position_m'])}; {translations.translate('quaternion')} w x y z {q}"
+    q = _list_numbers([f"{v:+.7f}" for v in pose["quaternion"]], translations)
+    place = describe_place(pose["position_m"], translations)
+    return f"{place}; {translations.translate('quaternion')} w x y z {q}"
 
 
-def describe_place(position_m: Sequence[float]) -> str:
+def describe_place(position_m: Sequence[float], translations: Translations = ENGLISH) -> str:
     """Return a place in millimetres."""
-    x, y, z = (f"{1e3 * v:.3f}" for v in position_m)
-    return f"x {x}, y {y}, z {z} mm"
+    named = [f"{axis} {1e3 * v:.3f}" for axis, v in zip("xyz", position_m, strict=True)]
+    return f"{_list_numbers(named, translations)} mm"
+
+
+def _list_numbers(numbers: Sequence[str], translations: Translations) -> str:
+    """Return numbers side by side: where a comma is their decimal mark it does not stand between them, too."""
+    return ("; " if translations.commas else ", ").join(map(translations.format_number, numbers))
 
 
 def is_pose(value: Any) -> bool:
@@ -271,7 +278,7 @@ def file_stem(content: Mapping[str, Any]) -> str:
 def _format_quantity(value: float, unit: str, translations: Translations) -> str:
     shown = format_quantity(value, unit)
     return (
-        translations.translate(shown) if unit == "turn" else shown
+        translations.translate(shown) if unit == "turn" else translations.format_number(shown)
     )  # other units are written alike everywhere
 
 
@@ -280,11 +287,14 @@ def _describe_scalar(key: str, value: bool | int | float | str, translations: Tr
         return translations.translate("yes" if value else "no")
     if isinstance(value, float):
         unit = next((unit for unit in ("rad", "m") if key.endswith(f"_{unit}")), "")
-        return format_quantity(value, unit) if unit else f"{value:.6g}"
-    return str(value)
+        return translations.format_number(format_quantity(value, unit) if unit else f"{value:.6g}")
+    text = str(value)
+    return translations.translate(text) if translations.is_translated(text) else text
 
 
-def _display_name(key: str) -> str:
+def _display_name(key: str, translations: Translations) -> str:
+    if key in RESULT_NAMES:
+        return translations.translate(RESULT_NAMES[key])
     for unit in ("_rad", "_m"):
         key = key.removesuffix(unit)
     speed = " [rad/s]" if key.endswith("_rad_s") else ""

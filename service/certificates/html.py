@@ -47,11 +47,15 @@ th { overflow-wrap: normal; }
 /* On a telephone the name of a figure has a line of its own: the verdict on it is seen beside its value. */
 @media screen and (max-width: 38rem) {
   header.top svg { width: 6rem; height: 6rem; } header.top div { min-width: 0; overflow-wrap: anywhere; }
-  table:has(td.word) tr { display: grid; grid-template-columns: repeat(4, minmax(0, 1fr)); column-gap: .4rem;
-    border-bottom: 1px solid var(--line); }
+  table:has(td.word) { display: flex; flex-direction: column; } /* rows as wide as the sheet */
+  table:has(td.word) :is(thead, tbody, caption) { display: block; } table:has(td.word) caption { order: 1; }
+  table:has(td.word) :is(colgroup, col) { display: none; }
+  table:has(td.word) tr { display: grid; grid-template-columns: repeat(3, minmax(0, 3fr)) minmax(0, 4fr);
+    column-gap: .4rem; border-bottom: 1px solid var(--line); }
+  table:has(td.word) :is(td.word, th:last-child) { hyphens: auto; } table:has(td.word) th { font-size: .85rem; }
   table:has(td.word) :is(th, td) { border: 0; padding: .2rem 0; text-align: left; white-space: normal; }
   table:has(td.word) tr > :first-child { grid-column: 1 / -1; }
-  dl { grid-template-columns: minmax(6rem, 30%) 1fr; } dt { overflow-wrap: anywhere; }
+  dl { grid-template-columns: minmax(6rem, 30%) 1fr; } dt { overflow-wrap: anywhere; hyphens: auto; }
 }
 .sign { break-inside: avoid; margin: 1rem 0 1.4rem; }
 .sign div { display: flex; gap: 1.5rem; margin-top: 2rem; }

@@ -1,10 +1,9 @@
 """The languages in which a certificate can be read: its own words, and those of procedures and refusals.
 
-What is signed is English and stays as it is; a signed file holds no templates. Numbers keep the point that they have
-in the signed file, so that two sheets can be compared line by line.
+What is signed is English and stays as it is; a signed file holds no templates. Numbers have their digits, with the
+decimal mark of the language: to a German or Spanish reader, 1335.444 mm is more than a million.
 """
 
-import re
 from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
@@ -12,9 +11,8 @@ from pathlib import Path
 from cellcal.calibration.documents.json_text import parse_json
 from cellcal.calibration.documents.plain_files import read_plain_text
 from cellcal.service.legacy_texts import LegacyTexts
-from cellcal.service.translation import Locale, Translations, load_translations
+from cellcal.service.translation import Locale, Translations, load_translations, writes_commas
 
-_COMMA = re.compile(r"(?<=\d),(?=\d)")  # in a number of a translation
 _OWN = Path(__file__).with_name("translations")
 
 
@@ -27,6 +25,7 @@ def translations_in(locale: Locale) -> Translations:
 
 
 def build_translations(locale: Locale, table: Mapping[str, str]) -> Translations:
-    """Return the words of a table, with numbers as they are signed."""
-    pointed = {english: _COMMA.sub(".", translated) for english, translated in table.items()}
-    return Translations(locale, pointed, commas=False, find=LegacyTexts.from_templates(table).find_message)
+    """Return the words of a table, which also know what was signed without templates."""
+    return Translations(
+        locale, table, commas=writes_commas(locale), find=LegacyTexts.from_templates(table).find_message
+    )

@@ -37,6 +37,7 @@ from cellcal.service.certificates.certificate_texts import (
 from cellcal.service.certificates.pictures import pictures_of
 from cellcal.service.certificates.qr import code_of
 from cellcal.service.certificates.reading_sections import reading_sections, rejected_sections
+from cellcal.service.certificates.setting_rows import setting_rows
 from cellcal.service.certificates.sign_offs import list_unsigned
 from cellcal.service.translation import Translations
 
@@ -91,7 +92,7 @@ def page_of(
         *_photo_sections(content.get("pictures", []), translations),
         *_people_sections(content["people"], list_unsigned(content), translations),
         Section(say("Safety"), (ParagraphBlock(say(content["safety"]), "strong"),)),
-        *_setting_sections(content["settings"], translations),
+        *_setting_sections(content, translations),
         *reading_sections(points, translations),
         _made_with(content, sha256, public_key, translations),
     )
@@ -242,8 +243,8 @@ def _environment_sections(
     head = table_head(translations, "Temperature#", "Pressure#", "Relative humidity#")
     rows = tuple(
         (
-            TableCell(f"{air['temperature_c']:.1f} °C", number=True),
-            TableCell(f"{air['pressure_pa'] / 100.0:.1f} hPa", number=True),
+            TableCell(translations.format_number(f"{air['temperature_c']:.1f} °C"), number=True),
+            TableCell(translations.format_number(f"{air['pressure_pa'] / 100.0:.1f} hPa"), number=True),
             TableCell(f"{air['humidity_percent']:.0f} %", number=True),
         )
         for air in airs
@@ -323,8 +324,8 @@ def _people_sections(
     return (Section(translations.translate("People and signatures"), (*tables, *fields)),)
 
 
-def _setting_sections(settings: Any, translations: Translations) -> tuple[Section, ...]:
-    facts = tuple(short_facts(settings, translations))
+def _setting_sections(content: Mapping[str, Any], translations: Translations) -> tuple[Section, ...]:
+    facts = tuple(setting_rows(content["run"]["procedure"], content["settings"], translations))
     return (Section(translations.translate("Settings"), (FactBlock(facts),)),) if facts else ()
 
 

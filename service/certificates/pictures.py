@@ -140,7 +140,7 @@ def _draw_pairs(
 ) -> PictureBlock:
     """Draw two marks a row, joined, on an axis that has zero on it."""
     values = [value for row in rows for value in (row.before, row.after)]
-    scale = FigureScale.for_largest(max(map(abs, values)), unit)
+    scale = FigureScale.for_largest(max(map(abs, values)), unit, commas=translations.commas)
     low, high = (scale.top if any(sign * v > 0 for v in values) else 0.0 for sign in (-1.0, 1.0))
     axis = Axis(-low, high or scale.top, LEFT, WIDTH - RIGHT)
     bottom = 28.0 + ROW * len(rows)
@@ -202,7 +202,7 @@ def errors_by_point(errors: PointErrors, translations: Translations = ENGLISH) -
     """Draw one dot a point."""
     if not 0 < len(errors.values_m) <= _MOST_POINTS:
         return None
-    scale = FigureScale.for_largest(max(errors.values_m))
+    scale = FigureScale.for_largest(max(errors.values_m), commas=translations.commas)
     axis = Axis(0.0, scale.top, 120.0, 16.0)
     drawing, places = begin_chart(
         axis, scale, len(errors.values_m), translations.translate("point"), errors.names
@@ -231,7 +231,7 @@ def scatter_of(
     most = max((abs(value) for each in spread for value in each), default=0.0)
     if not most > 1e-9 or sum(map(len, spread)) > _MOST_POINTS:
         return None
-    scale = FigureScale.for_largest(most)
+    scale = FigureScale.for_largest(most, commas=translations.commas)
     axis = Axis(-scale.top, scale.top, 120.0, 16.0)
     drawing, places = begin_chart(
         axis, scale, len(taken), translations.translate("length reading, in the order taken")

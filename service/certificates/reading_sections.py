@@ -95,13 +95,15 @@ def _describe_reading(point: Mapping[str, Any], translations: Translations) -> s
                 make_message("{shown}, mean of {length_count}", shown=shown, length_count=len(lengths))
             )
             if len(lengths) > 1
-            else shown
+            else translations.format_number(shown)
         )
     if is_pose(value.get("base_flange")):
         return translations.translate(
-            make_message("flange at {place}", place=describe_place(value["base_flange"]["position_m"]))
+            make_message(
+                "flange at {place}", place=describe_place(value["base_flange"]["position_m"], translations)
+            )
         )
     place = value.get("position_m")
     if isinstance(place, list) and len(place) == 3:
-        return describe_place(place)
+        return describe_place(place, translations)
     return translations.translate("in the JSON file")

@@ -41,16 +41,18 @@ class FigureScale:
     unit: str
     factor: float
     top: float
+    commas: bool = False  # the decimal mark
 
     @classmethod
-    def for_largest(cls, most: float, unit: str = "m") -> "FigureScale":
+    def for_largest(cls, most: float, unit: str = "m", *, commas: bool = False) -> "FigureScale":
         top = 1.08 * most if most > 1e-9 else 1e-6
         if unit == "rad":
-            return cls("deg", math.degrees(1.0), top)
-        return cls("mm", 1e3, top) if top >= 2e-4 else cls("µm", 1e6, top)
+            return cls("deg", math.degrees(1.0), top, commas)
+        return cls("mm", 1e3, top, commas) if top >= 2e-4 else cls("µm", 1e6, top, commas)
 
     def format_value(self, value: float) -> str:
-        return f"{value * self.factor:.6g}"
+        written = f"{value * self.factor:.6g}"
+        return written.replace(".", ",") if self.commas else written
 
 
 @dataclass(slots=True)
@@ -105,19 +107,19 @@ def begin_chart(
     axis: Axis, scale: FigureScale, count: int, what: str, names: Sequence[str] = ()
 ) -> tuple[SvgDrawing, list[float]]:
     """Begin a drawing with values upwards and points from left to right; return it and the points' places."""
-    left_edge, right = 64.0, WIDTH - RIGHT
+    left_x, right_x = 64.0, WIDTH - RIGHT
     drawing = SvgDrawing(158.0)
     for value in axis.round_ticks(scale.factor):
-        drawing.draw_line((left_edge, axis.to_position(value)), (right, axis.to_position(value)), GRID, 0.8)
-        drawing.draw_text((left_edge - 6.0, axis.to_position(value) + 3.5), scale.format_value(value), "end")
+        drawing.draw_line((left_x, axis.to_position(value)), (right_x, axis.to_position(value)), GRID, 0.8)
+        drawing.draw_text((left_x - 6.0, axis.to_position(value) + 3.5), scale.format_value(value), "end")
     drawing.draw_text((8.0, 12.0), f"[{scale.unit}]", "start")
-    width = (right - left_edge) / count
-    places = [left_edge + width * (k + 0.5) for k in range(count)]
+    width = (right_x - left_x) / count
+    places = [left_x + width * (k + 0.5) for k in range(count)]
     every = max(1, math.ceil(count / 25))
     for k in range(0, count, every):
         name = names[k] if k < len(names) and len(names[k]) <= 6 else str(k + 1)
         drawing.draw_text((places[k], axis.begin + 18.0), name, "middle")
-    drawing.draw_text(((left_edge + right) / 2, axis.begin + 35.0), what, "middle")
+    drawing.draw_text(((left_x + right_x) / 2, axis.begin + 35.0), what, "middle")
     return drawing, places
 
 

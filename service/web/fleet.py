@@ -21,6 +21,7 @@ from fastapi.responses import FileResponse, PlainTextResponse, RedirectResponse
 from starlette.requests import HTTPConnection
 
 from cellcal.calibration.errors import CellError
+from cellcal.calibration.message import make_message
 from cellcal.calibration.message_table import with_messages
 from cellcal.drivers.supervision import start_task
 from cellcal.service.people.authentication import Authenticator
@@ -89,7 +90,9 @@ class FleetContext:
         try:
             return orjson.dumps(with_messages(view))
         except TypeError as error:
-            self.bus.fleet.name_flaw(view["cell"], f"what it says cannot be shown: {error}")
+            self.bus.fleet.name_flaw(
+                view["cell"], make_message("what it says cannot be shown: {error}", error=str(error))
+            )
             plain = dict.fromkeys(view) | {"cell": view["cell"], "name": view["cell"], "link": "silent"}
             lists = {"alarms": [], "drift": [], "due": [], "attended": False, "clock_off_s": 0}
             return orjson.dumps(plain | lists | {"events": {"have": 0, "known": 0, "lost": 0}})
@@ -129,7 +132,9 @@ async def get_certificate(cell: str, run_id: str, request: Request, who: Who) ->
     raw, checked = await asyncio.to_thread(_fleet_context(request).bus.fetch_certificate, cell, run_id)
     if checked.finding is not CheckFinding.INTACT:
         raise SiteError(
-            f"what {cell} sent is not its certificate. {checked.sentence}",
+            make_message(
+                "what {cell} sent is not its certificate. {sentence}", cell=cell, sentence=checked.sentence
+            ),
             remedy="Look into that cell before you trust it.",
             code="signature",
         )

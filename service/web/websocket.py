@@ -6,7 +6,7 @@ import time
 from collections import OrderedDict
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 from fastapi import APIRouter, Request, WebSocket, WebSocketDisconnect
 from pydantic import BaseModel, ConfigDict, ValidationError
@@ -20,6 +20,9 @@ from cellcal.service.web.response_models import SessionSeen, response_options
 from cellcal.service.web.session_control import authorize_order, control_changes, show_control
 from cellcal.service.web.task_troubles import troubles_of
 from cellcal.service.web.websocket_hub import OpenScreen, encode_message
+
+if TYPE_CHECKING:
+    from cellcal.service.web.context import AppContext
 
 router = APIRouter()
 _LOOK_S = 5.0
@@ -83,10 +86,7 @@ async def serve_screen(socket: WebSocket) -> None:
     shown.show_message("person", encode_message("person", sign_in_state(socket)))
     shown.show_message("troubles", encode_message("troubles", troubles_of(context.link.session)))
     show_control(context, shown)
-    if context.link.session is not None:
-        shown.show_message("session", encode_message("session", context.link.session))
-    if context.link.live_values is not None:  # a page that opens does not wait for the next tenth of a second
-        shown.show_message("live", encode_message("live", context.link.live_values))
+    _show_cell(context, shown)
 
     async def receive_messages() -> None:
         with contextlib.suppress(WebSocketDisconnect, NotSignedInError):
@@ -107,6 +107,19 @@ async def serve_screen(socket: WebSocket) -> None:
     if context.control.takeover_requester is not None:  # a holder without a page is waited for less long
         for screen in context.screens.open_screens:
             show_control(context, screen)
+
+
+def _show_cell(context: "AppContext", shown: OpenScreen) -> None:
+    """Tell a screen that opens what is known of the cell, and before that whether it is a demo.
+
+    A page that learned of the demo later would be pushed down by the demo's bar.
+    """
+    if context.settings.demo:
+        shown.show_message("demo", encode_message("demo", True))
+    if context.link.session is not None:
+        shown.show_message("session", encode_message("session", context.link.session))
+    if context.link.live_values is not None:  # a page that opens does not wait for the next tenth of a second
+        shown.show_message("live", encode_message("live", context.link.live_values))
 
 
 async def _handle_text(socket: WebSocket, shown: OpenScreen, beats: HeartbeatNumbers, text: str) -> None:

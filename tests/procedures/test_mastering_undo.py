@@ -54,7 +54,8 @@ async def test_zeros_that_were_written_are_undone_to_the_last_byte_and_done_agai
     again = await undo_write(config, made)  # the undo has written too: its own undo brings the zeros back
     assert again.result.of_run == undone.run_id
     assert encode_mastering(made.arm.data) == encode_mastering(after)
-    chosen = await undo_write(config, made, calibrated.run_id)
+    number = calibrated.run_id.removeprefix("robot_calibration-")  # as the history shows it
+    chosen = await undo_write(config, made, number)
     assert chosen.verdict is RunVerdict.PASSED
     assert encode_mastering(made.arm.data) == encode_mastering(before)
 

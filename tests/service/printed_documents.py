@@ -29,7 +29,7 @@ from cellcal.service.record.signing import check_document
 from cellcal.service.translation import LOCALES, Locale, Translations
 from tests.service.source_sentences import ROOT, SENTENCE
 
-FIGURE = re.compile(r"(?<![\w.])([-+]?\d+(?:\.\d+)?(?:e[-+]\d+)?)\s{0,2}(mm|deg\b|turns|%|°C|hPa)")
+FIGURE = re.compile(r"(?<![\w.])([-+]?\d+(?:[.,]\d+)?(?:e[-+]\d+)?)\s{0,2}(mm|deg\b|turns|%|°C|hPa)")
 _ESCAPES = {"n": "\n", "r": "\r", "t": "\t", "b": "\b", "f": "\f"}
 
 
@@ -70,10 +70,11 @@ def verify_spoken(json_path: Path) -> None:
 def figures_of(page: CertificatePage) -> list[tuple[str, str]]:
     """Return every figure with its unit; whole turns, whose unit is a word, without."""
     sentences = FIGURE.findall(" ".join(words_of(page)))
-    return sorted((number, unit) for number, unit in sentences if unit != "turns")
+    return sorted((number.replace(",", "."), unit) for number, unit in sentences if unit != "turns")
 
 
 ALIKE = {"", "u", "U (k = 2)"}  # in every language
+OWN_TABLES = "service/certificates/translations"
 
 
 class RecordingTranslations(Translations):
@@ -102,7 +103,7 @@ class RecordingTranslations(Translations):
 
 def source_table(locale: Locale) -> dict[str, str]:
     """Return every sentence of a language: of procedures, refusals and certificates."""
-    kinds = ("web/src/locales/procedures", "web/src/locales/refusals", "service/certificates/translations")
+    kinds = (*(f"web/src/locales/{kind}" for kind in ("procedures", "settings", "refusals")), OWN_TABLES)
     table: dict[str, str] = {}
     for kind in kinds:
         table |= json.loads((ROOT / kind / f"{locale}.json").read_text(encoding="utf-8"))

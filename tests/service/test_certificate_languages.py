@@ -1,4 +1,7 @@
-"""A certificate in the reader's language: its own words are whole, its figures those that are signed."""
+"""A certificate in the reader's language: its own words are whole, its figures those that are signed.
+
+Its figures have the decimal mark of the language.
+"""
 
 import ast
 import json
@@ -84,6 +87,11 @@ async def test_page_and_paper_are_in_the_language_and_say_so(locale: Locale, tmp
         squeeze_text(TITLES[locale]) in paper or squeeze_text("Set in English") in paper
     )  # no font of this computer
     assert issued.sha256 in paper
+    pointed, commas = (len(re.findall(rf"\d[{mark}]\d+ mm", html)) for mark in (".", ","))
+    assert (commas == 0, pointed == 0) == (locale == "zh", locale != "zh")
+    settings = json.loads(issued.json_path.read_text(encoding="utf-8"))["content"]["settings"]
+    raw = [name for name in settings if "_" in name and f"<dt>{name.replace('_', ' ')}" in html]
+    assert not raw, "a setting stands under its label, in the language of the page"
 
 
 async def test_without_a_font_the_paper_is_english_and_says_why(

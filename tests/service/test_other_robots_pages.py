@@ -34,7 +34,7 @@ LOST = {  # in sentences that begin as such
     "zh": "零点可精确恢复。 控制器报告",
 }
 SENTENCES = {
-    "en": ("Protective stop", "another robot was selected at the desk", "the watch"),
+    "en": ("Protective stop", "another robot was selected at the desk", "the monitoring"),
     "de": ("Schutzhalt", "ein anderer Roboter war ausgewählt", "Überwachung"),
     "es": ("Parada de protección", "estaba seleccionado otro robot", "la vigilancia"),
     "zh": ("保护性停止", "当时选中的是另一台机器人", "监视程序"),

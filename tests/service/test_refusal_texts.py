@@ -21,116 +21,13 @@ from cellcal.drivers.errors import DeviceTimeoutError
 from cellcal.drivers.wire.tables import code_table
 from cellcal.service.translation import Translations
 from tests.service.source_sentences import ROOT, SENTENCE, number_holes, sentences_in
+from tests.service.translated_rooms import WHOLE
 
 TRANSLATED = ("de", "es", "zh")
 HOLE = re.compile(r"\{\w+\}")
 BEGUN = re.compile(r"^(\{\d+\} ?)+(?=[A-Z])")  # other sentences come before this one
 FORMER = ROOT / "tests/data/former_refusals.json"  # journals of earlier versions contain these sentences
-# What people meet in the wizard and at the gates, whole; single files of larger rooms.
 IN_FILES = ("pendant_programs.py",)  # its sentences stand in program files, in English
-WHOLE = (
-    "procedures",
-    "service/cell_process",
-    "drivers/abb",
-    "drivers/draw_wire/ends.py",
-    "drivers/draw_wire/gauge.py",
-    "drivers/fanuc",
-    "drivers/kuka",
-    "drivers/laser_tracker",
-    "drivers/modbus_robot/condition.py",
-    "drivers/modbus_robot/frames.py",
-    "drivers/modbus_robot/mastering.py",
-    "drivers/modbus_robot/cell_program.py",
-    "drivers/modbus_robot/robot.py",
-    "drivers/opc_ua",
-    "drivers/programs",
-    "drivers/touch_probe/coupler.py",
-    "drivers/touch_probe/dial_gauge.py",
-    "drivers/touch_probe/probe.py",
-    "drivers/universal_robots",
-    "drivers/wire/can_session.py",
-    "drivers/wire/deadline.py",
-    "drivers/wire/folder_store.py",
-    "drivers/yaskawa",
-    "calibration/identification/first_guess.py",
-    "calibration/identification/identifiability.py",
-    "calibration/identification/identify.py",
-    "calibration/identification/misfit.py",
-    "calibration/identification/misfit_error.py",
-    "calibration/identification/misfit_hypotheses.py",
-    "calibration/identification/position_scale.py",
-    "calibration/line_accuracy.py",
-    "calibration/registration.py",
-    "calibration/mastering/flank_check.py",
-    "calibration/mastering/hypothesis_report.py",
-    "calibration/mastering/kit_design.py",
-    "calibration/mastering/place_evidence.py",
-    "calibration/mastering/turn_recovery.py",
-    "calibration/mastering/turn_verification.py",
-    "calibration/metres.py",
-    "calibration/point_order.py",
-    "calibration/mastering/pose_design.py",
-    "calibration/motion",
-    "calibration/points/end_effector.py",
-    "calibration/points/fixture.py",
-    "calibration/points/frames.py",
-    "calibration/points/tag_placement.py",
-    "calibration/points/tag_points.py",
-    "calibration/points/tag_robot.py",
-    "calibration/points/three_two_one.py",
-    "calibration/points/tool_point.py",
-    "calibration/poses/measurement_poses.py",
-    "calibration/poses/measurement_prediction.py",
-    "calibration/poses/optimal_design.py",
-    "calibration/poses/shortfall.py",
-    "service/record/signing.py",
-    "service/demo/fake_cell_client.py",
-    "service/demo/faults.py",
-    "service/engineering/measured/embedded_files.py",
-    "service/engineering/measured/columns.py",
-    "service/engineering/measured/matrix_columns.py",
-    "service/engineering/measured/measurements.py",
-    "service/engineering/measured/polar_readings.py",
-    "service/engineering/measured/table.py",
-    "service/engineering/measured/tag_files.py",
-    "service/people",
-    "service/engineering/programs/cell_of_program.py",
-    "service/engineering/programs/held_joints.py",
-    "service/engineering/programs/other_arm_checks.py",
-    "service/engineering/programs/other_postures.py",
-    "service/engineering/programs/point_checks.py",
-    "service/engineering/programs/external/point_reasons.py",
-    "service/engineering/programs/other_axes.py",
-    "service/engineering/programs/postures.py",
-    "service/engineering/programs/turned_shifts.py",
-    "service/record",
-    "service/runs",
-    "service/unexpected_errors.py",
-    "service/watching",
-    "drivers/operator/terminal.py",
-    "service/site/fleet.py",
-    "service/site/journal_tail.py",
-    "service/site/signed_messages.py",
-    "service/site/cell_state.py",
-    "service/site/state_shape.py",
-    "service/site/cell_alarms.py",
-    "service/review/arm_review.py",
-    "service/web/dependencies.py",
-    "service/web/middleware.py",
-    "service/web/cell_client.py",
-    "service/web/liveness.py",
-    "service/site/unstored.py",
-    "service/web/overlays.py",
-    "service/web/pictures.py",
-    "service/web/measurements.py",
-    "service/engineering/identification/jobs",
-    "service/engineering/programs/jobs/files.py",
-    "service/engineering/programs/jobs/jobs.py",
-    "service/engineering/programs/jobs/work.py",
-    "service/web/rollback.py",
-    "service/review/compute_client.py",
-    "service/review/tcp_uncertainty.py",
-)
 PARAMETER_NAMES = {f"J{number} offset" for number in range(1, 10)}  # names, of which results have tables
 # The kits side by side, a line each with its figures: shown as it is said, and marked as English.
 ENGLISH_ONLY = {
@@ -208,15 +105,30 @@ def test_how_a_universal_robots_arm_stands_has_its_words(name: str) -> None:
         assert not of_an_arm(name) - refusal_texts(locale).keys(), locale
 
 
-def reasons_of_a_controller() -> set[str]:
-    """Return why controllers refuse: what stands in a sentence of their driver."""
-    packages = ("cellcal.drivers.fanuc.rmi", "cellcal.drivers.yaskawa")
-    return {entry.text for package in packages for entry in code_table(package, "refusals.tsv").values()}
+CODE_TABLES = (
+    ("draw_wire", "emergencies.tsv"),
+    ("fanuc.rmi", "refusals.tsv"),
+    ("modbus_robot", "reasons.tsv"),
+    ("universal_robots", "refusals.tsv"),
+    ("wire", "modbus_exceptions.tsv"),
+    ("yaskawa", "refusals.tsv"),
+    ("modbus_robot", "alarms.tsv"),  # the controller has a text of its own for them
+)
 
 
-def test_why_a_controller_refuses_has_its_words() -> None:
-    for locale in TRANSLATED:
-        assert not reasons_of_a_controller() - refusal_texts(locale).keys(), locale
+def told_by_devices() -> set[str]:
+    """Return what codes of devices mean, which stands in a sentence of their driver, and what a person does."""
+    tables = [
+        (name, code_table(f"cellcal.drivers.{package}", name).values()) for package, name in CODE_TABLES
+    ]
+    meanings = {entry.text for name, entries in tables if name != "alarms.tsv" for entry in entries}
+    remedies = {step for _, entries in tables for entry in entries for step in SENTENCE.split(entry.remedy)}
+    return (meanings | remedies) - {""}
+
+
+@pytest.mark.parametrize("locale", TRANSLATED)
+def test_what_a_code_of_a_device_means_and_asks_for_has_its_words(locale: str) -> None:
+    assert not told_by_devices() - translated_sentences(locale)
 
 
 @pytest.mark.parametrize("room", WHOLE)
@@ -252,7 +164,7 @@ def test_every_translation_has_a_source_sentence() -> None:
     sources = [file for room in rooms for file in (ROOT / room).rglob("*.py")]
     source_sentences = {sentence for file in sources for sentence in sentences_in(file)}
     source_sentences |= {sentence for name in ARM_TABLES for sentence in of_an_arm(name)}
-    source_sentences |= reasons_of_a_controller()
+    source_sentences |= told_by_devices()
     written = "\n".join(literal for file in sources for literal in _string_literals(file))
     former = set(map(number_holes, json.loads(FORMER.read_text(encoding="utf-8"))))
     assert not former & source_sentences

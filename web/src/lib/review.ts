@@ -59,16 +59,20 @@ const UNITS: Record<string, [string, number, number]> = {
 /** A figure in the unit that people read: the service keeps metres and radians. */
 export function figure(value: number | null | undefined, unit: string, sign = false): string {
   if (value === null || value === undefined) return "–";
-  const [unitName, factor, digits] = UNITS[unit] ?? plainly(unit, Number.isInteger(value));
+  const [unitName, factor, digits] = UNITS[unit] ?? plainly(unit, Math.abs(value), Number.isInteger(value));
   const written = language.number(value * factor, digits).replace(/^-(?=[0.,]*$)/, "");
   const plus = sign && value > 0 ? "+" : "";
   return `${plus}${written}${unitName === "°" || unitName === "°/m" ? "" : " "}${unitName}`.trim();
 }
 
-function plainly(unit: string, whole: boolean): [string, number, number] {
+function plainly(unit: string, size: number, whole: boolean): [string, number, number] {
   if (unit === "turn") return [language.t("unit_turn"), 1, whole ? 0 : 3];
-  return [unit === "1" ? "" : unit, 1, whole ? 0 : 4];
+  return [unit === "1" ? "" : unit, 1, whole ? 0 : size < 100 ? 4 : 1];
 }
+
+/** What tells a run from others of its procedure: its id is the procedure's name, which no page shows, and this. */
+export const runNumber = (run: { run_id: string; procedure: string }): string =>
+  run.run_id.startsWith(`${run.procedure}-`) ? run.run_id.slice(run.procedure.length + 1) : run.run_id;
 
 export const local = (utc: string): string =>
   new Date(utc).toLocaleString(language.locale === "zh" ? "zh-Hans" : language.locale);

@@ -69,6 +69,9 @@ class Sayings {
   /** Sentences one after the other, each with its stop. */
   joined = (...texts: string[]): string => texts.map(this.stopped).join(this.gap);
 
+  /** Texts beside each other that have their own stops. */
+  beside = (...texts: string[]): string => texts.filter((text) => text !== "").join(this.gap);
+
   /** The same, sentence by sentence. */
   parts = (text: string): Spoken[] =>
     this.#parts(text).map((part) => ({ text: this.#labelled(part.text), english: this.#isEnglish(part) }));

@@ -301,6 +301,7 @@ class Wire {
     } else if (kind === "person") people.take(content as SignInState);
     else if (kind === "control") this.#takeControl(content);
     else if (kind === "troubles") this.troubles = content;
+    else if (kind === "demo") this.demo = content;
     else if (kind === "beat") this.#hearBeat(content);
     else if (kind === "gone") this.session = this.live = null;
   }
