@@ -26,6 +26,7 @@ from cellcal.service.engineering.programs.drafts import draft_beside, remove_lef
 
 LARGEST_BYTES = 64 << 20  # no controller keeps a program of this size: what is larger is not one
 _UNREAD_SUFFIXES = frozenset((".tp", ".kl", ".urpx"))  # not read: binary ones of FANUC, KAREL, PolyScope X
+_UNREAD_PROGRAMS = frozenset((".tp", ".urpx"))  # of these, those that are motions in any case
 _YASKAWA_VARIABLES = "var.dat"  # also places of a controller's jobs
 _WRITERS = 8
 _WILD = frozenset("*?[")
@@ -84,6 +85,11 @@ class FoundPrograms:
     sources: tuple[ProgramSource, ...]
     refused: tuple[RefusedProgram, ...]
     passed_over: tuple[Path, ...] = ()  # below a folder: with a program's suffix and none inside, or not read
+
+    @property
+    def unread_programs(self) -> tuple[Path, ...]:
+        """Return programs below a folder in a form that is not read: their points stay where they are."""
+        return tuple(path for path in self.passed_over if path.suffix.lower() in _UNREAD_PROGRAMS)
 
 
 def find_programs(named: Sequence[str], *, out: Path | None = None) -> FoundPrograms:
@@ -306,7 +312,10 @@ def _sources_below(folder: Path, out: Path | None, passed: list[Path]) -> list[P
     found = [ProgramSource(path, path.relative_to(folder)) for path in named if _is_program(path)]
     taken = {source.path for source in found}
     passed += [path for path in named if path not in taken]
-    passed += _unread_below(folder, {path.with_suffix("") for path in taken})
+    unread = _unread_below(folder, {path.with_suffix("") for path in taken})
+    passed += unread
+    if not found and unread:
+        return [_single_source(path) for path in unread]  # each says what it is, and how it is saved as text
     if not found:
         raise ProgramFileError(
             str(folder),

@@ -91,6 +91,7 @@ class ProgramsReport:
     title: str
     entries: list[ProgramEntry] = field(default_factory=list)
     refused: list[RefusedProgram] = field(default_factory=list)
+    unread: tuple[str, ...] = ()  # programs in a form that is not read, whose points stay
 
     @property
     def status_counts(self) -> dict[str, int]:
@@ -110,7 +111,8 @@ class ProgramsReport:
         """Return what the shell gets to know: a file that is missing is worse than a point that is."""
         if self.refused:
             return ExitCode.FILES_REFUSED
-        return ExitCode.REFUSED if self.status_counts[LEFT] or self.finding_count else ExitCode.PASS
+        is_whole = not (self.status_counts[LEFT] or self.finding_count or self.unread)
+        return ExitCode.PASS if is_whole else ExitCode.REFUSED
 
     @property
     def finding_count(self) -> int:

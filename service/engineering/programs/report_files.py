@@ -149,6 +149,7 @@ def report_totals(report: ProgramsReport) -> dict[str, object]:
         "point_count": report.point_count,
         "counts": report.status_counts,
         "finding_count": report.finding_count,
+        "unread": list(report.unread),
         "largest_shift_mm": _largest_mm(report.column_values("shift_m")),
         "largest_expected_error_mm": _largest_mm(report.column_values("expected_m")),
         "exit_code": int(report.exit_code),

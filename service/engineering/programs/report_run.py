@@ -127,7 +127,8 @@ def change_programs(
         that there is no room for.
     """
     place = OutputFolder(outputs.out, found.sources, replace=outputs.replace)
-    report = ProgramsReport(title, refused=list(found.refused))
+    unread = tuple(str(path) for path in found.unread_programs)
+    report = ProgramsReport(title, refused=list(found.refused), unread=unread)
     made: list[tuple[str, CloneRecord]] = []
     _check_reports(outputs, place)
     with _whole_reports(outputs), ExitStack() as open_files:

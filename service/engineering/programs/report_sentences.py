@@ -4,6 +4,7 @@ import math
 from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import PurePath
 
 from cellcal.calibration.message import find_message
 from cellcal.service.engineering.programs.files import RefusedProgram
@@ -38,6 +39,10 @@ def verdict_text(report: ProgramsReport, language: ReportLanguage = SCREEN) -> s
     sentences += points_off(report, language)
     if report.refused:
         sentences.append(count_with_noun(len(report.refused), texts.files_refused))
+    if report.unread:
+        names = ", ".join(PurePath(file).name for file in report.unread[:_MOST_NAMED])
+        more = ", …" if len(report.unread) > _MOST_NAMED else ""
+        sentences.append(count_with_noun(len(report.unread), texts.programs_unread).format(names + more))
     return language.join(sentences)
 
 

@@ -19,6 +19,7 @@ class ReportTexts:
     left_means: str
     points_off: Forms
     files_refused: Forms
+    programs_unread: Forms
     expected_most: str
     without_most: str
     refused_title: str
@@ -63,6 +64,10 @@ ENGLISH = ReportTexts(
         "{} more points that motions go to miss their places: the notes say why.",
     ),
     files_refused=("{} file refused.", "{} files refused."),
+    programs_unread=(
+        "{} program is not read, and its points stay: {{}}.",
+        "{} programs are not read, and their points stay: {{}}.",
+    ),
     expected_most="Expected error at most {} mm (k = 2).",
     without_most="Without the robots' models points would miss by up to {} mm.",
     refused_title="Files that were refused; no new one was written for them",
@@ -112,6 +117,10 @@ GERMAN = ReportTexts(
         "{} weitere Punkte, zu denen Bewegungen gehen, verfehlen ihren Ort: Die Hinweise sagen, warum.",
     ),
     files_refused=("{} Datei abgelehnt.", "{} Dateien abgelehnt."),
+    programs_unread=(
+        "{} Programm wird nicht gelesen, und seine Punkte bleiben: {{}}.",
+        "{} Programme werden nicht gelesen, und ihre Punkte bleiben: {{}}.",
+    ),
     expected_most="Zu erwartende Abweichung höchstens {} mm (k = 2).",
     without_most="Ohne die Modelle der Roboter lägen Punkte bis zu {} mm daneben.",
     refused_title="Abgelehnte Dateien; für sie wurde keine neue geschrieben",
@@ -164,6 +173,10 @@ SPANISH = ReportTexts(
         "{} puntos más a los que van movimientos no están en su lugar: las notas dicen por qué.",
     ),
     files_refused=("{} archivo rechazado.", "{} archivos rechazados."),
+    programs_unread=(
+        "{} programa no se lee y sus puntos quedan igual: {{}}.",
+        "{} programas no se leen y sus puntos quedan igual: {{}}.",
+    ),
     expected_most="Error esperado de {} mm como máximo (k = 2).",
     without_most="Sin los modelos de los robots los puntos fallarían hasta en {} mm.",
     refused_title="Archivos rechazados; no se escribió ninguno nuevo para ellos",
@@ -213,6 +226,7 @@ CHINESE = ReportTexts(
     left_means="保持原样的点未作任何更改：请查看原因，并重新示教该点或修改其程序。",
     points_off=("另有 {} 个运动目标点未到达其位置：原因见说明。", "另有 {} 个运动目标点未到达其位置：原因见说明。"),
     files_refused=("拒绝了 {} 个文件。", "拒绝了 {} 个文件。"),
+    programs_unread=("{} 个程序无法读取，其点保持原样：{{}}。", "{} 个程序无法读取，其点保持原样：{{}}。"),
     expected_most="预期误差最大 {} mm（k = 2）。",
     without_most="若不用机器人的模型，点的偏差可达 {} mm。",
     refused_title="被拒绝的文件；没有为它们写出新文件",
