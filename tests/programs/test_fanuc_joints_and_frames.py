@@ -134,7 +134,7 @@ def test_programs_that_are_not_read_are_named(tmp_path: Path, capsys: pytest.Cap
     for name in ("Z.TP", "Y.TP", "-BCKEDT-.TP", "K.KL"):
         (tmp_path / "programs").mkdir(exist_ok=True)
         (tmp_path / "programs" / name).write_bytes(b"\0")
-    assert _move_all(tmp_path, {"Z": listing(*START, GOES)}, ALONG)["code"] == ExitCode.PASS
+    assert _move_all(tmp_path, {"Z": listing(*START, GOES)}, ALONG)["code"] == ExitCode.REFUSED
     printed = " ".join(capsys.readouterr().err.split())
     assert "2 files passed over, places in them are not read and stay: K.KL, Y.TP" in printed
 
