@@ -52,6 +52,11 @@ class RtdeServer:
         rate = self.controller.identity.base_rate_hz
         return max((rate / client.every for client in self.clients if client.started), default=0.0)
 
+    @property
+    def longest_turn(self) -> int:
+        """Return every how many controller steps the slowest started client gets a package."""
+        return max((client.every for client in self.clients if client.started), default=1)
+
     def publish_state(self, step: int, previous: int) -> None:
         """Send the present state to every client whose turn came between two controller steps."""
         for client in list(self.clients):

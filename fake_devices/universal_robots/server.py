@@ -124,8 +124,11 @@ class UniversalRobotServer:
         while True:
             target = step + self._step_stride(rate_hz)
             delay_s = origin_s + target / rate_hz - loop.time()
-            if delay_s < -_LATEST_S:
-                target = int((loop.time() - origin_s) * rate_hz)
+            if (
+                delay_s < -_LATEST_S
+            ):  # go on with a step in which all clients have their turn, as without the gap
+                now = int((loop.time() - origin_s) * rate_hz)
+                target = max(target, now - now % self.rtde.longest_turn)
             await asyncio.sleep(max(0.0, delay_s))
             self._run_step(target, step)
             if self.cable_in:

@@ -26,6 +26,7 @@ DECL E6POS XP1={X 100.5,Y -20.25,Z 0.0,A 90.0,B 0.0,C 180.0,S 2,T 35,E1 0.0,E2 0
 DECL FDAT FP1={TOOL_NO 3,BASE_NO 4,IPO_FRAME #BASE,POINT2[] "}; BASE_NO 9"}\r
 DECL E6AXIS XHOME={A1 0,A2 -90,A3 +90.0,A4 0,A5 45.5,A6 1.5E-1}\r
 DECL POS xfree={E1 9,X 1}\r
+ENDDAT\r
 """
 
 
@@ -109,11 +110,11 @@ def test_an_external_tool_is_listed_but_not_shifted():
 
 def test_a_frame_is_a_point_only_where_it_has_a_tool():
     plain = "DEFDAT A\nDECL FRAME XF={X 1,Y 2,Z 3,A 0,B 0,C 0}\n"
-    alone = read_file(plain.encode()).positions
+    alone = read_file(f"{plain}ENDDAT".encode()).positions
     assert alone.kinds == (UNREAD,)
     assert "FRAME" in alone.barred[0]
     with_data = plain + "DECL FDAT FF={TOOL_NO 1,BASE_NO 2,IPO_FRAME #BASE}\n"
-    assert read_file(with_data.encode()).positions.user_frames == ("2",)
+    assert read_file(f"{with_data}ENDDAT".encode()).positions.user_frames == ("2",)
 
 
 @pytest.mark.parametrize(("base", "read_base"), [("4", "4"), ("5", None)])
@@ -122,7 +123,7 @@ def test_data_of_one_name_that_differ_tell_no_tool_and_no_base(base: str, read_b
     for number in ("4", base, "4"):
         text += "DECL E6POS XP1={X 1,Y 2,Z 3,A 0,B 0,C 0,S 2,T 2}\n"
         text += f"DECL FDAT FP1={{TOOL_NO 1,BASE_NO {number},IPO_FRAME #BASE}}\n"
-    assert read_file(text.encode()).positions.user_frames == (read_base,) * 3
+    assert read_file(f"{text}ENDDAT".encode()).positions.user_frames == (read_base,) * 3
 
 
 def test_tools_and_bases_of_the_cell_are_frames():
@@ -135,7 +136,7 @@ def test_tools_and_bases_of_the_cell_are_frames():
 
 
 def test_a_declaration_without_value_is_untaught_unless_the_value_comes_later():
-    file = read_file(b"DEFDAT A\nDECL E6POS XA\nDECL E6POS XB\nXB={X 1,Y 2,Z 3,A 0,B 0,C 0,S 2}\n")
+    file = read_file(b"DEFDAT A\nDECL E6POS XA\nDECL E6POS XB\nXB={X 1,Y 2,Z 3,A 0,B 0,C 0,S 2}\nENDDAT")
     assert file.positions.names == ("XA", "XB")
     assert file.positions.kinds == (UNTAUGHT, CARTESIAN)
 

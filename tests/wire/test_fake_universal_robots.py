@@ -2,6 +2,7 @@
 
 import asyncio
 import struct
+from contextlib import AsyncExitStack
 from itertools import pairwise
 
 import pytest
@@ -127,14 +128,18 @@ async def test_protocol_1_has_no_frequency_and_no_recipe_id() -> None:
 
 
 async def test_clients_at_different_rates_each_get_every_step_of_theirs() -> None:
-    async with fake_ur() as robot:
-        clients = [await start_client(robot.server.address, ["timestamp"], hz) for hz in (500.0, 125.0, 25.0)]
+    async with fake_ur() as robot, AsyncExitStack() as open_clients:
+        clients = [
+            await open_clients.enter_async_context(
+                await start_client(robot.server.address, ["timestamp"], hz)
+            )
+            for hz in (500.0, 125.0, 25.0)
+        ]
         for client, period_s, packets in zip(clients, (0.002, 0.008, 0.04), (200, 50, 10), strict=True):
             times = [(await client.read_package())["timestamp"] for _ in range(packets)]
             steps = [(b - a) / period_s for a, b in pairwise(times)]
             assert min(steps) == pytest.approx(1.0)
             assert all(step == pytest.approx(round(step)) for step in steps)
-            await client.__aexit__()
 
 
 async def test_input_recipes_count_from_one_and_registers_have_one_owner() -> None:

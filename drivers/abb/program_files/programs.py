@@ -47,6 +47,7 @@ from cellcal.drivers.programs.file_declarations import (
     lower_name,
     without_uncertain_tools,
 )
+from cellcal.drivers.programs.missing_ends import refuse_missing_end
 from cellcal.drivers.programs.positions import (
     CARTESIAN,
     JOINTS,
@@ -67,6 +68,8 @@ from cellcal.drivers.programs.spans import (
 from cellcal.drivers.programs.world_frames import seen_from_base, standing_remark
 
 _MODULE = re.compile(rb"^(?:\xef\xbb\xbf)?[ \t]*+(?:MODULE[ \t]++[A-Za-z]|%%%)", re.IGNORECASE | re.MULTILINE)
+_BEGINS = re.compile(r"^(?:\xef\xbb\xbf)?[ \t]*+MODULE[ \t]++[A-Za-z]\w*+", re.IGNORECASE | re.MULTILINE)
+_ENDS = re.compile(r"\bENDMODULE\b", re.IGNORECASE)
 _OTHER_TASK = "{} of its backup moves, too, and may be another robot: give the files of one task"
 _LOOKED_AT = 1 << 16  # bytes in which a module names itself
 
@@ -143,6 +146,7 @@ class AbbFile:
         source = ProgramText(name, data)
         if b"\n" not in data and b"\r" in data:
             raise ProgramFileError(name, "its lines do not end as ABB's do.", remedy="Save it with CR LF.")
+        refuse_missing_end(source, _BEGINS, _ENDS)
         module = read_module(source)
         found, count = module.found, len(module.found.names)
         order = np.argsort(np.array(found.starts, dtype=np.int64), kind="stable")

@@ -51,6 +51,7 @@ from cellcal.drivers.programs.conditions import ConditionalBar, ProjectNeed
 from cellcal.drivers.programs.declared_poses import Poses, with_declared
 from cellcal.drivers.programs.errors import ProgramFileError
 from cellcal.drivers.programs.file_declarations import ExternalUses, FileDeclarations
+from cellcal.drivers.programs.missing_ends import refuse_missing_end
 from cellcal.drivers.programs.positions import (
     CARTESIAN,
     PositionChange,
@@ -70,6 +71,7 @@ from cellcal.drivers.programs.world_frames import seen_from_base, standing_remar
 _DEFINED = re.compile(
     r"^[ \t]*+(?:GLOBAL[ \t]++)?+(?:DEFDAT|DEFFCT[ \t]++\w++|DEF)[ \t]++(\w++)", re.IGNORECASE | re.MULTILINE
 )
+_ENDED = re.compile(r"^[ \t]*+END(?:DAT|FCT)?\b", re.IGNORECASE | re.MULTILINE)
 _DEFINED_BYTES = re.compile(
     rb"^(?:\xef\xbb\xbf)?[ \t]*+(?:GLOBAL[ \t]++)?+(?:DEFDAT|DEFFCT|DEF)\b|^&[A-Z]", re.I | re.M
 )
@@ -130,6 +132,7 @@ class KukaFile:
         source = ProgramText(name, data)
         if b"\n" not in data and b"\r" in data:
             raise ProgramFileError(name, "its lines do not end as KUKA's do.", remedy="Save it with CR LF.")
+        refuse_missing_end(source, _DEFINED, _ENDED)
         reader: Callable[[ProgramText], _Read] = _read_data if _is_data_list(name) else _read_src
         found, frames, summary = reader(source)
         rows = found.counted_rows()
