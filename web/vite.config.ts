@@ -4,6 +4,7 @@ import { promisify } from "node:util";
 import { brotliCompress, gzip } from "node:zlib";
 import { svelte } from "@sveltejs/vite-plugin-svelte";
 import { defineConfig, type Plugin } from "vite";
+import { withTableKeys } from "./src/lib/table_keys";
 
 const DIST = "../service/web/dist";
 const SMALL = 1000; // bytes; less is not worth packing
@@ -33,6 +34,16 @@ const tables: Plugin = {
   },
 };
 
+// Pages look texts up by short names in place of the English templates, which would be half of each table.
+const named: Plugin = {
+  name: "named",
+  enforce: "pre",
+  async load(id) {
+    if (!/\/locales\/(procedures|settings|refusals)\/\w+\.json$/.test(id)) return null;
+    return JSON.stringify(withTableKeys(JSON.parse(await readFile(id, "utf8")) as Record<string, string>));
+  },
+};
+
 // What comes into the cell is asked while the page is still loading: a script of its own, beside the page's.
 const early: Plugin = {
   name: "early",
@@ -48,7 +59,7 @@ const early: Plugin = {
 
 // The pages are built into the Python package: a user needs no Node.
 export default defineConfig({
-  plugins: [svelte(), early, packed, tables],
+  plugins: [svelte(), early, named, packed, tables],
   base: "./",
   build: {
     outDir: DIST,

@@ -2,7 +2,8 @@
 //
 // The service says it in English, and sends the template and the arguments of every text that has arguments
 // (messages.ts). A catalogue has templates as its keys, sentence by sentence; a text without arguments is its own
-// template. What fills a hole is said in the page's language, too, and numbers are written as people write them there.
+// template; a built catalogue has short names of templates as its keys (table_keys.ts). What fills a hole is said in
+// the page's language, too, and numbers are written as people write them there.
 // A sentence without an entry is shown as it was said, and marked as English: better than nothing.
 // service/translation.py has the same rules for what is made without a page.
 
@@ -11,6 +12,7 @@ import { later } from "./later";
 import { english, escaped, fill, isPunctuation, messageOf, type Argument, type Message } from "./messages";
 import titles from "./procedure_titles.json";
 import labels from "./setting_labels.json";
+import { tableKey } from "./table_keys";
 
 const FILES = import.meta.glob<Record<string, string>>("../locales/{procedures,settings,refusals}/*.json", { import: "default" });
 const KINDS = ["procedures", "settings", "refusals"];
@@ -118,7 +120,7 @@ class Sayings {
   }
 
   #partsIn(table: Record<string, string>, text: string): Part[] {
-    const translation = table[escaped(text.trim())];
+    const translation = table[tableKey(escaped(text.trim()))];
     if (translation !== undefined) return [{ text: fill(translation, String), said: true }];
     const message = messageOf(text);
     if (message) return this.#partsOf(message);
@@ -156,11 +158,11 @@ class Sayings {
   }
 
   #found(template: string): string | null {
-    const translation = this.#table[template.trim()];
+    const translation = this.#table[tableKey(template.trim())];
     if (translation !== undefined) return translation;
     if (isPunctuation(template)) return language.locale === "zh" ? template.replaceAll("; ", "；").replace(/\}\.$/, "}。") : template;
     const lead = LEAD.exec(template)?.[0] ?? "";
-    const rest = lead === "" ? undefined : this.#table[template.slice(lead.length)];
+    const rest = lead === "" ? undefined : this.#table[tableKey(template.slice(lead.length))];
     return rest === undefined ? null : `${lead.trim()} ${rest}`;
   }
 
