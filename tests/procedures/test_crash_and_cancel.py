@@ -40,15 +40,15 @@ FURTHER: dict[str, Callable[[], Awaitable[ProcedureScene]]] = {
 CASES = [*NAMES, *FURTHER]
 LIMIT_BY_ENVIRONMENT = os.environ.get("CELLCAL_CRASHES", "")
 CRASHES = int(
-    LIMIT_BY_ENVIRONMENT or 5
+    LIMIT_BY_ENVIRONMENT or 3
 )  # of a procedure's writes, evenly spread; `make soak ARGS=matrix` takes all of them
-FEW = int(LIMIT_BY_ENVIRONMENT or 2)  # of further scenes of a procedure, and of moves
+FEW = int(LIMIT_BY_ENVIRONMENT or 1)  # of further scenes of a procedure, and of moves
 LONG = {  # of procedures that take long: an arm that waits at each contact, and many lengths to judge
-    "probed_frame": int(LIMIT_BY_ENVIRONMENT or 2),
-    "robot_calibration": int(LIMIT_BY_ENVIRONMENT or 3),
-    "mastering_record": int(LIMIT_BY_ENVIRONMENT or 2),
-    "mastering_recovery": int(LIMIT_BY_ENVIRONMENT or 2),
-    "position_record": int(LIMIT_BY_ENVIRONMENT or 2),
+    "probed_frame": int(LIMIT_BY_ENVIRONMENT or 1),
+    "robot_calibration": int(LIMIT_BY_ENVIRONMENT or 1),
+    "mastering_record": int(LIMIT_BY_ENVIRONMENT or 1),
+    "mastering_recovery": int(LIMIT_BY_ENVIRONMENT or 1),
+    "position_record": int(LIMIT_BY_ENVIRONMENT or 1),
     "position_cure": int(LIMIT_BY_ENVIRONMENT or 1),
 }
 

@@ -6,7 +6,7 @@ from contextlib import AsyncExitStack, asynccontextmanager
 from dataclasses import dataclass, field
 from typing import Any
 
-from cellcal.drivers.errors import DeviceError
+from cellcal.drivers.errors import DeviceError, MotionStoppedError
 from cellcal.drivers.interfaces import Condition, ContactEdge, Readiness
 from cellcal.service.configuration.cell_file import CellConfig
 from cellcal.service.demo.fake_cell_client import FakeCellClient
@@ -89,10 +89,23 @@ async def open_at_home(case: RobotCase, cell: CellConfig, fake_client: FakeCellC
     async with open_retrying(cell.robot_named(case.name)) as robot:
         await case.heal(fake_client, robot)
         if robot.capabilities.moves_joints:
-            await robot.move_joints(case.home_rad, speed_rad_s=0.5)
+            await _move_home(robot, case)
         else:
             await fake_client.inject_fault("hand_moves", device=case.name, joints=list(case.home_rad))
         yield robot
+
+
+async def _move_home(robot: Any, case: RobotCase) -> None:
+    """Move home; where a busy machine misses a heartbeat, which stops the arm, move on."""
+
+    async def is_home() -> bool:
+        try:
+            await robot.move_joints(case.home_rad, speed_rad_s=0.5)
+        except MotionStoppedError:
+            return False
+        return True
+
+    await wait_until(is_home)
 
 
 async def until_ready(device: Any, readiness: Readiness) -> Condition:

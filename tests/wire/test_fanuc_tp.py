@@ -13,7 +13,7 @@ from cellcal.drivers.interfaces import Readiness
 from cellcal.service.configuration.cell_file import CellConfig, read_cell_file
 from cellcal.service.demo.fake_cell_client import FakeCellClient
 from tests.wire.contract_robot import RobotContract, far_move, truth_of, wait_for_motion
-from tests.wire.driver_cases import RobotCase, open_retrying, until_ready, wait_until
+from tests.wire.driver_cases import RobotCase, open_at_home, open_retrying, until_ready, wait_until
 from tests.wire.fake_devices_process import run_fakes
 from tests.wire.tp_cell import TP_CASE, TP_CELL
 
@@ -36,9 +36,7 @@ def robot_case() -> RobotCase:
 
 @pytest.fixture
 async def robot(robot_case: RobotCase, cell: CellConfig, fake_client: FakeCellClient) -> AsyncIterator[Any]:
-    async with open_retrying(cell.robot_named(robot_case.name)) as robot:
-        await robot_case.heal(fake_client, robot)
-        await robot.move_joints(robot_case.home_rad, speed_rad_s=0.5)
+    async with open_at_home(robot_case, cell, fake_client) as robot:
         yield robot
 
 
