@@ -163,8 +163,8 @@ def _read_alone(brand: ProgramBrand, name: str, data: bytes) -> ProgramFile | Pr
         return error
 
 
-# Programs of the brands in forms that no reader takes: why, and the cure.
-_NOT_READ = {
+# Programs of the brands in forms that no reader takes, by suffix: why, and the cure.
+UNREAD_FORMS = {
     ".urpx": (
         "this is a program of PolyScope X, which is not read.",
         "Of Universal Robots .urp and .script are read; change this one's points on the robot.",
@@ -196,8 +196,8 @@ def _unknown_program_error(name: str, data: bytes) -> ProgramFileError:
                 "an editor put a byte order mark before this program; the controller's own files have none.",
                 remedy="Save it as plain text without the mark, or take the controller's own file.",
             )
-    if PurePath(name).suffix.lower() in _NOT_READ:
-        why, remedy = _NOT_READ[PurePath(name).suffix.lower()]
+    if PurePath(name).suffix.lower() in UNREAD_FORMS:
+        why, remedy = UNREAD_FORMS[PurePath(name).suffix.lower()]
         return ProgramFileError(name, why, remedy=remedy)
     suffixes_text = ", ".join(sorted({suffix for suffixes in SUFFIXES.values() for suffix in suffixes}))
     return ProgramFileError(

@@ -25,12 +25,13 @@ _QUARTER = np.pi / 2
 _FREE_STEP_RAD = float(np.deg2rad(15.0))
 _MOST_PERMUTED = 6  # joints: beyond, only two of them change places
 _TURN_DEG = 180.0 / np.pi
-
-
 _OTHER_ANGLES = (  # the unit that was taken, another one, and what its numbers are to be multiplied with
     ("deg", "gon", 0.9),
     ("rad", "rev", 2.0 * np.pi),
+    ("deg", "rad", _TURN_DEG),
+    ("rad", "deg", 1.0 / _TURN_DEG),
 )
+_MIXED_ANGLES = ("deg", "rad")  # which joints of one file may have beside each other
 _SLIDE_UNITS = (
     # Taken as mm:
     (1e3, "m"), (10.0, "cm"), (25.4, "inch"),
@@ -124,23 +125,16 @@ def _angle_units(
         return
     for other, unit, factor in _OTHER_ANGLES:
         if names.angle_unit in ("", other):
+            factors = np.where(turning, factor, 1.0)
             yield JointInterpretation(
                 "angle unit",
                 1,
-                joints_rad * np.where(turning, factor, 1.0),
+                joints_rad * factors,
                 make_message("the joints are in {unit}, not in {other}", unit=unit, other=other),
                 f"Say so: `--units joints={unit}`.",
             )
-    for factor, unit, other in ((_TURN_DEG, "rad", "deg"), (1.0 / _TURN_DEG, "deg", "rad")):
-        if names.angle_unit in ("", other):
-            yield JointInterpretation(
-                "angle unit",
-                1,
-                joints_rad * np.where(turning, factor, 1.0),
-                make_message("the joints are in {unit}, not in {other}", unit=unit, other=other),
-                f"Say so: `--units joints={unit}`.",
-            )
-            yield from _mixed_angle_units(joints_rad, names, np.where(turning, factor, 1.0), (unit, other))
+            if unit in _MIXED_ANGLES:
+                yield from _mixed_angle_units(joints_rad, names, factors, (unit, other))
 
 
 def _mixed_angle_units(

@@ -41,9 +41,7 @@ class SafeSocketcandBus(SocketCanDaemonBus):
 
     def _expect_msg(self, msg: str) -> None:
         """Read one answer, and leave what follows it to the receiver."""
-        if (
-            self._ends_s == math.inf
-        ):  # connected now: all answers have this time together, each octet may be late
+        if self._ends_s == math.inf:  # connected now: all answers together have this time
             self._ends_s = time.monotonic() + self._handshake_s
         answer = b""
         while not answer.endswith(b">") and len(answer) < _LONGEST_ANSWER:

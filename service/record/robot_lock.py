@@ -108,9 +108,8 @@ def state_seen(state: str, run_id: str, under_way: Collection[str]) -> str:
 def _holder_of(path: Path) -> str | None:
     """Return who holds a lease; None where nobody does."""
     try:
-        descriptor = os.open(
-            path, os.O_RDONLY | os.O_CLOEXEC
-        )  # a look must also do on a disk that is read-only
+        # For reading: a look must also do on a disk that is read-only.
+        descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
     except FileNotFoundError:
         return None
     except OSError as error:

@@ -85,9 +85,8 @@ class FtpProgramStore:
     tells_running = False
 
     def __init__(self, address: ControllerAddress, login: FtpLogin) -> None:
-        self._source = _WritingSource(
-            address, replace(login, session_timeout_s=math.inf)
-        )  # a person waits for it
+        # A person waits for it: there is no end to all files together.
+        self._source = _WritingSource(address, replace(login, session_timeout_s=math.inf))
 
     async def __aenter__(self) -> Self:
         try:

@@ -18,15 +18,20 @@ from cellcal.calibration.documents import DocumentError
 from cellcal.calibration.documents.plain_files import read_plain_bytes
 from cellcal.calibration.errors import CellError
 from cellcal.calibration.message import find_message, make_message
-from cellcal.drivers.program_registry import SUFFIXES, brand_of, brand_of_list, is_resaved_program
+from cellcal.drivers.program_registry import (
+    SUFFIXES,
+    UNREAD_FORMS,
+    brand_of,
+    brand_of_list,
+    is_resaved_program,
+)
 from cellcal.drivers.programs.brands import DeclaringProgram
 from cellcal.drivers.programs.cross_file_uses import BatchDeclarations
 from cellcal.drivers.programs.errors import ProgramFileError
 from cellcal.service.engineering.programs.drafts import draft_beside, remove_left_behind
 
 LARGEST_BYTES = 64 << 20  # no controller keeps a program of this size: what is larger is not one
-_UNREAD_SUFFIXES = frozenset((".tp", ".kl", ".urpx"))  # not read: binary ones of FANUC, KAREL, PolyScope X
-_UNREAD_PROGRAMS = frozenset((".tp", ".urpx"))  # of these, those that are motions in any case
+_UNREAD_PROGRAMS = UNREAD_FORMS.keys() - {".kl"}  # KAREL: functions, as a rule without a place of the robot
 _YASKAWA_VARIABLES = "var.dat"  # also places of a controller's jobs
 _WRITERS = 8
 _WILD = frozenset("*?[")
@@ -314,15 +319,14 @@ def _sources_below(folder: Path, out: Path | None, passed: list[Path]) -> list[P
     passed += [path for path in named if path not in taken]
     unread = _unread_below(folder, {path.with_suffix("") for path in taken})
     passed += unread
-    if not found and unread:
-        return [_single_source(path) for path in unread]  # each says what it is, and how it is saved as text
-    if not found:
+    if not found and not unread:
         raise ProgramFileError(
             str(folder),
             "there is no robot program in this folder.",
             remedy=make_message("Programs end in {suffixes}.", suffixes=", ".join(sorted(suffixes))),
         )
-    return found
+    # Where there are only these, each says what it is, and how it is saved as text.
+    return found or [_single_source(path) for path in unread]
 
 
 def is_log(path: Path) -> bool:
@@ -336,7 +340,7 @@ def _suffixes() -> set[str]:
 
 def holds_unread_places(path: Path) -> bool:
     """Return whether a file that was passed over may hold places of the robot, in a form that is not read."""
-    return path.suffix.lower() in _UNREAD_SUFFIXES or path.name.lower() == _YASKAWA_VARIABLES
+    return path.suffix.lower() in UNREAD_FORMS or path.name.lower() == _YASKAWA_VARIABLES
 
 
 def _unread_below(folder: Path, listed: Set[Path]) -> list[Path]:
@@ -345,7 +349,7 @@ def _unread_below(folder: Path, listed: Set[Path]) -> list[Path]:
     return [
         path
         for path in sorted(folder.rglob("*"))
-        if path.suffix.lower() in _UNREAD_SUFFIXES
+        if path.suffix.lower() in UNREAD_FORMS
         and str(path.with_suffix("")).casefold() not in listed_paths
         and not path.name.startswith("-")  # what the controller's background editor keeps
         and path.is_file()
