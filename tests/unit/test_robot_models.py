@@ -186,7 +186,7 @@ def test_ros_industrial_draws_the_same_arm(name):
 
 def test_an_unknown_model_names_the_nearest():
     with pytest.raises(CalibrationError, match="Did you mean ur10e"):
-        load_model("ur-10e")
+        load_model("ur10ee")
     with pytest.raises(CalibrationError, match="Known: abb_irb120"):
         load_model("../secrets")
 

@@ -13,7 +13,8 @@ import type { Live, Order, Session, Trouble } from "./types";
 
 const SILENT_MS = 2200; // a link that worked
 const STOP_MS = 3000; // the service says after 2 s that the cell's process is silent
-const TRY_MS = 1500; // a new one
+const TRY_MS = 1500; // a new one; each that is not answered gives the next one twice the time, as slow networks need
+const LONGEST_TRY_MS = 6000;
 const RETRY_MS = 300;
 const UNKNOWN_MS = 2000; // a device that may not come in asks rarely
 const LOOK_MS = 250;
@@ -43,6 +44,7 @@ class Wire {
   live = $state<Live | null>(null);
   liveAtMs = $state(0);
   online = $state(false);
+  wasOnline = $state(false); // this page had a link before
   nowMs = $state(Date.now());
   refusal = $state<Refusal | null>(null);
   waiting = $state<Pressed | null>(null);
@@ -61,6 +63,7 @@ class Wire {
   #turn = 0;
   #coming = false; // being asked who may come in
   #heardMs = 0;
+  #tryMs = TRY_MS;
   #lookedMs = 0;
   #queuedMs = 0;
   #sending = false;
@@ -291,7 +294,8 @@ class Wire {
 
   #take(message: { kind: string; content: never }) {
     this.#heardMs = Date.now();
-    this.online = true;
+    this.#tryMs = TRY_MS;
+    this.online = this.wasOnline = true;
     const { kind, content } = message;
     if (kind === "session") {
       this.#show(content as Session);
@@ -327,13 +331,14 @@ class Wire {
     const asleepMs = this.nowMs - this.#lookedMs - LOOK_MS;
     if (asleepMs > 1000) this.#heardMs += asleepMs; // it was this page that stood still, not the link
     this.#lookedMs = this.nowMs;
-    if (this.nowMs - this.#heardMs > (this.online ? SILENT_MS : TRY_MS)) this.#lose();
+    if (this.nowMs - this.#heardMs > (this.online ? SILENT_MS : this.#tryMs)) this.#lose();
     if (this.waiting && this.nowMs - this.#queuedMs > QUEUED_MS) this.#giveUp();
     else if (this.online && this.waiting) void this.#send();
     if (this.online && this.control.asking_mine && this.remainingS === 0) this.#takeOver();
   }
 
   #lose() {
+    if (!this.online && this.#socket) this.#tryMs = Math.min(2 * this.#tryMs, LONGEST_TRY_MS);
     if (this.#socket) this.#drop(false);
     else this.online = false;
   }
