@@ -59,6 +59,7 @@ class RegisterClient:
 
     def __init__(self, link: ModbusLink, profile: ControllerProfile) -> None:
         self.link, self.profile, self.device = link, profile, link.device
+        self._registers: dict[tuple[tuple[str, ...], int], dict[str, RobotRegister]] = {}
 
     async def read_block(self, name: str) -> RegisterBlock:
         """Read one block of the profile in one telegram."""
@@ -93,13 +94,17 @@ class RegisterClient:
         """Return the error for a request that we turn down ourselves."""
         return RefusedError(self.device, message, remedy="Nothing was sent. Correct the value.")
 
-    def _numbered_registers(self, names: Sequence[str], number: int) -> dict[str, RobotRegister]:
-        try:
-            return {name: self.profile.registers[name].register_of_item(number) for name in names}
-        except ValueError as error:
-            raise self.refused_error(
-                make_message("{names}: {error}.", names=names[0], error=error)
-            ) from error
+    def _numbered_registers(self, names: tuple[str, ...], number: int) -> dict[str, RobotRegister]:
+        found = self._registers.get((names, number))
+        if found is None:
+            try:
+                found = {name: self.profile.registers[name].register_of_item(number) for name in names}
+            except ValueError as error:
+                raise self.refused_error(
+                    make_message("{names}: {error}.", names=names[0], error=error)
+                ) from error
+            self._registers[names, number] = found  # asked ten times a second
+        return found
 
 
 class SerialCheck:

@@ -8,6 +8,8 @@ import asyncio
 import logging
 import time
 from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
 
 from cellcal.calibration.message import join_messages, make_message
 from cellcal.drivers.errors import UnreachableError, WrongDeviceError
@@ -21,8 +23,10 @@ from cellcal.drivers.universal_robots.arm_types import (
 )
 from cellcal.drivers.universal_robots.dashboard import UrDashboard
 from cellcal.drivers.universal_robots.factory_calibration import ControllerArm, read_controller_arm
-from cellcal.drivers.universal_robots.robot_api import RobotApiClient
 from cellcal.drivers.universal_robots.state import ControllerVersion, StateClient, StateSample
+
+if TYPE_CHECKING:
+    from cellcal.drivers.universal_robots.robot_api import RobotApiClient
 
 _log = logging.getLogger(__name__)
 
@@ -64,7 +68,7 @@ class RobotConnection:
         self._expected = expected
         self._part_s = timing.deadline_s / 4
         self._dashboard = UrDashboard(device, address, deadline_s=self._part_s)
-        self._robot_api = RobotApiClient(device, address, robot_api_port, deadline_s=self._part_s)
+        self._robot_api_port = robot_api_port
         self._kind = ControllerKind.POLYSCOPE_5  # until it has told its software
         self._state: StateClient | None = None
         self._identity: Identity | None = None
@@ -73,6 +77,12 @@ class RobotConnection:
         self._operational: tuple[float, str] = (float("-inf"), "")
         self._connecting = asyncio.Lock()
         self._closed = False
+
+    @cached_property
+    def _robot_api(self) -> "RobotApiClient":
+        from cellcal.drivers.universal_robots.robot_api import RobotApiClient  # noqa: PLC0415  for PolyScope X alone
+
+        return RobotApiClient(self.device, self._address, self._robot_api_port, deadline_s=self._part_s)
 
     @property
     def is_connected(self) -> bool:
@@ -145,7 +155,8 @@ class RobotConnection:
         self._closed = True
         if self._state is not None:
             self._state.close()
-        await self._robot_api.close()
+        if "_robot_api" in self.__dict__:
+            await self._robot_api.close()
 
     async def _connect_state(self) -> StateClient:
         timing = self._timing

@@ -58,6 +58,7 @@ from cellcal.service.session_documents import (
 
 _log = logging.getLogger(__name__)
 PERIOD_S = 0.1
+REST_PERIOD_S = 0.25  # while no run is under way and the arm stands: looks cost the controller and us time
 _RETRY_S = 2.0
 _CANCEL_AGAIN_S = 1.0
 TASK = "devices of the cell"
@@ -228,7 +229,8 @@ class CellController:
                 raise OrderRefusedError(
                     poller.robot.error or "the robot does not answer.", remedy="Check its cable."
                 )
-            await asyncio.sleep(max(PERIOD_S - (self._clock() - began_s), 0.01))
+            period_s = REST_PERIOD_S if poller.is_at_rest and not (busy or self._runs.is_busy) else PERIOD_S
+            await asyncio.sleep(max(period_s - (self._clock() - began_s), 0.01))
 
     def _unreachable_since(self, poller: LivePoller, since_s: float | None, *, busy: bool) -> float | None:
         condition = poller.robot.condition

@@ -160,6 +160,11 @@ class LivePoller:
         joints = tuple(robot.value["joints_rad"])
         return ObservedMotion(joints, robot.value["moving"], age_s, settled)
 
+    @property
+    def is_at_rest(self) -> bool:
+        """Whether the robot answered, and did not move."""
+        return self.robot.value is not None and not self.robot.value["moving"]
+
     async def _read_joints(self) -> Any:
         reading = await self.cell.robot.read_joints()
         return {"joints_rad": list(reading.joints_rad), "moving": reading.moving}

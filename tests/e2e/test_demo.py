@@ -74,6 +74,7 @@ def test_every_reference_lost_is_mastered_by_measurement() -> None:
     )
 
 
+@pytest.mark.soak  # the recovery itself refuses it in tests/procedures; this is the same over sockets
 def test_a_bent_arm_is_refused_and_nothing_is_written() -> None:
     code, demo_report = run_demo("crash", 41)
     assert (code, demo_report["verdict"]) == (4, "REFUSED")

@@ -34,7 +34,7 @@ CASES = [
     (JOINT_SERIES, "ur10", ["--train-rows", "600"], None, 0.335),
     (RANDOM_SERIES, "ur10", ["--train-rows", "600", "--seed", "1"], None, 0.435),
     ("robotcali/abb_irb120_draw_wire.csv", "abb_irb120", [], 0.275, None),
-    ("figaroh_ur10/calibration.csv", "ur10e", [], 4.3, None),
+    ("figaroh_ur10/calibration.csv", "ur10e", [], 4.3, None),  # half a minute: in `make soak`
 ]
 
 
@@ -59,7 +59,12 @@ def identify_file(path, robot, *options):
 
 
 @pytest.mark.parametrize(
-    ("name", "robot", "options", "rmse_mm", "mean_mm"), [case for case in CASES if locate_file(case[0])]
+    ("name", "robot", "options", "rmse_mm", "mean_mm"),
+    [
+        pytest.param(*case, marks=[pytest.mark.soak] if case[0].startswith("figaroh") else [])
+        for case in CASES
+        if locate_file(case[0])
+    ],
 )
 def test_held_out_rows_of_a_real_robot_are_predicted(name, robot, options, rmse_mm, mean_mm):
     found = identify_file(locate_file(name), robot, *options)

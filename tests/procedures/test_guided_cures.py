@@ -15,7 +15,7 @@ from tests.procedures.guided_cures import AXES, CureScenario, guided_bench, play
     [
         pytest.param("abb", {2: -1.0, 4: 0.0}, marks=pytest.mark.soak),  # most of a minute; `cures` has more
         ("yaskawa", {0: 0.0, 1: 2.0}),
-        ("kuka", {2: 0.4}),
+        pytest.param("kuka", {2: 0.4}, marks=pytest.mark.soak),
     ],
 )
 async def test_an_axis_brought_back_wrongly_is_named_and_then_right(

@@ -64,7 +64,7 @@ def rgb(colour: str) -> str:
         ({"color_scheme": "light", "contrast": "no-preference"}, "usual"),
         ({"color_scheme": "dark", "contrast": "no-preference"}, "dark"),
         ({"color_scheme": "light", "contrast": "more"}, "bright"),
-        ({"color_scheme": "dark", "contrast": "more"}, "dark"),
+        pytest.param({"color_scheme": "dark", "contrast": "more"}, "dark", marks=pytest.mark.soak),
     ],
 )
 async def test_a_tablet_that_chose_nothing_follows_its_system(

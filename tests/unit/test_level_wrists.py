@@ -73,6 +73,7 @@ def test_a_palletizer_is_identified_to_the_noise_by_the_model_of_the_readme(mode
     assert held_out_mm(model_file, 0.0) < 1.1 * NOISE_MM * np.sqrt(3.0)
 
 
+@pytest.mark.soak
 def test_what_a_wrong_rod_leaves_is_in_the_errors_held_out(model_file):
     assert 1.3 * NOISE_MM * np.sqrt(3.0) < held_out_mm(model_file, 1.0) < 0.4
 

@@ -71,7 +71,7 @@ def test_the_axes_of_a_positioner_are_found_from_a_target_on_its_table(tmp_path,
 
 SLICE = [
     "abb_irb2400",
-    "fanuc_crx10ia",
+    pytest.param("fanuc_crx10ia", marks=pytest.mark.soak),
     "franka_fr3",
     pytest.param("mitsubishi_rh6frh5520", marks=pytest.mark.soak),
     pytest.param("staubli_tx2_90l", marks=pytest.mark.soak),
