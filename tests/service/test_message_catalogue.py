@@ -150,7 +150,8 @@ def test_translations_keep_the_numbers_of_their_sentence() -> None:
         (file.parts[-2:], sentence, text)
         for file in (ROOT / "web/src/locales").glob("*/*.json")
         for sentence, text in read_catalogue(file).items()
-        if set(LONG_NUMBER.findall(sentence)) - set(LONG_NUMBER.findall(text)) or "#" in text and "#" not in sentence
+        if set(LONG_NUMBER.findall(sentence)) - set(LONG_NUMBER.findall(text))
+        or ("#" in text and "#" not in sentence)
     ]
     assert not wrong
 
