@@ -100,7 +100,10 @@ def test_every_entry_with_named_holes_has_a_template() -> None:
         for whole in sentences_with_holes(template)
         for sentence in (whole, LEAD.sub("", whole))
     }
-    assert not [key for key in catalogue() if NAMED.search(key) and key not in templates]
+    tables = "".join(file.read_text(encoding="utf-8") for file in (ROOT / "drivers").rglob("*.tsv"))
+    assert not [
+        key for key in catalogue() if NAMED.search(key) and key not in templates and key not in tables
+    ]
 
 
 def test_no_f_string_is_used_where_a_translated_message_belongs() -> None:

@@ -68,6 +68,7 @@ NOT_FOR_PEOPLE = ENGLISH_ONLY | {
     "EMCY-{1}",
     "cellcal {1}, {2}",
     "the last token is the end of a line",
+    "register {1} cannot be written here",
     "1",
 }
 
@@ -126,7 +127,7 @@ def told_by_devices() -> set[str]:
     texts = {entry.text for name, entries in tables if name != "alarms.tsv" for entry in entries}
     meanings = {text for text in texts if " " in text}  # a name alone is the maker's, in every language
     remedies = {step for _, entries in tables for entry in entries for step in SENTENCE.split(entry.remedy)}
-    return (meanings | remedies) - {""}
+    return {number_holes(text) for text in meanings | remedies} - {""}
 
 
 @pytest.mark.parametrize("locale", TRANSLATED)
