@@ -223,7 +223,7 @@ _INDICES = (
     *(("plan the turns", 1), ("slow motion", 1)),
     ("reset the alarms", 0),
     ("counts before the turns", 1),
-    *((f"pass the index of J{axis},", 1) for axis in range(1, 7)),
+    *((f"turn J{axis} past its encoder mark,", 1) for axis in range(1, 7)),
     ("clear the alarms", 1),
 )
 _BY_PLACES = (
@@ -286,7 +286,7 @@ def _forecast_run(spec: MasteringRecoverySpec, knowledge: Knowledge) -> Forecast
 DEFINITION = ProcedureDefinition(
     name="mastering_recovery",
     title="Mastering recovery",
-    version=8,
+    version=9,
     procedure=mastering_recovery,
     spec_type=MasteringRecoverySpec,
     needs=("writes_mastering", "evidence", "model"),

@@ -220,7 +220,7 @@ def _forecast_run(spec: PositionCureSpec, knowledge: Knowledge) -> Forecast:
 
 DEFINITION = ProcedureDefinition(
     name="position_cure",
-    title="Lost position brought back at the pendant",
+    title="Bring a lost position back at the pendant",
     version=1,
     procedure=position_cure,
     spec_type=PositionCureSpec,

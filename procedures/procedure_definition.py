@@ -92,7 +92,7 @@ NEEDS: dict[str, tuple[str, Callable[[Cell], bool]]] = {
         lambda cell: cell.robot.capabilities.tells_flange_pose,
     ),
     "commanded": (
-        'a robot that this software moves (motion = "commanded" in cell.toml)',
+        "a robot that this software moves",
         lambda cell: cell.level is MotionLevel.COMMANDED,
     ),
     "writes_mastering": ("access to encoder counts and mastering", lambda cell: cell.mastering is not None),
@@ -112,7 +112,7 @@ NEEDS: dict[str, tuple[str, Callable[[Cell], bool]]] = {
         lambda cell: cell.position_data is not None,
     ),
     "drive_data": (
-        "the motor turns of each joint turn (motor_turns_per_joint_turn in cell.toml)",
+        "the gear ratio of each axis in the cell file",
         lambda cell: cell.shown_motors is not None,
     ),
     "position_record": (

@@ -146,7 +146,8 @@ NEED_REMEDIES: Mapping[str, str] = {
     "record": "Take a mastering record while the robot is healthy; one that is lost without a record is first "
     "mastered at the pendant, by its marks or pins.",
     "position_cure": "Use “Mastering recovery” where the controller opens its mastering; else the maker's manual.",
-    "drive_data": "Enter the gear ratios of the data sheet in the cell file; the catalogue of models holds none.",
+    "drive_data": "Enter the gear ratios of the data sheet in the cell file, as the example cell of this controller "
+    "shows.",
     "position_record": "Take a position record while the robot is healthy; one that is lost without a record is "
     "first brought back at the pendant, as its maker says.",
     "backup": "There is nothing to put back: no run has written a mastering yet.",

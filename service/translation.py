@@ -32,6 +32,7 @@ _COMMA = ("de", "es")
 _UNITS = ("", "%", "mm", "m", "deg", "rad")  # what may stand behind the number of an argument
 _PUNCTUATION = frozenset(" .,;:\n")
 _LIST = "; "
+_NAMES = ", "  # between the names of a list
 
 
 @dataclass(frozen=True)
@@ -80,7 +81,8 @@ class Translations:
             return translated
         phase, _, rest = name.partition(": ")
         if phase and rest:
-            return f"{self.translate_step(phase)}: {self.translate_step(rest)}"
+            colon = "：" if self.locale == "zh" else ": "  # noqa: RUF001 - Chinese
+            return f"{self.translate_step(phase)}{colon}{self.translate_step(rest)}"
         words, _, number = name.rpartition(" ")
         return f"{self.translate_step(words)} {number}" if words and number.isdecimal() else step_name
 
@@ -133,6 +135,9 @@ class Translations:
             return self.format_number(argument)
         if (translated := self._translate_text(argument)) is not None:
             return translated
+        names = argument.split(_NAMES)
+        if self.locale == "zh" and len(names) > 1 and all(_is_name(name) for name in names):
+            return "、".join(names)
         words, _, number = argument.rpartition(" ")
         is_listed = words.endswith(",") and words[:-1].rpartition(" ")[2].isdecimal()
         return self.translate_step(argument) if words and number.isdecimal() and not is_listed else argument
@@ -140,8 +145,13 @@ class Translations:
 
 def _chinese_punctuation(template: str) -> str:
     """Return a template of holes with its lists and its full stop as Chinese writes them."""
-    listed = template.replace(_LIST, "；")  # noqa: RUF001 - Chinese
+    listed = template.replace(_LIST, "；").replace(_NAMES, "、")  # noqa: RUF001 - Chinese
     return f"{listed[:-1]}。" if listed.endswith("}.") else listed
+
+
+def _is_name(text: str) -> bool:
+    """Return whether a text is one name, such as the one of an axis: "A2"."""
+    return text[:1].isascii() and text[:1].isalpha() and text.replace(".", "").isidentifier()
 
 
 def _with_spaces_of(english: str, translated: str) -> str:

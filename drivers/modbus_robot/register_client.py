@@ -30,7 +30,10 @@ class RegisterBlock:
             return decode_words(self._registers[name], self._words_of(name))
         except ValueError as error:
             raise WireProtocolError(
-                self._device, f"register {name}: {error}.", remedy=_PROFILE, frame=self.to_hex(name)
+                self._device,
+                make_message("register {name}: {error}.", name=name, error=error),
+                remedy=_PROFILE,
+                frame=self.to_hex(name),
             ) from error
 
     def integers_of(self, name: str) -> tuple[int, ...]:

@@ -93,7 +93,10 @@ class ModbusLink:
             except _BusyAnswer as busy:
                 raise self._refused_error(busy.entry) from None
             if (answer.address, answer.count) != (address - 1, len(words)):
-                raise self._foreign_answer_error(f"confirmed {answer.count} words at {answer.address + 1}")
+                what = make_message(
+                    "confirmed {count} words at {address}", count=answer.count, address=answer.address + 1
+                )
+                raise self._foreign_answer_error(what)
 
     async def write_coil(self, address: int, value: bool) -> None:
         """Write one output bit (FC 5) and leave its neighbours alone. Never repeated by itself."""
@@ -106,7 +109,10 @@ class ModbusLink:
             except _BusyAnswer as busy:
                 raise self._refused_error(busy.entry) from None
             if (answer.address, answer.bits[:1]) != (address - 1, [value]):
-                raise self._foreign_answer_error(f"confirmed {answer.bits[:1]} at coil {answer.address + 1}")
+                what = make_message(
+                    "confirmed {bits} at coil {address}", bits=answer.bits[:1], address=answer.address + 1
+                )
+                raise self._foreign_answer_error(what)
 
     async def read_during_greeting(self, address: int, count: int) -> Words:
         """Read while the connection is being made; for greetings only. A busy device is asked again, too."""
@@ -132,7 +138,9 @@ class ModbusLink:
         )
         words = tuple(answer.registers)
         if len(words) != count:
-            raise self._foreign_answer_error(f"sent {len(words)} registers instead of {count}")
+            raise self._foreign_answer_error(
+                make_message("sent {got} registers instead of {expected}", got=len(words), expected=count)
+            )
         return words
 
     async def _ensure_connected(self) -> None:
@@ -198,16 +206,24 @@ class ModbusLink:
 
     def _check_answer(self, client: AsyncModbusTcpClient, answer: ModbusPDU, function: int) -> None:
         if answer.transaction_id != client.ctx.request_transaction_id:
-            raise self._foreign_answer_error(f"answered request {answer.transaction_id}, which is not ours")
+            raise self._foreign_answer_error(
+                make_message("answered request {number}, which is not ours", number=answer.transaction_id)
+            )
         if answer.function_code == function:
             return
         if answer.function_code != function | 0x80:
             raise self._foreign_answer_error(
-                f"answered function {answer.function_code} instead of {function}"
+                make_message(
+                    "answered function {got} instead of {expected}",
+                    got=answer.function_code,
+                    expected=function,
+                )
             )
         entry = code_table("cellcal.drivers.wire", "modbus_exceptions.tsv").get(answer.exception_code)
         if entry is None:
-            raise self._foreign_answer_error(f"sent the unknown exception {answer.exception_code}")
+            raise self._foreign_answer_error(
+                make_message("sent the unknown exception {code}", code=answer.exception_code)
+            )
         if entry.kind == "busy":
             raise _BusyAnswer(entry)
         raise self._refused_error(entry)
@@ -225,7 +241,10 @@ class ModbusLink:
     def _foreign_answer_error(self, what: str) -> WireProtocolError:
         self._drop_connection()
         return WireProtocolError(
-            self.device, f"the device {what}.", remedy=_UNKNOWN, frame=self.trace.last_received()
+            self.device,
+            make_message("the device {what}.", what=what),
+            remedy=_UNKNOWN,
+            frame=self.trace.last_received(),
         )
 
     def _silence_error(self) -> DeviceTimeoutError:

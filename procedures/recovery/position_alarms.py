@@ -178,7 +178,7 @@ async def _pass_indices(
     await run.step(f"slow motion {k}", ask_to_move, SLOW_JOGS if run.is_jogged_by_hand else SLOW_MOTION)
     before = await run.step(f"counts before the turns {k}", read_counts)
     for axis in range(len(last_counts)):
-        name = f"pass the index of J{axis + 1}, {k}"
+        name = f"turn J{axis + 1} past its encoder mark, {k}"
         turn = IndexTurn(axis, travel[axis], before, last_joints, doubt)
         await run.move(name, pass_index, turn, turning.speed_rad_s)
     await run.write(f"clear the alarms {k}", reset_alarms)

@@ -108,7 +108,7 @@ def saving_texts(spec: MasteringRecoverySpec, result: RecoveryResult) -> tuple[s
 
 def _joint_figure(joint: JointRecovery, limit_rad: float) -> Characteristic:
     if joint.exact:
-        rule = "exact or refused: the gate below decides"
+        rule = "exact, or nothing is written: the conditions below decide"
         return state_fact(
             make_message("{joint_name}: turns restored", joint_name=joint.name),
             True,

@@ -21,9 +21,9 @@ NO_TEMPERATURE = "No temperature was recorded: nothing is corrected for it."
 NOT_REPORTED = "not verified, this robot does not tell it"
 _CONTROL_MODES = ("remote control", "local control")  # others are names on a switch
 _LEVELS = {
-    "observe": "a person with the pendant (observe)",
-    "program": "a program that a person ran on the pendant (program)",
-    "commanded": "this software (commanded)",
+    "observe": "a person with the pendant",
+    "program": "a program that a person ran on the pendant",
+    "commanded": "this software",
 }
 WHOLE_RESULT = "The whole result is in the JSON file of the same name."
 

@@ -7,7 +7,7 @@ from cellcal.procedures.progress import StepProgress
 
 TRUE_FACTOR = 4.0  # above it, sockets and computing count too often for the sum to be robot time
 _PARTS = (
-    ("pass the index", "motors past their index"),
+    ("turn J", "motors past their index"),
     ("go to", "moving"),
     (("capture", "check", "memory check", "final check"), "measuring"),
     (("plan", "judge", "confirm"), "computing"),

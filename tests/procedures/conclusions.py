@@ -2,7 +2,7 @@
 
 from typing import Any
 
-TWICE_IS_DIFFERENT = ("power cycle", "wait for the robot", "pass the index")
+TWICE_IS_DIFFERENT = ("power cycle", "wait for the robot", "turn J")
 
 
 def comparable_result(result: dict[str, Any]) -> dict[str, Any]:

@@ -30,7 +30,7 @@ from tests.procedures.memory_ledgers import MemoryLedger
 from tests.wire.fake_devices_process import run_fakes
 
 _AXIS = re.compile(r"Axis (\w+):")
-_JOINT = re.compile(r"\b[A-Z]\d? (-?[\d.]+)(?=,|$)")
+_JOINT = re.compile(r"\b[A-Z]\d?\s(-?[\d.]+)(?=,|$)")
 _TURN = re.compile(r"turn (\w+) alone by ([+-][\d.]+) deg")
 _BACK = re.compile(r"turn it back by ([+-][\d.]+) deg")
 LOOK_S = 0.02  # between the looks of the guidance

@@ -412,7 +412,7 @@ async def test_tool_frame_payload_level_and_mode_are_signed_and_on_every_sheet(t
     assert rows["user frame"] == "number 2"
     assert rows["payload"] == "4.250 kg"
     assert rows["controller mode"] == "AUTO"
-    assert rows["moved by"] == "this software (commanded)"
+    assert rows["moved by"] == "this software"
     sheets = (
         issued.text_path.read_text(),
         HtmlText.read_html(as_html(page_from(issued.json_path))).text,
@@ -433,7 +433,7 @@ async def test_what_a_robot_does_not_tell_stays_not_verified(tmp_path: Path) -> 
     rows = controller_of(paper_of(content))
     item_names = ("active tool", "user frame", "payload", "controller mode")
     assert {rows[name] for name in item_names} == {"not verified, this robot does not tell it"}
-    assert rows["moved by"] == "a person with the pendant (observe)"
+    assert rows["moved by"] == "a person with the pendant"
     assert NO_MODE in content["verdict"]["not_verified"]
 
 

@@ -22,6 +22,10 @@ NAMED = re.compile(r"\{[a-z]\w*\}")
 NUMBERED = re.compile(r"\{[a-z]\w*_\d+\}")
 LEAD = re.compile(r"^(\{\w+\}\s*)+")
 JOINT = re.compile(r"[\s.,;:]*")
+LATIN_MARK = re.compile(r"[\u4e00-\u9fff”][,;:?!]|[,;:?!]\s*[\u4e00-\u9fff]")
+CODE = re.compile(r"^U[FT] : |\}:1 |SHA256: |\}\]|^\{where\}: \{heading\}：|[或的] \}\};?")  # noqa: RUF001 - Chinese
+LONG_NUMBER = re.compile(r"(?<![{\w.,])\d{2,}")
+FIXED_MARK = re.compile(r"""\.join\("[,;] "\)\)?\}|t\([^()]*\)\}: \{|\)\}: \$\{t\(""")
 
 
 @cache
@@ -96,7 +100,10 @@ def test_every_entry_with_named_holes_has_a_template() -> None:
         for whole in sentences_with_holes(template)
         for sentence in (whole, LEAD.sub("", whole))
     }
-    assert not [key for key in catalogue() if NAMED.search(key) and key not in templates]
+    tables = "".join(file.read_text(encoding="utf-8") for file in (ROOT / "drivers").rglob("*.tsv"))
+    assert not [
+        key for key in catalogue() if NAMED.search(key) and key not in templates and key not in tables
+    ]
 
 
 def test_no_f_string_is_used_where_a_translated_message_belongs() -> None:
@@ -122,6 +129,47 @@ def _numbered_sentences(node: ast.JoinedStr) -> Iterator[str]:
         for part in node.values
     )
     yield from (number_holes(part) for part in SENTENCE.split(text) if "{0}" in part)
+
+
+def read_catalogue(file: Path) -> dict[str, str]:
+    return dict(json.loads(file.read_text(encoding="utf-8")))
+
+
+def test_chinese_texts_have_the_marks_of_chinese() -> None:
+    """A comma between Latin names and a colon of a ratio or of an option are as they are everywhere."""
+    files = [*(ROOT / "web/src/locales").rglob("zh.json"), ROOT / "service/certificates/translations/zh.json"]
+    wrong = [
+        text
+        for file in files
+        for text in read_catalogue(file).values()
+        if LATIN_MARK.search(text) and not CODE.search(text)
+    ]
+    assert len(files) > 3
+    assert not wrong
+
+
+def test_translations_keep_the_numbers_of_their_sentence() -> None:
+    wrong = [
+        (file.parts[-2:], sentence, text)
+        for file in (ROOT / "web/src/locales").glob("*/*.json")
+        for sentence, text in read_catalogue(file).items()
+        if set(LONG_NUMBER.findall(sentence)) - set(LONG_NUMBER.findall(text))
+        or ("#" in text and "#" not in sentence)
+    ]
+    assert not wrong
+
+
+def test_pages_write_lists_and_colons_as_their_language_does() -> None:
+    """`sayings.listed` and `sayings.colon` know the language; a mark between two expressions does not."""
+    pages = [*(ROOT / "web/src").rglob("*.svelte")]
+    wrong = [
+        f"{file.name}: {line.strip()[:120]}"
+        for file in pages
+        for line in file.read_text(encoding="utf-8").split("\n")
+        if FIXED_MARK.search(line)
+    ]
+    assert len(pages) > 60
+    assert not wrong
 
 
 @pytest.mark.parametrize(

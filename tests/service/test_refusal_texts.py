@@ -68,6 +68,7 @@ NOT_FOR_PEOPLE = ENGLISH_ONLY | {
     "EMCY-{1}",
     "cellcal {1}, {2}",
     "the last token is the end of a line",
+    "register {1} cannot be written here",
     "1",
 }
 
@@ -108,7 +109,9 @@ def test_how_a_universal_robots_arm_stands_has_its_words(name: str) -> None:
 CODE_TABLES = (
     ("draw_wire", "emergencies.tsv"),
     ("fanuc.rmi", "refusals.tsv"),
+    ("laser_tracker", "statuses.tsv"),
     ("modbus_robot", "reasons.tsv"),
+    ("touch_probe", "led_errors.tsv"),
     ("universal_robots", "refusals.tsv"),
     ("wire", "modbus_exceptions.tsv"),
     ("yaskawa", "refusals.tsv"),
@@ -121,9 +124,10 @@ def told_by_devices() -> set[str]:
     tables = [
         (name, code_table(f"cellcal.drivers.{package}", name).values()) for package, name in CODE_TABLES
     ]
-    meanings = {entry.text for name, entries in tables if name != "alarms.tsv" for entry in entries}
+    texts = {entry.text for name, entries in tables if name != "alarms.tsv" for entry in entries}
+    meanings = {text for text in texts if " " in text}  # a name alone is the maker's, in every language
     remedies = {step for _, entries in tables for entry in entries for step in SENTENCE.split(entry.remedy)}
-    return (meanings | remedies) - {""}
+    return {number_holes(text) for text in meanings | remedies} - {""}
 
 
 @pytest.mark.parametrize("locale", TRANSLATED)

@@ -224,6 +224,7 @@ async def test_the_certificate_is_named_hashed_and_checked_on_the_page(review_vi
         await page.get_by_test_id("verified").wait_for()
         signed = (await viewer.client.get(f"/api/runs/{past.calibration}/certificate.json")).json()
         await expect(page.get_by_test_id("certificate-word")).to_have_text("PASS")
+        await unfold(page.get_by_test_id("certificate-marks"))
         await expect(page.get_by_test_id("certificate-id")).to_have_text(past.calibration)
         await expect(page.get_by_test_id("certificate-hash")).to_have_text(signed["sha256"])
         for kind, begins in (("html", b"<!"), ("pdf", b"%PDF")):

@@ -14,5 +14,5 @@ export function begunBy({ begun_by, begun_as }: Begun): string {
   if (begun_by === "service") return t("the_service");
   const who = sayings.say(begun_by); // whoever sits at the cell's own computer has no name
   const roles = begun_as.filter((role) => role !== "console").map((role) => t(`people_role_${role}` as Key));
-  return roles.length > 0 ? `${who} (${roles.join(", ")})` : who;
+  return roles.length > 0 ? t("begun_as", { who, roles: sayings.listed(...roles) }) : who;
 }

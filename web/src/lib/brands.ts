@@ -21,13 +21,6 @@ export function selectedBrand(session: Session | null | undefined): Brand | null
   return robot ? brandOf(robot.model) : null;
 }
 
-/** The number, counted from 1, of the axis that a person names as the pendant does, or by its number. */
-export function axisNumber(session: Session | null | undefined, word: string): number {
-  const robot = session?.robots.find((each) => each.name === session.robot);
-  const at = (robot?.axis_names ?? []).findIndex((name) => name.toUpperCase() === word.toUpperCase());
-  return at < 0 ? Number(word.replace(/^J(?=\d+$)/i, "")) : at + 1;
-}
-
 /** The name of an axis, counted from zero, as the pendant of the selected robot shows it. */
 export function axisName(session: Session | null | undefined, axis: number): string {
   const robot = session?.robots.find((each) => each.name === session.robot);

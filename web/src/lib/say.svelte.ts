@@ -23,6 +23,7 @@ const BEGINNING = /^\p{Ll}(?!\S*[._\d]\S)/u; // of a sentence; a file's name sta
 const WORD = /\p{L}{2}/u; // a name like "x" is the same everywhere
 const UNITS = ["", "%", "mm", "m", "deg", "rad"];
 const LISTED = /(?:^|\s)\d+,$/; // before the last of several numbers: a list, and no step
+const NAMES = /^[A-Za-z][\w.]*(?:, [A-Za-z][\w.]*)+$/; // "A2, A5": no more than names
 const LEAD = /^(?:\{\w+\}\s*)+/; // of a template: what is filled in before its first word
 
 // Names of settings and procedures in messages, which the terminal needs: a page says what they are called. An empty
@@ -65,11 +66,19 @@ class Sayings {
     return language.locale === "zh" ? "" : " ";
   }
 
+  /** What stands between a name and what is said of it. */
+  get colon(): string {
+    return language.locale === "zh" ? "：" : ": ";
+  }
+
   /** A text of the page with the full stop of its language; what has one, or another mark, keeps it. */
   stopped = (text: string): string => text + (STOPPED.test(text) ? "" : language.locale === "zh" ? "。" : ".");
 
   /** Sentences one after the other, each with its stop. */
   joined = (...texts: string[]): string => texts.map(this.stopped).join(this.gap);
+
+  /** Names or figures one after the other. */
+  listed = (...texts: string[]): string => texts.join(language.locale === "zh" ? "、" : ", ");
 
   /** Texts beside each other that have their own stops. */
   beside = (...texts: string[]): string => texts.filter((text) => text !== "").join(this.gap);
@@ -87,7 +96,7 @@ class Sayings {
     const whole = this.#text(name);
     if (whole !== null) return whole;
     const under = name.indexOf(": ");
-    if (under > 0) return `${this.step(name.slice(0, under))}: ${this.step(name.slice(under + 2))}`;
+    if (under > 0) return `${this.step(name.slice(0, under))}${this.colon}${this.step(name.slice(under + 2))}`;
     const cut = name.lastIndexOf(" ");
     if (cut <= 0 || !isCount(name.slice(cut + 1))) return name;
     if (LISTED.test(name.slice(0, cut))) return fullName;
@@ -152,7 +161,8 @@ class Sayings {
       const argument = message.arguments[name] ?? "";
       const value = this.#value(argument);
       hasTranslation ||= value !== null;
-      return value ?? this.step(english(argument)); // a device has its own name
+      const text = english(argument);
+      return value ?? (NAMES.test(text) ? this.listed(...text.split(", ")) : this.step(text)); // a device has its own name
     });
     return hasTranslation ? text : null;
   }
@@ -160,7 +170,7 @@ class Sayings {
   #found(template: string): string | null {
     const translation = this.#table[tableKey(template.trim())];
     if (translation !== undefined) return translation;
-    if (isPunctuation(template)) return language.locale === "zh" ? template.replaceAll("; ", "；").replace(/\}\.$/, "}。") : template;
+    if (isPunctuation(template)) return language.locale === "zh" ? template.replaceAll("; ", "；").replaceAll(", ", "、").replace(/\}\.$/, "}。") : template;
     const lead = LEAD.exec(template)?.[0] ?? "";
     const rest = lead === "" ? undefined : this.#table[tableKey(template.slice(lead.length))];
     return rest === undefined ? null : `${lead.trim()} ${rest}`;

@@ -63,7 +63,7 @@ export function written(value: unknown, unit: Unit): string {
   if (value === null || value === undefined || (Array.isArray(value) && value.length === 0)) return NOTHING;
   if (typeof value === "number") return number(value, unit) + named(unit);
   if (isNumbers(value)) return value.map((each) => number(each, unit)).join(" / ") + named(unit);
-  if (Array.isArray(value)) return value.join(", ");
+  if (Array.isArray(value)) return sayings.listed(...value);
   if (typeof value === "boolean") return language.t(value ? "yes" : "no");
   const words = String(value);
   const translated = sayings.say(words.replaceAll("_", " "));
