@@ -1,6 +1,7 @@
 """Routines that a file calls by name, and whether the name says that they move no robot."""
 
 import re
+from bisect import bisect_left
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -34,6 +35,17 @@ _AT_REST = frozenset(
 _SWITCHED = frozenset(("on", "off", "ein", "aus"))
 _STILL_WITHIN = ("gripper", "greifer", "vacuum", "message", "handshake")  # also where nothing parts the words
 _WORK_WITHIN = ("pick", "place", "drop", "move", "weld", "approach")
+
+
+class LineNumbers:
+    """The lines of a text, found once: a large program has a hundred thousand calls."""
+
+    def __init__(self, text: str) -> None:
+        self._breaks = [found.start() for found in re.finditer("\n", text)]
+
+    def line_at(self, place: int) -> int:
+        """Return the line of a place, from 1."""
+        return bisect_left(self._breaks, place) + 1
 
 
 class CalledRoutine(NamedTuple):

@@ -4,7 +4,7 @@ import re
 
 from cellcal.drivers.abb.program_files.displacements import WORDS
 from cellcal.drivers.abb.program_files.instructions import MOVES
-from cellcal.drivers.programs.called_routines import CalledRoutine, RoutineNames
+from cellcal.drivers.programs.called_routines import CalledRoutine, LineNumbers, RoutineNames
 
 _HIDDEN = re.compile(r'![^\n]*|"(?:[^"\n]|"")*"')
 _LATE = re.compile(r'^(?:[^\n";]*;)*+[ \t]*%[ \t]*("(?:[^"\n]|"")*")?([^%;\n]*)%(?=[^%;\n]*;)', re.MULTILINE)
@@ -12,9 +12,10 @@ _LATE = re.compile(r'^(?:[^\n";]*;)*+[ \t]*%[ \t]*("(?:[^"\n]|"")*")?([^%;\n]*)%
 _BEFORE = re.compile(
     r"\b(?:THEN|ELSE|DO|DEFAULT[ \t]*:|ERROR\b|UNDO\b|BACKWARD\b)"
     r"|\bEND(?:IF|FOR|WHILE|TEST|PROC|FUNC|TRAP|MODULE|RECORD)\b"
-    r"|\bCASE\b[^:;]*:|^[ \t]*[A-Za-z]\w*[ \t]*:(?!=)|\b(?:LOCAL[ \t]+)?(?:PROC|TRAP)\b[^\n(]*(?:\([^)]*\))?"
-    r"|\bRECORD\b(?:(?!\bENDRECORD\b)[^!]){0,2000}"
-    r"|\b(?:MODULE)[ \t]+\w+(?:[ \t]*\([^)]*\))?",
+    r"|\bCASE\b[^:;]{0,400}:|^[ \t]*[A-Za-z]\w*[ \t]*:(?!=)"
+    r"|\b(?:PROC|TRAP)\b[^\n(]{0,200}(?:\([^)]{0,2000}\))?"
+    r"|\bRECORD\b(?:[^;!]{0,200};){0,100}?\s{0,200}ENDRECORD\b"
+    r"|\bMODULE[ \t]+\w+(?:[ \t]*\([^)]{0,200}\))?",
     re.IGNORECASE | re.MULTILINE,
 )
 _CALL = re.compile(r"([A-Za-z]\w*)\s*(?=\Z|\\|\s[\s]*[A-Za-z0-9\[\-+\"\\?(])(?!\s*(?:\{|\.|:=))")
@@ -62,10 +63,9 @@ _OF_LANGUAGE = frozenset(_LANGUAGE_TEXT.split())
 def called_procedures(data: bytes) -> tuple[CalledRoutine, ...]:
     """Return the calls of procedures that are none of the language, in the order of the lines."""
     source = data.decode("latin-1")
+    lines = LineNumbers(source)
     late = [
-        CalledRoutine(
-            source.count("\n", 0, each.start()) + 1, f"%{each[1] or ''}{each[2]}%", _late_pattern(each)
-        )
+        CalledRoutine(lines.line_at(each.end()), f"%{each[1] or ''}{each[2]}%", _late_pattern(each))
         for each in _LATE.finditer(_without_comments(source))
     ]
     text = _HIDDEN.sub(_blank, source)

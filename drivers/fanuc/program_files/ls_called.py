@@ -4,21 +4,23 @@ import re
 
 from cellcal.drivers.fanuc.program_files.ls_remarks import statements_of
 from cellcal.drivers.fanuc.program_files.ls_statements import macro_of, read_statements
-from cellcal.drivers.programs.called_routines import CalledRoutine, RoutineNames, tells_of_motion
+from cellcal.drivers.programs.called_routines import CalledRoutine, LineNumbers, RoutineNames, tells_of_motion
 
 _CALLED = re.compile(
-    rb"(?<![A-Za-z_])(?:CALL|AUFRUF|RUN)[ \t]++(?:([A-Za-z_][\w\-]*+)(?!\[)|(S?R\[[^\];]*+\]))", re.I
+    r"(?<![A-Za-z_])(?:CALL|AUFRUF|RUN)[ \t]++(?:([A-Za-z_][\w\-]*+)(?!\[)|(S?R\[[^\];]*+\]))", re.I
 )
 _PROGRAM = re.compile(rb"/PROG[ \t]++([^\s;]{1,80}+)")
 
 
 def called_programs(data: bytes) -> tuple[CalledRoutine, ...]:
     """Return the calls of a listing, in the order of its lines."""
-    line, text = statements_of(data)
+    line, statements = statements_of(data)
+    text = statements.decode("latin-1")  # a character a byte
+    lines = LineNumbers(text)
     found = [
         CalledRoutine(
-            line + text.count(b"\n", 0, each.start()),
-            (each[1] or each[2]).decode("cp437"),
+            line + lines.line_at(each.start()) - 1,
+            each[1] or each[2],
             "" if each[1] else "*",
         )
         for each in _CALLED.finditer(text)

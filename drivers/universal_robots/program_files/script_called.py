@@ -2,7 +2,7 @@
 
 import re
 
-from cellcal.drivers.programs.called_routines import CalledRoutine, RoutineNames
+from cellcal.drivers.programs.called_routines import CalledRoutine, LineNumbers, RoutineNames
 from cellcal.drivers.universal_robots.program_files.script_calls import MOVES, NUMBER_TAKERS
 
 _HIDDEN = re.compile(r'"[^"\n]*"|\'[^\'\n]*\'|#[^\n]*')
@@ -29,8 +29,9 @@ def called_functions(data: bytes) -> tuple[CalledRoutine, ...]:
     if data[:2] == b"\x1f\x8b" or data[:1] == b"<":
         return ()  # a program of PolyScope holds the subprograms that it calls
     text = _HIDDEN.sub(lambda each: " " * len(each[0]), data.decode("latin-1"))
+    lines = LineNumbers(text)
     return tuple(
-        CalledRoutine(text.count("\n", 0, each.start(1)) + 1, each[1])
+        CalledRoutine(lines.line_at(each.start(1)), each[1])
         for each in _STATEMENT.finditer(text)
         if each[1] not in MOVES and each[1] not in NUMBER_TAKERS and each[1] not in _WORDS
         and not each[1].startswith(_PREFIXES)
