@@ -84,7 +84,8 @@ def _take_standing_axes(found: AxisRows, present: Mapping[str, JobRow]) -> None:
         lines = {own: line, **found.lines} if own in present else found.lines
         for other, at in lines.items():
             row = present.get(other)
-            if other[:2] in kinds and (its is None or row is None or row.text != its.text):
+            held = row.text if row is not None else ""
+            if other[:2] in kinds and held != (its.text if its is not None else ""):
                 found.reasons.setdefault(key, make_message(_NAMES_NONE, place=line, other=at))
 
 
