@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from cellcal.calibration.arm.kinematics import RobotModel
 from cellcal.calibration.geometry import Array
+from cellcal.drivers.programs.called_routines import RoutineNames
 from cellcal.drivers.programs.errors import ProgramFileError
 from cellcal.drivers.programs.file_declarations import ExternalUses, FileDeclarations
 from cellcal.drivers.programs.positions import PositionChange, ProgramFile
@@ -66,6 +67,7 @@ class ProgramBrand:
         None
     )  # what a file says, where that is quicker than reading
     beside: tuple[PurePath, ...] = ()  # lists of its controller in folders above programs, which say more
+    routine_names: RoutineNames | None = None  # what its files call, and the routines that they have
     together: "ProgramBatch | None" = None  # where many at once are quicker than one after another
 
 

@@ -19,9 +19,8 @@ if TYPE_CHECKING:
     from cellcal.service.engineering.programs.files import FoundPrograms
     from cellcal.service.engineering.programs.project import Project as CellProject
     from cellcal.service.engineering.programs.report import ProgramsReport
-    from cellcal.service.engineering.programs.report_run import TransferPrograms
+    from cellcal.service.engineering.programs.report_run import RunExtras, TransferPrograms
     from cellcal.service.engineering.programs.result import ProgramResult
-    from cellcal.service.engineering.programs.versions import CloneRecorder
 
 program = App(
     name="program",
@@ -109,8 +108,10 @@ def move(  # noqa: PLR0913  a command's options are its arguments
         The fixture's alignment file after the move.
     """
     from cellcal.service.cli.program_moves import base_change_of, print_frame_instead
+    from cellcal.service.engineering.programs.calls_not_given import CallsNotGiven
     from cellcal.service.engineering.programs.move import move_transfer
     from cellcal.service.engineering.programs.project import read_project
+    from cellcal.service.engineering.programs.report_run import RunExtras
 
     cell = read_project(project)
     change = base_change_of(cell, offset, frame, (before, after))
@@ -122,6 +123,7 @@ def move(  # noqa: PLR0913  a command's options are its arguments
         carry,
         outputs,
         make_message("Moved in {cell_name}", cell_name=cell.name),
+        RunExtras(calls=CallsNotGiven.for_move(change, cell.programs_without_motion)),
     )
     if frame is not None:
         print_frame_instead(cell, frame, change)
@@ -149,8 +151,10 @@ def clone(master: Path, target: Path, /, *files: str, outputs: Out) -> int:
     files
         Files, folders, or patterns in quotes; the master's own programs when none is named.
     """
+    from cellcal.service.engineering.programs.calls_not_given import CallsNotGiven
     from cellcal.service.engineering.programs.clone import clone_transfer
     from cellcal.service.engineering.programs.project import read_project
+    from cellcal.service.engineering.programs.report_run import RunExtras
     from cellcal.service.engineering.programs.versions import CloneRecorder
 
     source, cell = read_project(master), read_project(target)
@@ -161,7 +165,7 @@ def clone(master: Path, target: Path, /, *files: str, outputs: Out) -> int:
         carry,
         outputs,
         make_message("{source_name} cloned to {cell_name}", source_name=source.name, cell_name=cell.name),
-        recorder,
+        RunExtras(recorder, CallsNotGiven.for_clone(source.programs_without_motion)),
     )
     return report.exit_code
 
@@ -190,8 +194,10 @@ def compensate(
         The other way round: points taught on the real robot, brought to the nominal world of a simulation.
     """
     from cellcal.calibration.compensation.compensate import ProgramDirection
+    from cellcal.service.engineering.programs.calls_not_given import CallsNotGiven
     from cellcal.service.engineering.programs.compensate import compensation_transfer
     from cellcal.service.engineering.programs.project import read_project
+    from cellcal.service.engineering.programs.report_run import RunExtras
 
     cell = read_project(project)
     way = ProgramDirection.DOWNLOAD if download else ProgramDirection.UPLOAD
@@ -201,7 +207,8 @@ def compensate(
         if download
         else make_message("Compensated for {cell_name}", cell_name=cell.name)
     )
-    return _change_programs(_find_programs(files, cell, outputs), carry, outputs, title).exit_code
+    extras = RunExtras(calls=CallsNotGiven.for_compensation(cell.programs_without_motion))
+    return _change_programs(_find_programs(files, cell, outputs), carry, outputs, title, extras).exit_code
 
 
 @program.command
@@ -351,7 +358,7 @@ def _change_programs(
     carry: "TransferPrograms",
     outputs: ProgramOutputs,
     title: str,
-    recorder: "CloneRecorder | None" = None,
+    extras: "RunExtras",
 ) -> "ProgramsReport":
     from rich.console import Console
 
@@ -363,7 +370,7 @@ def _change_programs(
         outputs.out, outputs.replace, outputs.json, outputs.csv, outputs.html, outputs.diff, outputs.language
     )
     with counting_bar("changing", len(found.sources)) as counted:
-        report = change_programs(found, carry, outputs_to_write, title, counted(lambda _: None), recorder)
+        report = change_programs(found, carry, outputs_to_write, title, counted(lambda _: None), extras)
     console = (
         STDERR_CONSOLE if outputs_to_write.fills_standard_output else Console(highlight=False, emoji=False)
     )

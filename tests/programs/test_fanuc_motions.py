@@ -122,7 +122,9 @@ def test_a_register_that_chooses_an_increment_leaves_every_position(tmp_path: Pa
     ("lines", "turn", "found"),
     [
         (("L P[1] 100mm/sec FINE Offset,PR[3]",), True, {"P[1]"}),
-        (("L P[1] 100mm/sec FINE Offset,PR[3]",), False, set()),
+        (("L P[1] 100mm/sec FINE Offset,PR[3]",), False, {"P[1]"}),  # nothing fills it: it may turn
+        (("PR[3,3]=50", "L P[1] 100mm/sec FINE Offset,PR[3]"), False, set()),
+        (("L P[1] 100mm/sec FINE Offset,PR[R[3]]",), False, {"P[1]"}),
         (("L P[1] 100mm/sec FINE Versatz,PR[3]",), True, {"P[1]"}),
         (("OFFSET CONDITION PR[3]", "L P[1] 100mm/sec FINE Offset"), True, {"P[1]"}),
         (("L P[1] 100mm/sec FINE Tool_Offset,PR[3]",), True, set()),
@@ -149,7 +151,7 @@ def test_shifts_by_registers_are_findings_where_the_work_turns(
     assert not result.excluded_points
     assert result.exit_code is (ExitCode.REFUSED if found else ExitCode.PASS)
     for finding in result.findings:
-        assert np.degrees(finding.angle_rad) == pytest.approx(30.0)
+        assert np.degrees(finding.angle_rad) == pytest.approx(30.0 if turn else 0.0)
 
 
 def test_a_shift_that_the_program_states_costs_its_own_distance(tmp_path: Path) -> None:

@@ -81,7 +81,6 @@ def test_an_exponent_never_costs_resolution():
 @pytest.mark.parametrize(
     ("line", "column", "problem"),
     [
-        ("DECL E6POS XP1={X 1.0,Y abc,Z 3.0,A 0,B 0,C 0}", 16, "cannot compute"),
         ("DECL E6POS XP1={X 1.2.3,Y 0,Z 3.0,A 0,B 0,C 0}", 18, "value of X"),
         ("DECL E6POS XP1={X 1.0,X 2.0,Z 3.0,A 0,B 0,C 0}", 23, "twice"),
         ("DECL E6POS XP1={X 1.0,Y 2.0,Z 3.0,A 0,B 0,C 0", 44, "does not end"),
@@ -98,6 +97,15 @@ def test_what_is_not_understood_inside_a_position_is_refused_with_its_place(line
     with pytest.raises(ProgramFileError, match=problem) as caught:
         read_file(f"DEFDAT A\r\n{line}\r\nENDDAT\r\n".encode())
     assert (caught.value.line, caught.value.column) == (2, column)
+
+
+@pytest.mark.parametrize("number", ["abc", "NaN", "1.#QNAN", "-1.#IND", "1.#INF00"])
+def test_a_point_with_a_number_that_is_none_leaves_the_others(number):
+    whole = "{X 1.0,Y 2.0,Z 3.0,A 0,B 0,C 0}"
+    line = f"DECL E6POS XP1={{X 1.0,Y {number},Z 3.0,A 0,B 0,C 0}},XP2={whole}"
+    file = read_file(f"DEFDAT A\r\n{line}\r\nDECL POS XP3={whole}\r\nENDDAT\r\n".encode())
+    assert file.positions.names == ("XP1", "XP2", "XP3")
+    assert [row in file.positions.barred for row in range(3)] == [True, False, False]
 
 
 def test_an_external_tool_is_listed_but_not_shifted():

@@ -9,6 +9,7 @@ from cellcal.calibration.geometry import homogeneous_matrix
 from cellcal.drivers.programs.cross_file_uses import BatchDeclarations
 from cellcal.drivers.programs.shifts import ShiftAxes
 from cellcal.drivers.yaskawa.program_files.job_calls import declarations_of
+from cellcal.drivers.yaskawa.program_files.job_program import read_job
 from cellcal.drivers.yaskawa.program_files.programs import BRAND, read
 from cellcal.service.engineering.programs.move import move_transfer
 from cellcal.service.engineering.programs.project import read_project
@@ -269,3 +270,17 @@ def test_frames_that_other_jobs_make_leave_their_positions(lines: tuple[str, ...
     assert barred == names | {alone.positions.names[row] for row in alone.positions.barred}
     if "C00000" in names:
         assert "MAIN makes" in pick.positions.barred[0]
+
+
+def test_axes_that_a_motion_does_not_name_stand_where_another_left_them():
+    rows = "C00001=1300.000,0.000,200.000,180.0000,0.0000,0.0000\n"
+    base = "BC00000=0.000\nBC00001=100.000\n"
+    lines = "MOVJ BC00000 VJ=1.00\nMOVL C00001 V=50.0\n"
+    head = "/JOB\n//NAME A\n//POS\n///NPOS 1,2,0,0,0,0\n///TOOL 0\n///POSTYPE ROBOT\n///RECTAN\n///RCONF 0,0,0,0,0,0,0,0\n"
+    tail = f"//INST\n///ATTR SC,RW,RJ\n////FRAME ROBOT\n///GROUP1 RB1,BS1\nNOP\n{lines}END\n"
+    whole = read_job("a.jbi", (head + rows + base + tail).encode())
+    assert "without a row" in whole.positions.barred[0]
+    alike = read_job("a.jbi", (head + rows + base.replace("=0.", "=100.") + tail).encode())
+    assert not alike.positions.barred
+    comma = read_job("a.jbi", (head + rows.replace("1300.000", "1300,5") + base + tail).encode())
+    assert "decimal mark" in comma.positions.barred[0]

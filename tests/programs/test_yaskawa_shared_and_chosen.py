@@ -200,7 +200,7 @@ def test_a_called_job_may_leave_a_shift_on_that_it_switches_in_a_branch(tmp_path
 def test_a_shift_that_is_on_in_another_job_is_a_finding(tmp_path: Path, line: str) -> None:
     moved = move(tmp_path, job("SFTON P001 BF", line, "SFTOF"), offset=TURNED)
     assert moved["code"] == ExitCode.REFUSED
-    assert len(moved["findings"]) == 1
+    assert len([one for one in moved["findings"] if one["what"] != "CALL"]) == 1
 
 
 @pytest.mark.parametrize("offset", [SHIFTED, TURNED])

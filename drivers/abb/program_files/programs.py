@@ -29,6 +29,7 @@ from cellcal.drivers.abb.program_files.motion_configuration import (
     declarations_of,
     is_of_unknown_robot,
 )
+from cellcal.drivers.abb.program_files.rapid_called import NAMES
 from cellcal.drivers.abb.program_files.rapid_module import read_module
 from cellcal.drivers.abb.program_files.unchecked_configurations import ignores_configurations
 from cellcal.drivers.abb.program_files.written_numbers import (
@@ -356,6 +357,7 @@ BRAND = ProgramBrand(
     configurations=AbbConfigurations(),
     writes_program=writes_program,
     tells=True,
+    routine_names=NAMES,
     says=declarations_of,
     beside=LISTS,
 )

@@ -262,7 +262,8 @@ class RegisterContents:
     def shift_of_motion(self, motion: MotionStatement, turned: set[int]) -> tuple[Triple, Quaternion | None]:
         """Return the shift of a motion; NaN and None where it is not certain."""
         registers = motion.offset_registers
-        quaternion = None if turned & set(registers or self.conditions) else NO_TURN
+        shifting = set(registers or self.conditions)
+        quaternion = NO_TURN if shifting and not turned & shifting else None  # of any register: it may turn
         if not self.certain or len(registers) != 1:
             return UNREADABLE, quaternion
         x, y, z = (self._length_m(registers[0], each) for each in (1, 2, 3))

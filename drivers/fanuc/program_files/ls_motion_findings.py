@@ -1,6 +1,7 @@
 """What the motions of a listing do: where they go as it stands, what they add, and what shifts them."""
 
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from cellcal.calibration.message import make_message
@@ -8,6 +9,7 @@ from cellcal.drivers.fanuc.program_files.ls_computed import (
     ComputedRegisters,
     RegisterContents,
     is_computing,
+    match_assignment,
     registers_of,
 )
 from cellcal.drivers.fanuc.program_files.ls_statements import (
@@ -57,20 +59,25 @@ class MotionFindings:
 
 
 def find_motions(
-    data: bytes, in_joints: frozenset[int], turned: frozenset[int] = frozenset()
+    data: bytes,
+    in_joints: frozenset[int],
+    turned: frozenset[int] = frozenset(),
+    filled_elsewhere: frozenset[int] | None = frozenset(),
 ) -> MotionFindings:
     """Return what the motions of a listing do; ``in_joints`` are the positions that are held in joint angles.
 
-    ``turned`` are the registers of which other programs set W, P or R.
+    ``turned`` are the registers of which other programs set W, P or R, ``filled_elsewhere`` those that other programs
+    give any value, None for any. What no file fills holds what a person or a camera entered, which may turn, too.
     """
     found, region, statements = MotionFindings(), False, list(read_statements(data))
     last: int | None = None
     registers = registers_of([(each, None) for each in statements if is_computing(each)], in_joints)
-    may_turn = registers.turned | registers.joints | turned
+    not_filled = _registers_not_filled(statements, registers, filled_elsewhere)
+    may_turn = registers.turned | registers.joints | turned | not_filled
     contents = RegisterContents(frozenset(n for each in statements for n in condition_of(each, tool=False)))
     for statement in statements:
+        contents.follow_statement(statement)
         if not statement.is_motion:
-            contents.follow_statement(statement)
             region = _touch_offset(statement, region)
             found.conditions.update(condition_of(statement))
             _take_given(found, statement)
@@ -78,7 +85,6 @@ def find_motions(
                 found.assigned.append((statement, last))
             continue
         motion = motion_of(statement)
-        contents.follow_statement(statement)
         _take_targets(found, motion)
         _take_reached(found, motion, region)
         if motion.search:  # it goes along an axis of the touch sensor's frame, as far as it finds something
@@ -96,6 +102,25 @@ def find_motions(
         if motion.stored:
             found.assigned.append((Statement(motion.stored, motion.line), last))
     return found
+
+
+def _registers_not_filled(
+    statements: Sequence[Statement], registers: ComputedRegisters, filled_elsewhere: frozenset[int] | None
+) -> set[int]:
+    """Return the registers that shift motions, and that neither this program nor another one fills."""
+    if registers.any_altered or filled_elsewhere is None:
+        return set()
+    shifting = {
+        register
+        for statement in statements
+        for register in (
+            motion_of(statement).offset_registers
+            if statement.is_motion
+            else condition_of(statement, tool=False)
+        )
+    }
+    filled = {int(found[1]) for each in statements if (found := match_assignment(each)) is not None}
+    return shifting - filled - filled_elsewhere
 
 
 def _take_reached(found: MotionFindings, motion: MotionStatement, region: bool) -> None:

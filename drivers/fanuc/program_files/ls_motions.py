@@ -7,6 +7,7 @@ from math import nan
 
 from cellcal.calibration.message import make_message
 from cellcal.drivers.fanuc.program_files.ls_computed import (
+    ANY_PLACE,
     TURNED,
     ComputedRegisters,
     registers_of,
@@ -59,7 +60,7 @@ def with_motions(positions: Positions, data: bytes, external_uses: ExternalUses 
         # as in nearly all
         return positions
     in_joints = _positions_in_joints(positions)
-    found = find_motions(data, in_joints, _turned_elsewhere(external_uses))
+    found = find_motions(data, in_joints, _turned_elsewhere(external_uses), _filled_elsewhere(external_uses))
     registers = registers_of(found.assigned, in_joints)
     found.amounts |= found.conditions
     for motion in found.by_register:
@@ -109,6 +110,14 @@ def _turned_elsewhere(external_uses: ExternalUses | None) -> frozenset[int]:
     """Return the registers whose W, P or R other programs of the controller set."""
     computed = {} if external_uses is None else external_uses.computed
     return frozenset(int(each[3:-2]) for each in computed if each.endswith(TURNED))
+
+
+def _filled_elsewhere(external_uses: ExternalUses | None) -> frozenset[int] | None:
+    """Return the registers that other programs of the controller give a value; None where it may be any."""
+    computed = {} if external_uses is None else external_uses.computed
+    if ANY_PLACE in computed:
+        return None
+    return frozenset(int(each[3:].partition("]")[0]) for each in computed)
 
 
 def _pallet_places(data: bytes) -> Iterator[ProgramShift]:

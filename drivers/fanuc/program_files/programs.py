@@ -5,6 +5,7 @@ from codecs import BOM_UTF8
 from collections.abc import Sequence
 
 from cellcal.drivers.fanuc.program_files.configuration import FanucConfigurations
+from cellcal.drivers.fanuc.program_files.ls_called import NAMES
 from cellcal.drivers.fanuc.program_files.ls_program import (
     change_listings,
     declarations_of,
@@ -45,6 +46,7 @@ BRAND = ProgramBrand(
     configurations=FanucConfigurations(),
     writes_program=_is_program,
     tells=True,
+    routine_names=NAMES,
     says=declarations_of,
     together=_ListingBatch(),
 )

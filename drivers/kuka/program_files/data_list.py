@@ -36,6 +36,7 @@ _NULL_FRAME = Pose((0.0, 0.0, 0.0))
 _FRAME_TEXT = "{} is a FRAME: base, offset or point, this file does not tell. It is not read as a position."
 FRAME_ALONE = "it is a FRAME: base, offset or point, this file does not tell"
 FRAME_SET = "it is a FRAME without status and turn that the program sets while it runs"
+NO_NUMBER = "a coordinate of it is no number, and it is not read"
 INSIDE = "it stands inside other data, or is computed in part, and is not read"
 _TCP_TEXT = (
     "{} is moved with an external tool (IPO_FRAME #TCP): its base is at the flange. "
@@ -163,8 +164,11 @@ class DataList:
             self._frame_data(name, line)
             return line.end
         literal = self.found.read_literal(name.value, line.end)
-        if literal is None:
-            raise self.found.source.error_at(name.value, "a data list cannot compute a position.")
+        if literal is None:  # NaN where a computation went wrong, or the name of a number
+            self.found.add_unread(name.full_name, name.value, NO_NUMBER)
+            close = text.find("}", name.value, line.end)
+            comma = text.find(",", max(close, name.value), line.end) if close >= 0 else -1
+            return line.end if comma < 0 else comma + 1
         if literal.axes != (kind in AXIS_TYPES):
             raise self.found.source.error_at(
                 name.value,
@@ -208,6 +212,8 @@ class DataList:
             if literal is not None:
                 self._take_literal(kind, name, literal)
                 self._offset_after(literal, line)
+            elif kind and not is_frame_table:
+                self.found.add_unread(name.full_name, name.value, NO_NUMBER)
         else:
             remark_hidden_positions(self.found, line, name.value)
 

@@ -147,8 +147,13 @@ def state_text(like: str, value: int) -> str:
     return f"'{like[1]}{value:0{digits}{'b' if like[1] in 'Bb' else 'X'}}'"
 
 
+_NO_NUMBER = re.compile(
+    r"[ \t\r]+[+-]?\d*\.?#?(?:[QS]?NAN|IND|INF)", re.IGNORECASE
+)  # 1.#QNAN of a computation
+
+
 def _value_error(text: str, name: re.Match[str], end: int) -> KrlLiteralError:
-    if _EXPRESSION.match(text, name.end(), end):
+    if _EXPRESSION.match(text, name.end(), end) or _NO_NUMBER.match(text, name.end(), end):
         return KrlLiteralError(name.end(), make_message("{name} is computed.", name=name[1]), computed=True)
     return KrlLiteralError(
         name.end(),

@@ -10,16 +10,17 @@ from cellcal.calibration.geometry import Pose
 from cellcal.drivers.kuka.program_files.collected_positions import KrlPositions
 from cellcal.drivers.kuka.program_files.configuration import KukaConfigurations
 from cellcal.drivers.kuka.program_files.data_list import declared_names, name_of_data, read_data_list
+from cellcal.drivers.kuka.program_files.empty_points import empty_points_of, places_without_values
 from cellcal.drivers.kuka.program_files.frame_data import (
     TaughtFrames,
     data_set_by_programs,
     marks_of_set_data,
     uses_of_own_data,
     with_frame_data,
-    without_reset,
 )
 from cellcal.drivers.kuka.program_files.frame_uses import WRITTEN_OUT
 from cellcal.drivers.kuka.program_files.imports import imports_of, remark_imports
+from cellcal.drivers.kuka.program_files.krl_called import NAMES
 from cellcal.drivers.kuka.program_files.krl_program import read_program
 from cellcal.drivers.kuka.program_files.machine_data import (
     CARRIED,
@@ -36,21 +37,19 @@ from cellcal.drivers.kuka.program_files.passed_points import (
     in_passed_table,
     routine_targets_of,
 )
-from cellcal.drivers.kuka.program_files.patterns import MOVE
 from cellcal.drivers.kuka.program_files.point_edits import PointEdits
 from cellcal.drivers.kuka.program_files.point_uses import in_set_table
 from cellcal.drivers.kuka.program_files.standing_bases import standing_rows, with_standing_bases
 from cellcal.drivers.kuka.program_files.written_numbers import (
     WrittenPoints,
 )
-from cellcal.drivers.programs.absent_places import absent_places
 from cellcal.drivers.programs.barred import COMPUTED, TURNED_BASE
 from cellcal.drivers.programs.brands import ProgramBrand
 from cellcal.drivers.programs.columns import gets_only_a_pose, part_of
 from cellcal.drivers.programs.conditions import ConditionalBar, ProjectNeed
 from cellcal.drivers.programs.declared_poses import Poses, with_declared
 from cellcal.drivers.programs.errors import ProgramFileError
-from cellcal.drivers.programs.file_declarations import ExternalUses, FileDeclarations
+from cellcal.drivers.programs.file_declarations import ExternalUses, FileDeclarations, MoveFrames
 from cellcal.drivers.programs.missing_ends import refuse_missing_end
 from cellcal.drivers.programs.positions import (
     CARTESIAN,
@@ -76,7 +75,6 @@ _DEFINED_BYTES = re.compile(
     rb"^(?:\xef\xbb\xbf)?[ \t]*+(?:GLOBAL[ \t]++)?+(?:DEFDAT|DEFFCT|DEF)\b|^&[A-Z]", re.I | re.M
 )
 _TABLES = re.compile(rb"\b(?:TOOL|BASE)_DATA[ \t]*+\[|\$ROBROOT\b", re.IGNORECASE)
-_HOME = re.compile(r"X?HOME\d*\b", re.IGNORECASE)  # joint angles of $CONFIG.DAT, which no work moves
 _ROOT = re.compile(r"R\d", re.IGNORECASE)  # KRC/R1: where the programs of a controller stand
 Spans = dict[str, tuple[int, int]]
 _LOOKED_AT = 1 << 16  # bytes in which a program names itself
@@ -99,6 +97,7 @@ class KukaFile:
     taught: frozenset[int]  # rows with frame data of their own
     routines: Mapping[int, str]  # rows written into moves, and their routine
     frame_data: Mapping[str, TaughtFrames]  # of a data list
+    empty: Mapping[str, frozenset[MoveFrames]]  # a program's own points without a value
     brand: str = "kuka"
 
     def to_bytes(self) -> bytes:
@@ -150,6 +149,7 @@ class KukaFile:
                 k: summary.routines[row] for k, row in enumerate(rows.tolist()) if row in summary.routines
             },
             frame_data=summary.frame_data,
+            empty=summary.empty,
             positions=with_standing_bases(found.to_positions(rows, written, summary.shifts), taught),
             remarks=tuple(sorted(found.remarks, key=lambda remark: remark.line)),
             frames=frames,
@@ -189,12 +189,8 @@ class KukaFile:
         root = external_uses.bases.get(ROOT)
         frames = seen_from_base(_with_written_out(frames), root)
         of_root = (standing_remark(root),) if root is not None and len(positions) else ()
-        absent = {
-            name: frozenset(without_reset(move_frames, known=False) for move_frames in moves)
-            for name, moves in external_uses.absent.items()
-            if not _is_data_list(self.source.name) and not _HOME.match(name)
-        }
-        places = absent_places(self.source, absent, MOVE, comment=";", statement_end="\n")
+        declared = self.declarations.declares.keys() if _is_data_list(self.source.name) else None
+        places = places_without_values(self.source, external_uses, self.empty, (declared, self.keys))
         copies = copies_with_other_tools(positions, external_uses, self.keys)
         positions = replace(positions, shifts=(*positions.shifts, *places, *copies))
         return replace(self, positions=positions, frames=frames, remarks=(*of_root, *self.remarks, *remarks))
@@ -208,6 +204,7 @@ class _FileSummary:
     shifts: Sequence[ProgramShift] = ()
     set_data: Set[str] = frozenset()  # names that a program gives a value
     frame_data: Mapping[str, TaughtFrames] = field(default_factory=dict)
+    empty: Mapping[str, frozenset[MoveFrames]] = field(default_factory=dict)  # own points without a value
 
 
 _Read = tuple[KrlPositions, ProgramFrames, _FileSummary]
@@ -270,6 +267,7 @@ def _read_src(source: ProgramText) -> _Read:
             routines=routines,
             shifts=(*program.shifts.to_shifts(points), *measured_shifts(points)),
             set_data=points.set_data,
+            empty=empty_points_of(points),
         ),
     )
 
@@ -390,6 +388,7 @@ BRAND = ProgramBrand(
     configurations=KukaConfigurations(),
     writes_program=writes_program,
     tells=True,
+    routine_names=NAMES,
     says=_declarations_of,
     beside=(PurePath("Mada") / "$machine.dat", PurePath("System") / "$config.dat"),
 )

@@ -3,6 +3,7 @@
 from cellcal.drivers.programs.brands import ProgramBrand
 from cellcal.drivers.programs.positions import ProgramFile
 from cellcal.drivers.universal_robots.program_files.feature_variables import says_nothing
+from cellcal.drivers.universal_robots.program_files.script_called import NAMES
 from cellcal.drivers.universal_robots.program_files.script_program import read_script
 from cellcal.drivers.universal_robots.program_files.urp_installation import read_installation
 from cellcal.drivers.universal_robots.program_files.urp_program import read_urp
@@ -25,5 +26,6 @@ BRAND = ProgramBrand(
     read=read_program_file,
     configurations=None,
     tells=True,
+    routine_names=NAMES,
     says=says_nothing,
 )

@@ -5,7 +5,7 @@ good. A motion that names none goes to its point with the rows of the point's ow
 """
 
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 
 from cellcal.calibration.message import make_message
@@ -16,6 +16,10 @@ BASE_ROWS, STATION_ROWS = ("BC", "BP"), ("EC", "EX", "EP")  # behind a C and beh
 _SEVERAL = "its motions name several rows of base or station axes ({})"
 _NO_ROW = "its base or station axes are {} in line {}, whose values the file does not hold"
 _COMPUTED = "its base or station axes are {}, with which line {} computes"
+_NAMES_NONE = (
+    "line {place} goes there without a row of base or station axes, which then stand where line {other} or another "
+    "one left them"
+)
 _NAMED = re.compile(r"\b(BC|BP|EC|EX|EP)X?(\d{3,5}\b|\[[^\]]*\]?)")
 _TARGET = re.compile(r"(?<!\$)\b([CP])X?(\d{3,5})\b")
 _MOTION = re.compile(r"S?MOV[JLCS]?")
@@ -33,6 +37,10 @@ class AxisRows:
     alone: dict[str, int] = field(
         default_factory=dict
     )  # rows that axes go to without the robot, and the line
+    naming_none: dict[tuple[Key, tuple[str, ...]], int] = field(
+        default_factory=dict
+    )  # points that a motion goes to without such a row, and the line
+    lines: dict[str, int] = field(default_factory=dict)  # of the first motion that names each row
 
 
 def axis_rows_of(job: YaskawaJob) -> AxisRows:
@@ -53,9 +61,11 @@ def axis_rows_of(job: YaskawaJob) -> AxisRows:
         else:
             alone = {_named_row(kind, number): line for kind, number in _NAMED.findall(rest)}
             found.alone = {**alone, **found.alone}
+            found.lines = {**alone, **found.lines}
     for (key, _), name in found.named.items():
         if name in computed:
             found.reasons.setdefault(key, make_message(_COMPUTED, name, computed[name]))
+    _take_standing_axes(found, present)
     return found
 
 
@@ -66,10 +76,28 @@ def rows_alone(jobs: Iterable[YaskawaJob], beside: Iterable[JobRow]) -> dict[str
     return {name: line for name, line in named.items() if name not in row_names}
 
 
+def _take_standing_axes(found: AxisRows, present: Mapping[str, JobRow]) -> None:
+    """Leave points that a motion goes to wherever other motions left the axes."""
+    for (key, kinds), line in found.naming_none.items():
+        own = _row_name(kinds[key[0] != "C"], key[1])
+        its = present.get(found.named.get((key, kinds), own))
+        lines = {own: line, **found.lines} if own in present else found.lines
+        for other, at in lines.items():
+            row = present.get(other)
+            held = row.text if row is not None else ""
+            if other[:2] in kinds and held != (its.text if its is not None else ""):
+                found.reasons.setdefault(key, make_message(_NAMES_NONE, place=line, other=at))
+
+
 def _take_motion(found: AxisRows, key: Key, motion: tuple[int, str], present: dict[str, JobRow]) -> None:
     line, rest = motion
+    kinds_named = {BASE_ROWS if kind in BASE_ROWS else STATION_ROWS for kind, _ in _NAMED.findall(rest)}
+    for kinds in (BASE_ROWS, STATION_ROWS):
+        if kinds not in kinds_named:
+            found.naming_none.setdefault((key, kinds), line)
     for kind, number in _NAMED.findall(rest):
         kinds, name = BASE_ROWS if kind in BASE_ROWS else STATION_ROWS, _named_row(kind, number)
+        found.lines.setdefault(name, line)
         before = found.named.setdefault((key, kinds), name)
         if before != name:
             found.reasons.setdefault(key, make_message(_SEVERAL, f"{before}, {name}"))

@@ -29,6 +29,7 @@ from cellcal.drivers.yaskawa.program_files.job_variables import (
     numbers_in,
 )
 
+_SEVEN = 7  # numbers of a row with a seventh axis
 Key = tuple[str, int]  # C or P, and its number
 _INCREMENT = "it is an increment: {} in line {} adds it to where the robot is"
 _LED_MOTION = "another control group leads the motion there ({} in line {})"
@@ -42,6 +43,9 @@ _VARIABLE_AMOUNT = (
 )
 _IN_MASTER = "it is stated in the tool of a master robot, which carries the work"
 _OTHER_RELATIVE = "its row stands in {}, and the relative job in {}: which one counts, the job does not say"
+_DECIMAL_COMMA = (
+    "its row holds seven numbers, some of them without decimals: a comma may be a decimal mark there"
+)
 _OTHERS = "what other jobs go to while it holds"
 _PLAIN = frozenset(("MOVJ", "MOVL", "MOVC", "MOVS", "REFP"))
 _MOTION = re.compile(r"[A-Z]*MOV[A-Z]*|REFP|SYSTART")
@@ -107,6 +111,8 @@ def _stated_reason(row: JobRow, job: YaskawaJob) -> str:
     state = row.state
     if why := {"TOOL": _IN_TOOL, "MTOOL": _IN_MASTER}.get(state.postype, ""):
         return why
+    if state.mode == "RECTAN" and row.text.count(",") == _SEVEN - 1 and row.text.count(".") < _SEVEN:
+        return _DECIMAL_COMMA  # controllers write all of them with decimals
     relative = next((rest for _, word, rest in job.header if word == "FRAME"), "")
     its_own = f"USER {state.user}" if state.postype == "USER" else state.postype
     if row.kind == "P" or not relative or state.mode != "RECTAN" or _same_frame(its_own, relative):

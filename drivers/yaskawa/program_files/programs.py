@@ -5,6 +5,7 @@ from codecs import BOM_UTF8
 
 from cellcal.drivers.programs.brands import ProgramBrand
 from cellcal.drivers.yaskawa.program_files.configuration import JobConfigurations
+from cellcal.drivers.yaskawa.program_files.job_called import NAMES
 from cellcal.drivers.yaskawa.program_files.job_calls import declarations_of
 from cellcal.drivers.yaskawa.program_files.job_program import JobProgram, read_job
 
@@ -29,5 +30,6 @@ BRAND = ProgramBrand(
     configurations=JobConfigurations(),
     writes_program=_is_job,
     tells=True,
+    routine_names=NAMES,
     says=declarations_of,
 )

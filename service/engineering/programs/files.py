@@ -52,10 +52,10 @@ class Siblings:
     lists: dict[Path, str] = field(
         default_factory=dict
     )  # of their controller, named with them, and the brand
+    routines: dict[str, frozenset[str]] = field(default_factory=dict)  # by brand, once looked for
     looks_above: bool = True  # lists of a backup count that stand in folders above
-    read: dict[str, DeclaringProgram] = field(
-        default_factory=dict
-    )  # of a small batch: programs not asked for yet
+    # of a small batch: programs not asked for yet
+    read: dict[str, DeclaringProgram] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)

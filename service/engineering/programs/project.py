@@ -91,6 +91,7 @@ class Project:
     smallest_sigma: float
     master: Path | None
     programs: tuple[str, ...]  # patterns relative to the project's folder
+    programs_without_motion: tuple[str, ...] = ()  # patterns of routines that move no robot
     pulses_per_rad: Array | None = None  # (n,) with sign, of a controller whose programs hold pulses
     control_group: str = FIRST_GROUP  # which of its controller's robots it is
     backup: Path | None = None  # folder of the controller's .VA files
@@ -193,6 +194,7 @@ def read_project(path: Path) -> Project:
         smallest_sigma=SMALLEST_SIGMA if robot.smallest_sigma is None else robot.smallest_sigma,
         master=None if master is None else _relative_path(folder, master),
         programs=_program_patterns(tables.programs, where),
+        programs_without_motion=tuple(tables.programs_without_motion),
         pulses_per_rad=pulses_per_rad(robot, nominal.axis_count, f"{where}: [robot]"),
         control_group=robot.control_group or FIRST_GROUP,
         backup=backup.folder,

@@ -36,6 +36,10 @@ Version = Annotated[int, allow_only("is a whole number, beside parameter_store")
 Patterns = Annotated[
     list[Annotated[str, Field(min_length=1)]], allow_only("is a list of file names or patterns")
 ]
+RoutinePatterns = Annotated[
+    list[Annotated[str, Field(min_length=1)]],
+    allow_only('is a list of names or patterns of routines, such as ["GLUE_GUN_*"]'),
+]
 JointNumbers = Annotated[list[int], allow_only("is a list of joints from 1, such as held_joints = [3]")]
 FrameNames = Annotated[
     list[Annotated[str, Field(min_length=1)]],
@@ -169,6 +173,7 @@ class ProjectTables(CheckedTable):
     format: Literal[1]
     name: Text | None = None
     programs: Patterns = Field(default_factory=list)
+    programs_without_motion: RoutinePatterns = Field(default_factory=list)
     master: MasterTable = MasterTable()
     robot: RobotTable
     tools: dict[str, ToolTable] = Field(default_factory=dict)

@@ -13,6 +13,7 @@ from cellcal.calibration.message import make_message
 from cellcal.drivers.programs.errors import ProgramFileError
 from cellcal.drivers.programs.positions import ProgramFile
 from cellcal.service.engineering.programs.batches import process_batch, read_batches
+from cellcal.service.engineering.programs.calls_not_given import CallsNotGiven
 from cellcal.service.engineering.programs.files import (
     FilesError,
     FoundPrograms,
@@ -71,6 +72,14 @@ class ProgramRecorder(Protocol):
 
 
 @dataclass(frozen=True, eq=False)
+class RunExtras:
+    """What is done beside changing and reporting."""
+
+    recorder: ProgramRecorder | None = None
+    calls: CallsNotGiven | None = None  # what finds calls of programs that are not given
+
+
+@dataclass(frozen=True, eq=False)
 class _WorkPart:
     """The results of some sources."""
 
@@ -88,13 +97,15 @@ class _ChangeWork:
     change: TransferPrograms
     place: OutputFolder
     formats: Sequence[ReportFormat]
-    also: ProgramRecorder | None
+    extras: RunExtras
 
     def process_sources(self, sources: Sequence[ProgramSource]) -> _WorkPart:
         part = _WorkPart(len(sources))
         # what cannot be written need not be computed: its place is looked at first
         for some in read_batches(sources, self.place.path_of, part.refused):
             done = list(process_batch(some, self.change, part.refused))
+            if (calls := self.extras.calls) is not None:
+                done = [(read, calls.with_findings(read, result)) for read, result in done]
             places = self.place.write_all([(read.source, result.after.to_bytes()) for read, result in done])
             for (read, result), place in zip(done, places, strict=True):
                 if isinstance(place, CellError):
@@ -106,8 +117,8 @@ class _ChangeWork:
     def _add_entry(self, source: ProgramSource, written: str, result: ProgramResult, part: _WorkPart) -> None:
         part.entries.append(entry_of(str(source.path), written, result))
         part.report_lines.append(tuple(form.one(str(source.path), written, result) for form in self.formats))
-        if self.also is not None:
-            part.made.append((written, self.also.made_of(str(source.path), written, result)))
+        if (also := self.extras.recorder) is not None:
+            part.made.append((written, also.made_of(str(source.path), written, result)))
 
 
 def change_programs(
@@ -116,7 +127,7 @@ def change_programs(
     outputs: ReportOutputs,
     title: str,
     done: Callable[[ProgramSource], None],
-    also: ProgramRecorder | None = None,
+    extras: RunExtras | None = None,
 ) -> ProgramsReport:
     """Change programs and write them and their reports; what is refused stands in the report.
 
@@ -138,7 +149,7 @@ def change_programs(
             _open_report(outputs.file_of(kind), outputs, open_files, all_formats[kind].head) for kind in kinds
         ]
         sources = iter(found.sources)
-        work = _ChangeWork(change, place, [all_formats[kind] for kind in kinds], also)
+        work = _ChangeWork(change, place, [all_formats[kind] for kind in kinds], extras or RunExtras())
         for part in shared_out(work.process_sources, found.sources):
             for entry, texts in zip(part.entries, part.report_lines, strict=True):
                 for file, kind, text in zip(files, kinds, texts, strict=True):
@@ -150,8 +161,8 @@ def change_programs(
                 done(source)
         for file, kind in zip(files, kinds, strict=True):
             file.write(all_formats[kind].end(report))
-        if also is not None:
-            also.write_records(made)
+        if work.extras.recorder is not None:
+            work.extras.recorder.write_records(made)
         if outputs.html is not None:
             page = as_html(report, ReportLanguage.for_locale(outputs.language))
             _open_report(outputs.html, outputs, open_files, page.encode(errors="replace"))

@@ -21,6 +21,7 @@ from cellcal.drivers.programs.brands import ConfigurationRule
 from cellcal.drivers.programs.positions import ProgramFile
 from cellcal.service.configuration.cell_file import CellConfig, read_cell_file
 from cellcal.service.engineering.job_processes import finish_job, leave_with_the_service, write_message
+from cellcal.service.engineering.programs.calls_not_given import CallsNotGiven
 from cellcal.service.engineering.programs.clone import clone_transfer
 from cellcal.service.engineering.programs.compensate import compensation_transfer
 from cellcal.service.engineering.programs.files import FilesError, FoundPrograms, find_programs
@@ -32,7 +33,12 @@ from cellcal.service.engineering.programs.jobs.preview import JobResult, write_p
 from cellcal.service.engineering.programs.jobs.shapes import MOST_FILE_BYTES
 from cellcal.service.engineering.programs.move import change_of_frame, instead_of_moving, move_transfer
 from cellcal.service.engineering.programs.project import Project, read_project
-from cellcal.service.engineering.programs.report_run import ReportOutputs, TransferPrograms, change_programs
+from cellcal.service.engineering.programs.report_run import (
+    ReportOutputs,
+    RunExtras,
+    TransferPrograms,
+    change_programs,
+)
 from cellcal.service.engineering.programs.report_texts import ReportLanguage
 from cellcal.service.engineering.programs.result import ProgramResult
 from cellcal.service.unexpected_errors import log_in_lines, run_guarded
@@ -92,6 +98,15 @@ class ProgramTask:
         way = ProgramDirection.DOWNLOAD if self.request["do"] == "download" else ProgramDirection.UPLOAD
         return compensation_transfer(self.cell, way, rule).transfer_programs
 
+    def find_calls_not_given(self) -> CallsNotGiven | None:
+        """Return what finds calls of programs that are not given; nothing where no point changes."""
+        without_motion = self.cell.programs_without_motion
+        if self.request["do"] == "clone":
+            return CallsNotGiven.for_clone(without_motion)
+        if self.request["do"] == "move":
+            return CallsNotGiven.for_move(self._work_change(), without_motion)
+        return CallsNotGiven.for_compensation(without_motion)
+
     def list_notes(self) -> list[str]:
         """Return what a person must know beside what the programs say."""
         frame = self.request["frame"]
@@ -136,7 +151,8 @@ def make_programs(config: CellConfig, request: dict[str, Any]) -> None:
         language=language.locale,
     )
     carry = _of_each_brand(task, len(found.sources))
-    report = change_programs(found, carry, outputs, task.title, lambda _: None)
+    extras = RunExtras(calls=task.find_calls_not_given())
+    report = change_programs(found, carry, outputs, task.title, lambda _: None, extras)
     write_message(stage="writing")
     write_preview(JobResult(report, task.cell, task.target, task.list_notes(), request, language), Path())
 

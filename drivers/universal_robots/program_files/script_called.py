@@ -1,0 +1,46 @@
+"""Functions that a URScript calls as statements."""
+
+import re
+
+from cellcal.drivers.programs.called_routines import CalledRoutine, LineNumbers, RoutineNames
+from cellcal.drivers.universal_robots.program_files.script_calls import MOVES, NUMBER_TAKERS
+
+_HIDDEN = re.compile(r'"[^"\n]*"|\'[^\'\n]*\'|#[^\n]*')
+_STATEMENT = re.compile(r"^[ \t]*(?:run[ \t]+|join[ \t]+)?([A-Za-z_]\w*)[ \t]*\(", re.MULTILINE)
+_FUNCTION = re.compile(r"^[ \t]*(?:def|thread|sec)[ \t]+([A-Za-z_]\w*)", re.MULTILINE)
+_PREFIXES = (
+    "set_", "get_", "is_", "write_", "read_", "modbus_", "socket_", "rtde_", "tool_", "force_mode", "freedrive_",
+    "end_", "start_", "stop", "textmsg", "popup", "enter_", "exit_", "reset_", "enable_", "disable_", "request_",
+    "conveyor_", "track_", "teach_mode", "interpreter_", "clear_", "power", "screw_driving", "skip", "trigger",
+    "zero_", "unlock_", "position_deviation", "encoder_", "pause", "halt", "protective", "time", "to_", "str_",
+    "integer_to", "binary_", "point_dist", "pose_", "wrench_", "interpolate", "rotvec", "rpy2", "random", "rpc_",
+    "hand_eye", "calibrate", "assert", "sync", "sleep", "joint_stop", "payload", "direct_", "torque_", "servo",
+    "speed", "mc_", "path_", "jacobian", "collision", "gravity", "log_", "print",
+)  # fmt: skip
+_WORDS_TEXT = (
+    "if elif while for def thread sec return not and or xor run join kill enter_critical sin cos tan asin acos "
+    "atan atan2 sqrt pow abs floor ceil log d2r r2d norm length struct make_list global local move_to "
+)
+_WORDS = frozenset(_WORDS_TEXT.split())
+
+
+def called_functions(data: bytes) -> tuple[CalledRoutine, ...]:
+    """Return the calls of functions that are none of the language, in the order of the lines."""
+    if data[:2] == b"\x1f\x8b" or data[:1] == b"<":
+        return ()  # a program of PolyScope holds the subprograms that it calls
+    text = _HIDDEN.sub(lambda each: " " * len(each[0]), data.decode("latin-1"))
+    lines = LineNumbers(text)
+    return tuple(
+        CalledRoutine(lines.line_at(each.start(1)), each[1])
+        for each in _STATEMENT.finditer(text)
+        if each[1] not in MOVES and each[1] not in NUMBER_TAKERS and each[1] not in _WORDS
+        and not each[1].startswith(_PREFIXES)
+    )  # fmt: skip
+
+
+def own_functions(data: bytes) -> frozenset[str]:
+    """Return the functions and threads of a script."""
+    return frozenset(name.upper() for name in _FUNCTION.findall(data.decode("latin-1")))
+
+
+NAMES = RoutineNames(called_functions, own_functions)
