@@ -13,6 +13,7 @@ message that was made of it in this process: a template and its arguments are id
 they give.
 """
 
+import re
 from collections.abc import Callable, Iterable, Mapping
 from functools import lru_cache
 from string import Formatter
@@ -21,6 +22,12 @@ from typing import TypeAlias
 
 _MOST_REMEMBERED = 8192  # messages in each of the two generations of `_RecentMessages`
 _FORMATTER = Formatter()
+_SPACES = re.compile(r"[\t\n\v\f\r\x85\u2028\u2029]+")
+_NOT_SHOWN = (
+    re.compile(  # controls of a terminal, letters without width, directions of writing, halves of a pair
+        "[\x00-\x1f\x7f-\x9f\u200b-\u200f\u202a-\u202e\u2060-\u2069\ufeff\ud800-\udfff]"
+    )
+)
 
 
 class Message(str):
@@ -116,6 +123,26 @@ def join_messages(separator: str, texts: Iterable[object]) -> str:
     if len(parts) < 2:
         return str(parts.get("part_1", ""))
     return make_message(escape_braces(separator).join(f"{{{name}}}" for name in parts), **parts)
+
+
+def limit_to_line(text: str, most: int) -> str:
+    """Return a text with all that a device put into it in one line of at most ``most`` characters each.
+
+    What a terminal would obey becomes U+FFFD: an answer must not clear a screen or write a line that looks like ours.
+    Templates are our own and stay as they are, so a message can still be translated.
+    """
+    if len(text) <= most and text.isprintable():
+        return text
+    message = find_message(text)
+    if message is None:
+        line = _NOT_SHOWN.sub("\N{REPLACEMENT CHARACTER}", _SPACES.sub(" ", text[: most + 1]))
+        return line if len(line) <= most else f"{line[: most - 1]}…"
+    arguments = {name: limit_to_line(value, most) for name, value in message.arguments.items()}
+    if arguments == message.arguments:
+        return message
+    limited = Message.from_template(message.template, arguments)
+    remember_message(limited)
+    return limited
 
 
 def find_message(text: str) -> Message | None:
