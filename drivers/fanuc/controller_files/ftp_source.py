@@ -98,6 +98,8 @@ class ReadOnlyFtp(ftplib.FTP):
     def putcmd(self, line: str) -> None:
         """Send a command that reads; any other is a fault of ours and is not sent."""
         verb = line.split(" ", 1)[0].upper()
+        if verb == "ACCT":  # the library's answer to a server that is not content with a password
+            raise ftplib.error_perm("530 it asks for an account besides the password")
         if verb not in self.allowed:
             raise AssertionError(verb)
         super().putcmd(line)
