@@ -54,7 +54,9 @@ class CellMetrics:
         self._ledger: Any = None
         self._reading = threading.Lock()
         self._reminder: Any = None
-        self._version = installed_version("cellcal")  # of a file: a state is told also without a free descriptor
+        self._version = installed_version(
+            "cellcal"
+        )  # of a file: a state is told also without a free descriptor
 
     def on_event(self, kind: str, content: EventContent) -> None:
         """Take a message of the cell process."""
