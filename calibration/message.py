@@ -23,9 +23,10 @@ from typing import TypeAlias
 _MOST_REMEMBERED = 8192  # messages in each of the two generations of `_RecentMessages`
 _FORMATTER = Formatter()
 _SPACES = re.compile(r"[\t\n\v\f\r\x85\u2028\u2029]+")
+_LINES = re.compile(r"\r\n|[\v\f\r\x85\u2028\u2029]")
 _NOT_SHOWN = (
     re.compile(  # controls of a terminal, letters without width, directions of writing, halves of a pair
-        "[\x00-\x1f\x7f-\x9f\u200b-\u200f\u202a-\u202e\u2060-\u2069\ufeff\ud800-\udfff]"
+        "[\x00-\x08\x0b-\x1f\x7f-\x9f\u200b\u200e\u200f\u202a-\u202e\u2060-\u2069\ufeff\ud800-\udfff]"
     )
 )
 
@@ -143,6 +144,13 @@ def limit_to_line(text: str, most: int) -> str:
     limited = Message.from_template(message.template, arguments)
     remember_message(limited)
     return limited
+
+
+def without_controls(text: str) -> str:
+    """Return a text with its lines, and with U+FFFD for what a terminal would obey."""
+    if text.isprintable():
+        return text
+    return _NOT_SHOWN.sub("\N{REPLACEMENT CHARACTER}", _LINES.sub("\n", text))
 
 
 def find_message(text: str) -> Message | None:

@@ -9,6 +9,8 @@ from rich.console import Console, RenderableType
 from rich.table import Table
 from rich.text import Text
 
+from cellcal.calibration.message import without_controls
+
 STDERR_CONSOLE = Console(stderr=True, highlight=False, emoji=False)
 
 
@@ -16,7 +18,7 @@ class PlainTable(Table):
     """A table whose cells, headings and title are text: ``[red]`` or ``:robot:`` in a name is no markup."""
 
     def __init__(self, *headers: Any, title: str | None = None, **options: Any) -> None:
-        plain = None if title is None else Text(title, style="table.title")
+        plain = None if title is None else Text(without_controls(title), style="table.title")
         super().__init__(*headers, title=plain, **options)
         for column in self.columns:
             if isinstance(column.header, str):
@@ -24,7 +26,8 @@ class PlainTable(Table):
 
     def add_row(self, *cells: RenderableType | None, **options: Any) -> None:
         """Add a row; a cell that shall be coloured is a `Text`."""
-        super().add_row(*(Text(cell) if isinstance(cell, str) else cell for cell in cells), **options)
+        texts = (Text(without_controls(cell)) if isinstance(cell, str) else cell for cell in cells)
+        super().add_row(*texts, **options)
 
 
 def print_json(document: Mapping[str, object]) -> None:

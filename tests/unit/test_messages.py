@@ -1,11 +1,13 @@
 """Messages: the English text, its template and arguments, through exceptions, JSON and other processes."""
 
+import io
 import pickle
 
 import numpy as np
 import orjson
 import pytest
 from pydantic import TypeAdapter
+from rich.console import Console
 
 from cellcal.calibration.errors import CellError
 from cellcal.calibration.message import Message, find_message, join_messages, make_message
@@ -20,6 +22,7 @@ from cellcal.calibration.message_table import (
 )
 from cellcal.drivers.errors import RefusedError, UnreachableError
 from cellcal.drivers.interfaces import Alarm, Condition, Identity, Readiness
+from cellcal.service.cli.printing import PlainTable
 
 
 def message_for(text: str) -> Message:
@@ -212,3 +215,14 @@ def test_what_a_device_sends_without_end_is_cut_and_the_sentence_around_it_stays
     assert len(str(UnreachableError("r", "b" * 10**6))) < 1100
     sentence = make_message("the axes {axes} are lost: {more}", axes="1, 2", more="c" * 300)
     assert Condition(Readiness.NOT_READY, sentence).message is sentence
+
+
+def test_a_table_of_the_terminal_obeys_nothing_that_a_file_or_device_says() -> None:
+    out = Console(file=io.StringIO(), width=80, force_terminal=False)
+    table = PlainTable("name", title="a\x1b[2Jb")
+    table.add_row("cell\x1b[31m\x07 7\nsecond line")
+    out.print(table)
+    text = out.file.getvalue()  # type: ignore[attr-defined]
+    assert not {"\x1b", "\x07"} & set(text)
+    assert "a\N{REPLACEMENT CHARACTER}[2Jb" in text
+    assert "second line" in text
