@@ -11,7 +11,18 @@ from rich.text import Text
 
 from cellcal.calibration.message import without_controls
 
-STDERR_CONSOLE = Console(stderr=True, highlight=False, emoji=False)
+
+class PlainConsole(Console):
+    """A console that hands a terminal nothing to obey from texts of devices and files."""
+
+    def print(self, *objects: Any, **options: Any) -> None:
+        """Print as rich does."""
+        super().print(
+            *(without_controls(each) if isinstance(each, str) else each for each in objects), **options
+        )
+
+
+STDERR_CONSOLE = PlainConsole(stderr=True, highlight=False, emoji=False)
 
 
 class PlainTable(Table):

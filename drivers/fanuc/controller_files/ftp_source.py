@@ -194,7 +194,9 @@ class FtpSource:
     def _index_names(self) -> dict[str, str]:
         if self._names is None:
             ends = [
-                end[0] for name in map(_listed_name, self._list_lines()) if (end := _NAME_END.search(name))
+                end[0]
+                for name in map(_listed_name, self._list_lines())
+                if (end := _NAME_END.search(name)) and name.isprintable()
             ]
             self._names = {end.lower(): end for end in ends}
         return self._names
