@@ -13,7 +13,6 @@ message that was made of it in this process: a template and its arguments are id
 they give.
 """
 
-import re
 from collections.abc import Callable, Iterable, Mapping
 from functools import lru_cache
 from string import Formatter
@@ -22,13 +21,17 @@ from typing import TypeAlias
 
 _MOST_REMEMBERED = 8192  # messages in each of the two generations of `_RecentMessages`
 _FORMATTER = Formatter()
-_SPACES = re.compile(r"[\t\n\v\f\r\x85\u2028\u2029]+")
-_LINES = re.compile(r"\r\n|[\v\f\r\x85\u2028\u2029]")
-_NOT_SHOWN = (
-    re.compile(  # controls of a terminal, letters without width, directions of writing, halves of a pair
-        "[\x00-\x08\x0b-\x1f\x7f-\x9f\u200b\u200e\u200f\u202a-\u202e\u2060-\u2069\ufeff\ud800-\udfff]"
-    )
-)
+_LINE_ENDS = (0x0B, 0x0C, 0x0D, 0x85, 0x2028, 0x2029)
+_REPLACED = "\N{REPLACEMENT CHARACTER}"
+_OBEYED: dict[int, str] = dict.fromkeys(  # controls, letters without width, directions, halves of a pair
+    (
+        *range(0x20), *range(0x7F, 0xA0), 0x200B, 0x200E, 0x200F, *range(0x202A, 0x202F),
+        *range(0x2060, 0x206A), 0xFEFF, *range(0xD800, 0xE000),
+    ),
+    _REPLACED,
+)  # fmt: skip
+_AS_LINES = {**_OBEYED, 0x09: "\t", **dict.fromkeys((0x0A, *_LINE_ENDS), "\n")}
+_AS_ONE_LINE = {**_OBEYED, **dict.fromkeys((0x09, 0x0A, *_LINE_ENDS), " ")}
 
 
 class Message(str):
@@ -136,7 +139,7 @@ def limit_to_line(text: str, most: int) -> str:
         return text
     message = find_message(text)
     if message is None:
-        line = _NOT_SHOWN.sub("\N{REPLACEMENT CHARACTER}", _SPACES.sub(" ", text[: most + 1]))
+        line = text[: most + 1].replace("\r\n", "\n").translate(_AS_ONE_LINE)
         return line if len(line) <= most else f"{line[: most - 1]}…"
     arguments = {name: limit_to_line(value, most) for name, value in message.arguments.items()}
     if arguments == message.arguments:
@@ -150,7 +153,7 @@ def without_controls(text: str) -> str:
     """Return a text with its lines, and with U+FFFD for what a terminal would obey."""
     if text.isprintable():
         return text
-    return _NOT_SHOWN.sub("\N{REPLACEMENT CHARACTER}", _LINES.sub("\n", text))
+    return text.replace("\r\n", "\n").translate(_AS_LINES)
 
 
 def find_message(text: str) -> Message | None:
