@@ -21,6 +21,17 @@ from typing import TypeAlias
 
 _MOST_REMEMBERED = 8192  # messages in each of the two generations of `_RecentMessages`
 _FORMATTER = Formatter()
+_LINE_ENDS = (0x0B, 0x0C, 0x0D, 0x85, 0x2028, 0x2029)
+_REPLACED = "\N{REPLACEMENT CHARACTER}"
+_OBEYED: dict[int, str] = dict.fromkeys(  # controls, letters without width, directions, halves of a pair
+    (
+        *range(0x20), *range(0x7F, 0xA0), 0x200B, 0x200E, 0x200F, *range(0x202A, 0x202F),
+        *range(0x2060, 0x206A), 0xFEFF, *range(0xD800, 0xE000),
+    ),
+    _REPLACED,
+)  # fmt: skip
+_AS_LINES = {**_OBEYED, 0x09: "\t", **dict.fromkeys((0x0A, *_LINE_ENDS), "\n")}
+_AS_ONE_LINE = {**_OBEYED, **dict.fromkeys((0x09, 0x0A, *_LINE_ENDS), " ")}
 
 
 class Message(str):
@@ -116,6 +127,33 @@ def join_messages(separator: str, texts: Iterable[object]) -> str:
     if len(parts) < 2:
         return str(parts.get("part_1", ""))
     return make_message(escape_braces(separator).join(f"{{{name}}}" for name in parts), **parts)
+
+
+def limit_to_line(text: str, most: int) -> str:
+    """Return a text with all that a device put into it in one line of at most ``most`` characters each.
+
+    What a terminal would obey becomes U+FFFD: an answer must not clear a screen or write a line that looks like ours.
+    Templates are our own and stay as they are, so a message can still be translated.
+    """
+    if len(text) <= most and text.isprintable():
+        return text
+    message = find_message(text)
+    if message is None:
+        line = text[: most + 1].replace("\r\n", "\n").translate(_AS_ONE_LINE)
+        return line if len(line) <= most else f"{line[: most - 1]}…"
+    arguments = {name: limit_to_line(value, most) for name, value in message.arguments.items()}
+    if arguments == message.arguments:
+        return message
+    limited = Message.from_template(message.template, arguments)
+    remember_message(limited)
+    return limited
+
+
+def without_controls(text: str) -> str:
+    """Return a text with its lines, and with U+FFFD for what a terminal would obey."""
+    if text.isprintable():
+        return text
+    return text.replace("\r\n", "\n").translate(_AS_LINES)
 
 
 def find_message(text: str) -> Message | None:

@@ -15,7 +15,7 @@
 """
 
 from cellcal.calibration.errors import CellError
-from cellcal.calibration.message import make_message
+from cellcal.calibration.message import limit_to_line, make_message
 
 __all__ = [
     "BusyError",
@@ -31,6 +31,9 @@ __all__ = [
 ]
 
 
+_MOST_OF_ANSWER = 1000  # characters of what a device sent, in a text for a person
+
+
 class DeviceError(CellError):
     """A device did not do what was asked; ``device`` is its name in cell.toml."""
 
@@ -39,7 +42,7 @@ class DeviceError(CellError):
     def __init__(self, device: str, message: str, *, remedy: str = "") -> None:
         is_named = message.startswith(f"{device}: ")  # the text of an error of the same device
         text = message if is_named else make_message("{device}: {message}", device=device, message=message)
-        super().__init__(text, remedy=remedy)
+        super().__init__(limit_to_line(text, _MOST_OF_ANSWER), remedy=limit_to_line(remedy, _MOST_OF_ANSWER))
         self.device = device
 
 

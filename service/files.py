@@ -1,6 +1,7 @@
 """Files that are whole or not there, and folders and files that only their owner reads."""
 
 import errno
+import fcntl
 import os
 import stat
 import tempfile
@@ -32,6 +33,62 @@ def replace_file(path: Path, content: str | bytes, *, mode: int = PRIVATE_FILE) 
         draft.replace(path)
     finally:
         draft.unlink(missing_ok=True)
+
+
+def create_file(path: Path, content: bytes, *, mode: int = PRIVATE_FILE) -> None:
+    """Put a new file where none is: a crash leaves none or a whole one, and of two processes one succeeds.
+
+    Raises
+    ------
+    FileExistsError
+        One is there already.
+    OSError
+        It cannot be written.
+    """
+    descriptor, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}")
+    draft = Path(name)
+    try:
+        with os.fdopen(descriptor, "wb") as file:
+            file.write(content)
+            file.flush()
+            os.fsync(file.fileno())
+        draft.chmod(mode)
+        name_new_file(draft, path)
+    finally:
+        draft.unlink(missing_ok=True)
+
+
+def name_new_file(draft: Path, path: Path) -> None:
+    """Give a whole file beside ``path`` that name, where no file has it; the draft's name may go or stay.
+
+    A stick (exFAT, FAT) or a network drive may know no hard links. There the file is renamed while the folder is
+    locked, so that two processes of this computer cannot both find the name free.
+
+    Raises
+    ------
+    FileExistsError
+        A file of that name is there already.
+    OSError
+        The folder cannot be written.
+    """
+    try:
+        os.link(draft, path)
+    except FileExistsError:
+        raise
+    except OSError:
+        _rename_in_locked_folder(draft, path)
+
+
+def _rename_in_locked_folder(draft: Path, path: Path) -> None:
+    folder = os.open(path.parent, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+    try:
+        with suppress(OSError):  # some network drives know no locks: then the look below is all there is
+            fcntl.flock(folder, fcntl.LOCK_EX)
+        if os.path.lexists(path):
+            raise FileExistsError(errno.EEXIST, "it is there already", os.fspath(path))
+        draft.rename(path)
+    finally:
+        os.close(folder)
 
 
 def make_private_folder(path: Path) -> None:

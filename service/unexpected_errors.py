@@ -19,7 +19,7 @@ from cellcal.service.exit_codes import ExitCode
 
 _OURS = ("cellcal", "__main__")
 _LONGEST = 200  # characters of an unexpected error in a sentence
-_OF_A_DISK = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EIO)
+_OF_THE_SYSTEM = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EIO, errno.EMFILE, errno.ENFILE)
 _CURES = {
     errno.EROFS: (
         "its disk is read-only",
@@ -39,6 +39,7 @@ _CURES = {
     errno.EEXIST: ("it is there already", "Give another name, or move it away."),
     errno.ENAMETOOLONG: ("the name is too long", "Give a shorter name."),
     errno.EMFILE: ("this process has no file descriptors left", "End other connections, or raise its limit."),
+    errno.ENFILE: ("this computer has no file descriptors left", "End other programs, or raise its limit."),
     errno.ELOOP: ("its links lead in a circle", "Correct the links."),
 }
 
@@ -55,7 +56,12 @@ def explain_os_error(error: OSError) -> tuple[str, str]:
 
 def is_about_the_system(error: BaseException) -> bool:
     """Return whether an error is of a file or disk, and no fault of the program."""
-    return isinstance(error, OSError) and (error.filename is not None or error.errno in _OF_A_DISK)
+    return lacks_resources(error) or (isinstance(error, OSError) and error.filename is not None)
+
+
+def lacks_resources(error: BaseException) -> bool:
+    """Return whether a disk or the system itself refused something, whatever was to be done."""
+    return isinstance(error, OSError) and error.errno in _OF_THE_SYSTEM
 
 
 def describe_unexpected(error: BaseException) -> tuple[str, str]:

@@ -4,6 +4,10 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Protocol, runtime_checkable
 
+from cellcal.calibration.message import limit_to_line
+
+_MOST_OF_ANSWER = 400  # characters of what a device sent, in one text
+
 
 @dataclass(frozen=True, slots=True)
 class Identity:
@@ -13,6 +17,9 @@ class Identity:
     model: str
     serial: str
     firmware: str
+
+    def __post_init__(self) -> None:
+        _limit_texts(self, "vendor", "model", "serial", "firmware")
 
 
 class Readiness(StrEnum):
@@ -45,6 +52,9 @@ class Alarm:
     axis: int | None = None  # 0-based, where the alarm names one
     kind: AlarmKind = AlarmKind.UNKNOWN
 
+    def __post_init__(self) -> None:
+        _limit_texts(self, "code", "text")
+
 
 @dataclass(frozen=True, slots=True)
 class Condition:
@@ -57,6 +67,15 @@ class Condition:
     stop: "Condition | None" = (
         None  # what stops a robot that has lost its position, such as an emergency stop
     )
+
+    def __post_init__(self) -> None:
+        _limit_texts(self, "message", "remedy")
+
+
+def _limit_texts(described: Identity | Alarm | Condition, *names: str) -> None:
+    """Let what a device sent be no line of its own on a terminal, and no load for pages that get it each second."""
+    for name in names:
+        object.__setattr__(described, name, limit_to_line(getattr(described, name), _MOST_OF_ANSWER))
 
 
 class Device(Protocol):

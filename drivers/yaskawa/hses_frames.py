@@ -85,5 +85,13 @@ def read_answer(frame: bytes, division: int) -> HsesAnswer:
                 frame_count=len(frame) - _SIZE,
             )
         )
+    if data_size > MOST_DATA:
+        raise ValueError(
+            make_message(
+                "{data_size} octets of data are more than an answer holds ({most_data})",
+                data_size=data_size,
+                most_data=MOST_DATA,
+            )
+        )
     service, status, added_words, _, added, _ = _ANSWER.unpack_from(frame, _HEADER.size)
     return HsesAnswer(request_id, block, service, status, added if added_words else 0, frame[_SIZE:])

@@ -13,6 +13,7 @@ from rich.console import Console
 from rich.text import Text
 
 from cellcal.calibration.errors import CellError
+from cellcal.calibration.message import without_controls
 from cellcal.service.cli.alignments import alignments
 from cellcal.service.cli.backup import backup, restore
 from cellcal.service.cli.bench import bench
@@ -155,7 +156,7 @@ def _print_refusal(console: Console, message: str, remedy: str) -> None:
     """Print what went wrong; text that cannot be written as UTF-8 is escaped."""
     for style, text in (("bold red", message), ("", remedy.strip() and f"What to do: {remedy.strip()}")):
         if text:
-            safe = text.encode("utf-8", errors="backslashreplace").decode()
+            safe = without_controls(text.encode("utf-8", errors="backslashreplace").decode())
             console.print(
                 Text(safe, style=style), highlight=False, soft_wrap=True
             )  # commands can be copied whole

@@ -9,14 +9,27 @@ from rich.console import Console, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-STDERR_CONSOLE = Console(stderr=True, highlight=False, emoji=False)
+from cellcal.calibration.message import without_controls
+
+
+class PlainConsole(Console):
+    """A console that hands a terminal nothing to obey from texts of devices and files."""
+
+    def print(self, *objects: Any, **options: Any) -> None:
+        """Print as rich does."""
+        super().print(
+            *(without_controls(each) if isinstance(each, str) else each for each in objects), **options
+        )
+
+
+STDERR_CONSOLE = PlainConsole(stderr=True, highlight=False, emoji=False)
 
 
 class PlainTable(Table):
     """A table whose cells, headings and title are text: ``[red]`` or ``:robot:`` in a name is no markup."""
 
     def __init__(self, *headers: Any, title: str | None = None, **options: Any) -> None:
-        plain = None if title is None else Text(title, style="table.title")
+        plain = None if title is None else Text(without_controls(title), style="table.title")
         super().__init__(*headers, title=plain, **options)
         for column in self.columns:
             if isinstance(column.header, str):
@@ -24,7 +37,8 @@ class PlainTable(Table):
 
     def add_row(self, *cells: RenderableType | None, **options: Any) -> None:
         """Add a row; a cell that shall be coloured is a `Text`."""
-        super().add_row(*(Text(cell) if isinstance(cell, str) else cell for cell in cells), **options)
+        texts = (Text(without_controls(cell)) if isinstance(cell, str) else cell for cell in cells)
+        super().add_row(*texts, **options)
 
 
 def print_json(document: Mapping[str, object]) -> None:

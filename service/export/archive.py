@@ -20,6 +20,7 @@ from cellcal.calibration.documents.plain_files import open_plain_file
 from cellcal.calibration.errors import CellError
 from cellcal.calibration.message import make_message
 from cellcal.service.export.backup_names import is_backup_name
+from cellcal.service.files import name_new_file
 from cellcal.service.record.signing import CellKey, CheckFinding, check_document
 
 FORMAT = "cellcal backup 1"
@@ -84,7 +85,7 @@ def write_archive(path: Path, files: Mapping[str, Path], content: Mapping[str, A
                 file.write(f"{_hash_content(file, file.tell())}\n".encode())
                 file.flush()
                 os.fsync(file.fileno())
-            os.link(draft, path)
+            name_new_file(draft, path)
         finally:
             draft.unlink(missing_ok=True)
     except FileExistsError as error:

@@ -3,11 +3,12 @@
 The newest messages of the cell process come from the service; of the journal only what was added is read, on request.
 """
 
+import logging
 import os
 import sqlite3
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import closing
 from dataclasses import dataclass, field
 from datetime import UTC, date, datetime
@@ -26,6 +27,7 @@ from cellcal.service.times import read_time
 if TYPE_CHECKING:
     from cellcal.service.site.ledger import DriftEntry
 
+_LOG = logging.getLogger(__name__)
 CONTROLLER_SILENT_S = 5.0
 _BATCH = 500
 
@@ -52,6 +54,9 @@ class CellMetrics:
         self._ledger: Any = None
         self._reading = threading.Lock()
         self._reminder: Any = None
+        self._version = installed_version(
+            "cellcal"
+        )  # of a file: a state is told also without a free descriptor
 
     def on_event(self, kind: str, content: EventContent) -> None:
         """Take a message of the cell process."""
@@ -66,15 +71,16 @@ class CellMetrics:
     def render_metrics(self) -> str:
         """Return all figures in Prometheus' text format."""
         with self._reading:
-            readable = self._read_on()
             return render_text(
-                [
-                    *self._state_metrics(),
-                    *self._history_metrics(readable),
-                    *self._due_metrics(),
-                    *self._webhook_metrics(),
-                    *_process_metrics(),
-                ]
+                _all_readable(
+                    {
+                        "state": self._state_metrics,
+                        "history": self._history_metrics,
+                        "due": self._due_metrics,
+                        "webhook": self._webhook_metrics,
+                        "process": _process_metrics,
+                    }
+                )
             )
 
     def _state_metrics(self) -> Iterator[MetricFamily]:
@@ -84,7 +90,7 @@ class CellMetrics:
         is_current = session is not None and self._clock() - self._heard_at_s <= CONTROLLER_SILENT_S
         if not is_current:
             session = live = None
-        labels = {"cell": self._config.cell.name, "version": installed_version("cellcal")}
+        labels = {"cell": self._config.cell.name, "version": self._version}
         yield MetricFamily("cellcal_info", "gauge", "What this is; always 1.").add_sample(1, labels)
         yield MetricFamily(
             "cellcal_desk_up", "gauge", "Whether messages of the cell process arrive."
@@ -135,10 +141,11 @@ class CellMetrics:
         if self._ledger.drift and self._ledger.drift[-1]["run_id"] == event.run_id:
             counted.drifts[self._ledger.drift[-1]["robot_serial"]] = self._ledger.drift[-1]
 
-    def _history_metrics(self, readable: bool) -> Iterator[MetricFamily]:
+    def _history_metrics(self) -> Iterator[MetricFamily]:
         from cellcal.service.record.journal_files import lease_folder  # noqa: PLC0415  heavy: not while the service starts
         from cellcal.service.record.robot_lock import runs_under_way, state_seen  # noqa: PLC0415  as above
 
+        readable = self._read_on()
         counted = self._counted
         yield MetricFamily(
             "cellcal_journal_readable", "gauge", "Whether the journal can be read."
@@ -219,6 +226,24 @@ class CellMetrics:
         yield refused.add_sample(standing.refused)
         sent = MetricFamily("cellcal_webhook_delivered_total", "counter", "Alarms that the receiver took.")
         yield sent.add_sample(standing.delivered)
+
+
+def _all_readable(groups: Mapping[str, Callable[[], Iterator[MetricFamily]]]) -> list[MetricFamily]:
+    """Return the figures of all groups; one that cannot be read now is left out and named, and hides no other.
+
+    Without a free descriptor even an import fails, with ImportError.
+    """
+    unreadable = MetricFamily(
+        "cellcal_figures_unreadable", "gauge", "Figures that cannot be read now; 1 each."
+    )
+    families = []
+    for name, group in groups.items():
+        try:
+            families += list(group())
+        except (OSError, ImportError, CellError, sqlite3.Error) as error:
+            unreadable.add_sample(1, {"group": name})
+            _LOG.warning("figures of %s cannot be read: %s", name, error)
+    return [*families, unreadable]
 
 
 def _task_metrics(of_the_cell: list[TroubleDocument]) -> Iterator[MetricFamily]:

@@ -8,7 +8,7 @@ import hashlib
 import hmac
 import os
 import secrets
-import tempfile
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -17,7 +17,7 @@ from argon2.exceptions import InvalidHashError, VerificationError
 
 from cellcal.calibration.documents.plain_files import read_plain_bytes
 from cellcal.calibration.message import make_message
-from cellcal.service.files import make_private_folder
+from cellcal.service.files import create_file, make_private_folder
 from cellcal.service.people.errors import PeopleError
 
 PEPPER_BYTES = 32
@@ -106,17 +106,7 @@ def _check_length(path: Path, pepper: bytes) -> bytes:
 
 
 def _create_pepper(path: Path) -> None:
-    """Write it beside its place, then link it: whole or not there, and never over the one of a quicker process."""
+    """Write it whole or not at all, and never over the one of a quicker process."""
     make_private_folder(path.parent)
-    descriptor, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}")  # mode 0600
-    draft = Path(name)
-    try:
-        with os.fdopen(descriptor, "wb") as file:
-            file.write(secrets.token_bytes(PEPPER_BYTES))
-            file.flush()
-            os.fsync(file.fileno())
-        path.hardlink_to(draft)
-    except FileExistsError:
-        return
-    finally:
-        draft.unlink(missing_ok=True)
+    with suppress(FileExistsError):
+        create_file(path, secrets.token_bytes(PEPPER_BYTES))

@@ -13,7 +13,6 @@ blanks, and verify that text with the public key (hexadecimal, 32 bytes).
 """
 
 import os
-import tempfile
 from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import StrEnum
@@ -30,7 +29,7 @@ from cellcal.calibration.documents.plain_files import read_plain_bytes, read_pla
 from cellcal.calibration.errors import CellError
 from cellcal.calibration.message import make_message
 from cellcal.procedures.canonical_json import canonical_json, sha256_of
-from cellcal.service.files import make_private_folder
+from cellcal.service.files import create_file, make_private_folder
 
 KEY_NAME = "signing_key.pem"
 _ALGORITHM = "ed25519"
@@ -248,23 +247,15 @@ def _is_hex(value: Any, length: int) -> bool:
 
 
 def _create_key(path: Path) -> bool:
-    """Put a new key where none is: written beside it, then linked, so that a crash leaves none or a whole one."""
+    """Put a new key where none is: written beside it, then named, so that a crash leaves none or a whole one."""
     make_private_folder(path.parent)
     pem = Ed25519PrivateKey.generate().private_bytes(
         serialization.Encoding.PEM, serialization.PrivateFormat.PKCS8, serialization.NoEncryption()
     )
-    descriptor, name = tempfile.mkstemp(dir=path.parent, prefix=path.name)  # for its owner only: mode 0600
-    draft = Path(name)
     try:
-        with os.fdopen(descriptor, "wb") as file:
-            file.write(pem)
-            file.flush()
-            os.fsync(file.fileno())
-        os.link(draft, path)
+        create_file(path, pem)
     except FileExistsError:
         return False  # another cellcal was quicker: its key it is
-    finally:
-        draft.unlink(missing_ok=True)
     directory = os.open(path.parent, os.O_RDONLY)
     try:
         os.fsync(directory)

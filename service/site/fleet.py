@@ -18,7 +18,7 @@ from typing import Any, NotRequired, TypedDict
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PublicKey
 
 from cellcal.calibration.errors import CellError
-from cellcal.calibration.message import make_message
+from cellcal.calibration.message import limit_to_line, make_message
 from cellcal.calibration.message_table import MESSAGES, remember_table
 from cellcal.service.legacy_texts import remember_recorded_texts
 from cellcal.service.site.keys import StationKeys, cell_of
@@ -36,7 +36,10 @@ from cellcal.service.times import read_time
 
 _LOG = logging.getLogger(__name__)
 SILENT_S = 4.0  # a state comes every second; without a goodbye this tells a cable that was pulled
-_MOST_KEYS = 200
+_MOST_KEYS, _MOST_WAITING_BYTES = 200, 8_000_000  # of a cell: samples that were not opened
+_SMALL = 20_000  # bytes of a sample that need not be added up
+MOST_ALARMS = 500  # of a cell, as in its state
+_LONGEST_STATE, _LONGEST_FLAW = 500_000, 1000
 _FLAWS_KEPT = 200
 OPENED_A_SECOND = 250  # states; more cells than that are looked at in turn
 
@@ -52,8 +55,19 @@ class _StationState:
     clock_off_s: float = 0.0
     alarms: dict[str, Mapping[str, Any]] = field(default_factory=dict)
     waiting: dict[str, tuple[bytes, float]] = field(default_factory=dict)
+    overflows: bool = False
     values: dict[str, SignedMessage] = field(default_factory=dict)
     reach: EventReach = field(default_factory=EventReach)
+
+    def keep_waiting(self, key: str, raw: bytes, now_s: float) -> bool:
+        """Keep a sample in place of the one before; return whether there is room for it."""
+        self.waiting.pop(key, None)
+        others = list(self.waiting.values())  # pages take from it meanwhile
+        large = len(raw) > _SMALL and len(raw) + sum(len(one) for one, _ in others) > _MOST_WAITING_BYTES
+        if large or len(others) >= _MOST_KEYS:
+            return False
+        self.waiting[key] = (raw, now_s)
+        return True
 
 
 class ReachDocument(TypedDict):
@@ -141,8 +155,11 @@ class Fleet:
             return
         station.samples += 1
         station.heard_s = now_s
-        if key in station.waiting or len(station.waiting) < _MOST_KEYS:
-            station.waiting[key] = (raw, now_s)
+        if not station.keep_waiting(key, raw, now_s) and not station.overflows:
+            station.overflows = True  # said once: what floods a monitor must not flood its list of flaws
+            self.name_flaw(
+                cell_of(key), "it sends more than the monitor keeps of a cell: some of it is not shown"
+            )
 
     def note_liveliness(self, key: str, *, alive: bool) -> None:
         """Note that a cell came or went; the same twice changes nothing."""
@@ -169,7 +186,8 @@ class Fleet:
         """Keep a sentence about what was not believed, or contradicts."""
         with self._lock:
             self.flaw_count += 1
-            self.flaws.append({"wall": wall_utc(), "cell": cell, "what": sentence})
+            what = limit_to_line(sentence, _LONGEST_FLAW)
+            self.flaws.append({"wall": wall_utc(), "cell": cell, "what": what})
 
     @contextmanager
     def blame_cell(self, cell: str) -> Iterator[None]:
@@ -201,7 +219,9 @@ class Fleet:
         remember_table(body)
         station = self._stations[message.station]
         alarms = {key: alarm for key, alarm in station.alarms.items() if key != body["id"]}
-        if body.get("active"):
+        if body.get("active") and len(alarms) >= MOST_ALARMS:
+            self.name_flaw(message.station, "it has more alarms than the monitor keeps of a cell")
+        elif body.get("active"):
             alarms[body["id"]] = body
         station.alarms = alarms  # whole: a page may be reading the one before
 
@@ -259,6 +279,9 @@ class Fleet:
         key = StationKeys(self.site, cell).state_key
         waiting = station.waiting.pop(key, None)
         if waiting is None:
+            return None
+        if len(waiting[0]) > _LONGEST_STATE:
+            self.name_flaw(cell, "its state is longer than any of ours")
             return None
         message = self.open_message(key, waiting[0])
         if message is None:

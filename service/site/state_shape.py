@@ -8,6 +8,8 @@ from cellcal.calibration.message import make_message
 from cellcal.service.times import Day, ZonedTime
 
 _MOST = 500
+_Word = Annotated[str, Field(max_length=300)]
+_Text = Annotated[str, Field(max_length=4000)]
 _Count = Annotated[int, Field(ge=0, le=2**53 - 1)]  # what pages and SQLite can carry
 _Metres = Annotated[float, Field(ge=0.0, le=1e6)]
 
@@ -19,59 +21,59 @@ class _StateModel(BaseModel):
 class StateAlarm(_StateModel):
     """Something that is wrong in a cell."""
 
-    id: str
-    code: str
-    source: str
-    text: str
-    remedy: str = ""
+    id: _Word
+    code: _Word
+    source: _Word
+    text: _Text
+    remedy: _Text = ""
 
 
 class StateRun(_StateModel):
     """The run that is under way in a cell, or has just ended."""
 
-    procedure: str
-    state: str
-    step: str
+    procedure: _Word
+    state: _Word
+    step: _Text
     index: _Count
     expected: _Count
-    verdict: str | None
+    verdict: _Word | None
 
 
 class StateAsks(_StateModel):
     """The requests of a cell to a person."""
 
-    key: str
-    step: str
+    key: _Word
+    step: _Text
 
 
 class StateDrift(_StateModel):
     """The result of a drift check: how far the robot's points have moved."""
 
-    run_id: str
+    run_id: _Word
     ended_utc: ZonedTime
     change_rms_m: _Metres
     change_max_m: _Metres | None
-    word: str
+    word: _Word
 
 
 class StateCertificate(_StateModel):
     """A cell's newest certificate, or record of a refusal."""
 
-    run_id: str
-    procedure: str
-    word: str
+    run_id: _Word
+    procedure: _Word
+    word: _Word
     ended_utc: ZonedTime
 
 
 class StateDue(_StateModel):
     """The due dates of a cell, by day."""
 
-    what: str
+    what: _Text
     due: Day
 
 
 class _StateMessage(_StateModel):
-    cell: str
+    cell: _Word
     alarms: list[StateAlarm] = Field(max_length=_MOST)
     run: StateRun | None
     asks: StateAsks | None

@@ -96,10 +96,14 @@ async def _look_over(config: CellConfig, entry: RobotConfig, robot: Robot, *, ac
     losses: list[PositionLoss] = []
     remarks: list[str] = []
 
+    def add_remark(text: str) -> None:
+        if text not in remarks:
+            remarks.append(text)
+
     async def on_loss(loss: PositionLoss) -> None:
         losses.append(loss)
 
-    watch = RobotWatches(config, on_loss, remarks.append).watch_of(entry.name, robot)
+    watch = RobotWatches(config, on_loss, add_remark).watch_of(entry.name, robot)
     position = _position_of(watch)
     if accept:
         remarks.append(await _accept_shown(position, robot))
@@ -129,7 +133,8 @@ async def _accept_shown(position: PositionComparison | None, robot: Robot) -> st
     if (await robot.read_condition()).readiness is Readiness.POSITION_LOST:
         return "--accept: nothing was accepted, for its position is lost now."
     look_before = await position.look(robot)
-    await position.look(robot, accept=True)
+    if not (await position.look(robot, accept=True)).is_kept:
+        return "--accept: nothing was accepted, for it cannot be kept."
     texts = [_ONLY_A_RECORD] if robot.capabilities.reads_mastering else []
     if look_before.trouble is not None:
         texts.append(
@@ -172,6 +177,8 @@ def _describe_look(robot: Robot, look: PositionLook | None) -> tuple[NightState,
         state = NightState.NOT_COMPARED if look.gap else NightState.UNCHANGED
         return state, join_messages(" ", texts)
     if shows.shows_position_data or shows.keeps_position_history:
+        if not look.is_kept:
+            return NightState.NOT_COMPARED, "its zero was compared with nothing, and nothing is kept of it."
         first = "looked at for the first time: what it shows of its zero is kept for the next night."
         return NightState.NOT_COMPARED, first
     coverage = describe_coverage(shows)

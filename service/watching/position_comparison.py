@@ -70,6 +70,7 @@ class PositionLook:
     trouble: Trouble | None
     gap: str = ""  # what the log does not tell
     accepted_utc: str = ""  # when a person accepted last what is shown, or that nothing is
+    is_kept: bool = True  # False: the disk refused what the next look would compare with
 
 
 class PositionComparison:
@@ -126,17 +127,19 @@ class PositionComparison:
         if absent:
             unseen = make_message("not shown this time, and not compared: {names}.", names=", ".join(absent))
             gap = join_messages(" ", filter(None, (gap, unseen)))
+        is_kept = True
         if trouble is None:
             values, marks = {**before, **present}, history.marks or last.marks
             key = reference.key or last.reference_key
             baseline_now = KeptPosition(robot.name, self._serial, values, marks, key, "")
             accepted_utc = datetime.now(UTC).isoformat() if accept else last.accepted_utc
-            last = replace(baseline_now, answered_run=reference.unproved_run, accepted_utc=accepted_utc)
-            self._store_baseline(last)
+            newest = replace(baseline_now, answered_run=reference.unproved_run, accepted_utc=accepted_utc)
+            is_kept = self._store_baseline(newest)
+            last = newest if is_kept else last
         compared_with = (
             _compared_with(reference, baseline, has_data=bool(before)) if before or has_log else ""
         )
-        return PositionLook(compared_with, trouble, gap, last.accepted_utc)
+        return PositionLook(compared_with, trouble, gap, last.accepted_utc, is_kept)
 
     def note_loss(self, robot: str, condition: Condition) -> None:
         """Keep that a lost position was seen: it is told until a record, a proved cure or a person answers it.
@@ -164,11 +167,14 @@ class PositionComparison:
         is_valid = baseline is not None and _is_valid(baseline, self._serial, reference)
         return baseline if is_valid else None
 
-    def _store_baseline(self, baseline: KeptPosition, *, seen_utc: str = "") -> None:
+    def _store_baseline(self, baseline: KeptPosition, *, seen_utc: str = "") -> bool:
+        """Keep it for the next look; return whether the disk took it."""
         try:
             self._memory.save(replace(baseline, seen_utc=seen_utc or datetime.now(UTC).isoformat()))
         except OSError as error:  # the eyes on the robot matter more than the disk
             self._warn(f"{baseline.robot}: what it shows cannot be kept: {error.strerror or error}.")
+            return False
+        return True
 
 
 def journalled_position(config: CellConfig, serial: str) -> Callable[[], ZeroReference]:

@@ -1,6 +1,7 @@
 """``GET /metrics`` for a Prometheus server: for programs of this computer, or with the token of the cell file."""
 
 import asyncio
+import errno
 import hmac
 from pathlib import Path
 from typing import Any
@@ -40,10 +41,18 @@ async def get_metrics(request: Request) -> Response:
 
 
 def _is_right(file: Path, header: str) -> bool:
-    """Compare with the file as it is now; one that cannot be used admits no request."""
+    """Compare with the file as it is now; one that cannot be used admits no request.
+
+    Raises
+    ------
+    OSError
+        This process has no descriptor to read it with: that says nothing of the token.
+    """
     try:
         token = read_plain_text(file).partition("\n")[0].strip()
-    except (OSError, ValueError):
+    except (OSError, ValueError) as error:
+        if isinstance(error, OSError) and error.errno in (errno.EMFILE, errno.ENFILE):
+            raise
         return False
     scheme, _, token_text = header.partition(" ")
     right = hmac.compare_digest(token_text.strip().encode(), token.encode())

@@ -23,8 +23,10 @@ from cellcal.calibration.documents import DocumentError
 from cellcal.calibration.documents.json_text import parse_json
 from cellcal.calibration.message import make_message
 from cellcal.calibration.message_table import with_messages
+from cellcal.service.path_redaction import without_paths
 from cellcal.service.people.errors import PeopleError
 from cellcal.service.people.roles import Right
+from cellcal.service.unexpected_errors import explain_os_error, lacks_resources
 from cellcal.service.web.dependencies import app_context, token_of
 
 _log = logging.getLogger(__name__)
@@ -134,9 +136,14 @@ class RequestFilter:
             await self.app(scope, receive, answer.send_message if scope["type"] == "http" else send)
         except RefusedRequestError as refused:
             await self._reject(scope, answer, send, refused)
-        except Exception:
+        except Exception as error:
             if scope["type"] != "http" or answer.begun:
                 raise
+            if isinstance(error, OSError) and lacks_resources(error):
+                _log.warning("%s %s: %s", scope["method"], scope["path"], error)
+                message, remedy = map(without_paths, explain_os_error(error))
+                await answer.send_refusal(503, {"code": "store.io", "message": message, "remedy": remedy})
+                return
             _log.exception("%s %s broke", scope["method"], scope["path"])
             await answer.send_refusal(
                 500, {"code": "broken", "message": "The program failed; its log has the cause."}

@@ -1,6 +1,7 @@
 """What a Prometheus server reads: by a parser from the format's document, which takes nothing that is not in it."""
 
 import asyncio
+import errno
 import math
 import re
 from dataclasses import dataclass, field
@@ -237,6 +238,39 @@ def test_an_outbox_that_cannot_be_read_hides_nothing_else(tmp_path: Path) -> Non
     read = read_of(read_cell_file(path), session=session_of("cell-7"))
     assert read("cellcal_cell_up") == 1
     assert read.labels_of("cellcal_webhook_waiting") == []
+
+
+@pytest.mark.parametrize(
+    "error", [OSError(errno.EMFILE, "Too many open files"), ImportError("no descriptor")]
+)
+def test_figures_that_cannot_be_read_are_named_and_hide_no_other(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, error: Exception
+) -> None:
+    def refuse(_metrics: CellMetrics) -> bool:
+        raise error
+
+    monkeypatch.setattr(CellMetrics, "_read_on", refuse)
+    read = read_of(cell_config(tmp_path), session=session_of("cell-7"))
+    assert read("cellcal_cell_up") == 1
+    assert read.labels_of("cellcal_figures_unreadable") == [{"group": "history"}]
+
+
+async def test_without_descriptors_a_right_token_is_not_called_wrong(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(path: Path) -> str:
+        raise OSError(errno.EMFILE, "Too many open files", str(path))
+
+    path = write_cell_file(tmp_path, "127.0.0.1", seed=1, time_factor=1.0)
+    with path.open("a", encoding="utf-8") as file:
+        file.write('\n[metrics]\ntoken_file = "token"\n')
+    app = create_app(ServiceSettings(path))
+    monkeypatch.setattr("cellcal.service.web.metrics.read_plain_text", refuse)
+    async with httpx.AsyncClient(transport=httpx.ASGITransport(app), base_url="http://127.0.0.1") as browser:
+        answer = await browser.get("/metrics", headers={"authorization": "Bearer 0123456789abcdef01234567"})
+    assert answer.status_code == 503
+    assert "no file descriptors left" in answer.json()["message"]
+    assert str(tmp_path) not in answer.text
 
 
 async def test_reading_metrics_needs_permission(tmp_path: Path) -> None:

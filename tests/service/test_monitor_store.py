@@ -12,13 +12,14 @@ import pytest
 from cellcal.calibration.errors import CellError
 from cellcal.drivers.supervision import SUPERVISOR
 from cellcal.service.record.signing import station_key
-from cellcal.service.site.keys import SiteError
+from cellcal.service.site.fleet import MOST_ALARMS
+from cellcal.service.site.keys import SiteError, StationKeys
 from cellcal.service.site.listener import FleetListener
 from cellcal.service.site.outbox import SiteOutbox
 from cellcal.service.site.signed_messages import MessageSigner, SignedMessage
 from cellcal.service.site.site_store import ReceivedEvent, SiteStore
 from cellcal.service.site.unstored import MOST_WAITING, TASK, UnstoredEvents
-from tests.service.loopback_site import PATIENCE_S, LoopbackSite, open_bus, wait_until
+from tests.service.loopback_site import PATIENCE_S, SITE, LoopbackSite, open_bus, wait_until
 from tests.service.test_fleet import PlayedFleet
 
 BODY = {"id": "x:y", "active": True, "source": "y", "text": "true", "code": "x", "remedy": ""}
@@ -157,3 +158,28 @@ def _mark_as_missing(listener: FleetListener, cell: str) -> bool:
     listener._missing[cell] = ("1", 0.0)
     listener._store.update_reach(cell, "1", 1, 5)
     return True
+
+
+def test_a_cell_that_floods_the_monitor_takes_no_room_of_others(tmp_path: Path) -> None:
+    hall = PlayedFleet(tmp_path, 2)
+    good, bad = hall.names
+    keys, now_s = StationKeys(SITE, bad), time.monotonic()
+    for k in range(1000):
+        hall.fleet.take_sample(keys.device_key(f"d{k}", "value"), b"x" * 100_000, now_s)
+    for k in range(MOST_ALARMS + 50):
+        alarm = {"id": f"a{k}", "code": "c", "source": "s", "text": "t", "active": True}
+        hall.fleet.note_alarm(
+            SignedMessage(bad, "1", k + 1, "2026-01-01T00:00:00+00:00", keys.alarm_key, alarm)
+        )
+    hall.publish_state(bad, cell="Line 3\n" + "A" * 200_000)
+    hall.publish_state(bad, more="A" * 1_000_000)
+    hall.publish_state(good)
+    views = {view.cell: view for view in hall.fleet.cell_views(time.monotonic())}
+    assert views[good].link == "online"
+    assert len(views[bad].alarms) == MOST_ALARMS
+    assert len(views[bad].name) < 100
+    said = [str(flaw["what"]) for flaw in hall.fleet.flaws]
+    assert {flaw["cell"] for flaw in hall.fleet.flaws} == {bad}
+    assert sum("sends more than the monitor keeps" in what for what in said) == 1
+    assert sum("more alarms" in what for what in said) == 50
+    assert all(what.isprintable() and len(what) < 1100 for what in said)

@@ -1,11 +1,13 @@
 """Messages: the English text, its template and arguments, through exceptions, JSON and other processes."""
 
+import io
 import pickle
 
 import numpy as np
 import orjson
 import pytest
 from pydantic import TypeAdapter
+from rich.console import Console
 
 from cellcal.calibration.errors import CellError
 from cellcal.calibration.message import Message, find_message, join_messages, make_message
@@ -19,6 +21,8 @@ from cellcal.calibration.message_table import (
     write_message,
 )
 from cellcal.drivers.errors import RefusedError, UnreachableError
+from cellcal.drivers.interfaces import Alarm, Condition, Identity, Readiness
+from cellcal.service.cli.printing import PlainTable
 
 
 def message_for(text: str) -> Message:
@@ -186,3 +190,39 @@ def test_an_error_of_an_error_of_the_same_device_names_it_once() -> None:
     again = RefusedError("robot", first.message)
     assert again.message == "robot: no answer from 10.0.0.1."
     assert RefusedError("arm", first.message).message == "arm: robot: no answer from 10.0.0.1."
+
+
+@pytest.mark.parametrize("letter", ["\x1b", "\x07", "\x9b", "\u202e", "\u200b", "\ud800"])
+def test_what_a_device_sends_is_one_line_without_controls(letter: str) -> None:
+    answer = f"go{letter}[2J\r\nrobot  UNCHANGED"
+    plain = "go\N{REPLACEMENT CHARACTER}[2J robot  UNCHANGED"
+    assert str(RefusedError("r", make_message("it said {reason}", reason=answer))) == f"r: it said {plain}"
+    assert str(RefusedError("r", answer)) == f"r: {plain}"
+    condition = Condition(Readiness.NOT_READY, make_message("in {mode}.", mode=answer))
+    assert condition.message == f"in {plain}."
+    assert message_for(condition.message).template == "in {mode}."
+    assert Alarm(answer, answer) == Alarm(plain, plain)
+    assert Identity("m", answer, answer, answer) == Identity("m", plain, plain, plain)
+
+
+def test_what_a_device_sends_without_end_is_cut_and_the_sentence_around_it_stays() -> None:
+    condition = Condition(
+        Readiness.NOT_READY, make_message("the mode is {mode}, not AUTO.", mode="A" * 10**6)
+    )
+    assert condition.message.startswith("the mode is AAA")
+    assert condition.message.endswith("…, not AUTO.")
+    assert len(condition.message) < 500
+    assert len(str(UnreachableError("r", "b" * 10**6))) < 1100
+    sentence = make_message("the axes {axes} are lost: {more}", axes="1, 2", more="c" * 300)
+    assert Condition(Readiness.NOT_READY, sentence).message is sentence
+
+
+def test_a_table_of_the_terminal_obeys_nothing_that_a_file_or_device_says() -> None:
+    out = Console(file=io.StringIO(), width=80, force_terminal=False)
+    table = PlainTable("name", title="a\x1b[2Jb")
+    table.add_row("cell\x1b[31m\x07 7\nsecond line")
+    out.print(table)
+    text = out.file.getvalue()  # type: ignore[attr-defined]
+    assert not {"\x1b", "\x07"} & set(text)
+    assert "a\N{REPLACEMENT CHARACTER}[2Jb" in text
+    assert "second line" in text

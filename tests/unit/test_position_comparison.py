@@ -1,7 +1,10 @@
 """What a controller shows of its zero against its last look: nothing that was not compared is called unchanged."""
 
+import errno
 from pathlib import Path
 from typing import Any
+
+import pytest
 
 from cellcal.calibration.mastering.position_record import ShownValue
 from cellcal.drivers.interfaces import (
@@ -13,7 +16,8 @@ from cellcal.drivers.interfaces import (
     RobotCapabilities,
 )
 from cellcal.service.record.proved_cures import ProvedCure
-from cellcal.service.record.shown_positions import KeptPositions
+from cellcal.service.record.shown_positions import KeptPosition, KeptPositions
+from cellcal.service.watching.nightly_look import _accept_shown, _describe_look
 from cellcal.service.watching.position_comparison import PositionComparison, ZeroReference
 
 CURE = ProvedCure("r1", (ShownValue("zero", "2.5", 0, is_zero=True),))
@@ -28,6 +32,9 @@ class ShowingArm:
     def __init__(self) -> None:
         self.shown: tuple[ShownValue, ...] = (ShownValue("zero", "1.50", 0, is_zero=True),)
         self.history = PositionHistory((), ("1",), is_whole=True)
+
+    async def read_condition(self) -> Condition:
+        return Condition(Readiness.READY)
 
     async def position_data(self) -> tuple[ShownValue, ...]:
         return self.shown
@@ -61,6 +68,24 @@ async def test_a_datum_that_is_not_shown_is_not_called_unchanged_and_not_forgott
     assert "1.50, 1.6" in (await look(arm, tmp_path)).trouble[0]
     arm.shown = (ShownValue("zero", "1.500", 0, is_zero=True),)
     assert (await look(arm, tmp_path)).trouble is None
+
+
+async def test_on_a_disk_that_refuses_nothing_is_called_kept_or_accepted(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(_kept: KeptPositions, _baseline: KeptPosition) -> None:
+        raise OSError(errno.EROFS, "Read-only file system")
+
+    monkeypatch.setattr(KeptPositions, "save", refuse)
+    arm, memory = ShowingArm(), KeptPositions(tmp_path)
+    said: list[str] = []
+    comparison = PositionComparison(memory, "A1", ZeroReference, warn=said.append)
+    found = await comparison.look(arm, accept=True)  # type: ignore[arg-type]
+    assert (found.is_kept, found.accepted_utc, found.compared_with) == (False, "", "")
+    assert said == ["arm: what it shows cannot be kept: Read-only file system."]
+    state, text = _describe_look(arm, found)  # type: ignore[arg-type]
+    assert (state, text) == ("not compared", "its zero was compared with nothing, and nothing is kept of it.")
+    assert await _accept_shown(comparison, arm) == "--accept: nothing was accepted, for it cannot be kept."  # type: ignore[arg-type]
 
 
 async def test_another_robot_is_not_compared_with_the_one_before(tmp_path: Path) -> None:

@@ -1,13 +1,18 @@
 """What a cell keeps is for its owner only, whatever the umask says; what a Host header may be."""
 
+import errno
 import os
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
 
-from cellcal.service.files import create_private_file, make_private_folder, replace_file
+from cellcal.service.export.archive import BackupError, write_archive
+from cellcal.service.files import create_file, create_private_file, make_private_folder, replace_file
 from cellcal.service.path_redaction import without_paths
+from cellcal.service.people.pin_hashing import pepper_of
 from cellcal.service.record.journal import Journal
+from cellcal.service.record.signing import station_key
 from cellcal.service.times import read_time
 from cellcal.service.web.middleware import _host_name
 
@@ -51,3 +56,40 @@ def test_a_time_without_a_zone_is_refused() -> None:
 
 def test_a_screen_learns_no_folder() -> None:
     assert without_paths("/srv/cells/7/cell.toml cannot be used") == "cell.toml cannot be used"
+
+
+def _refuse_link(*_names: object) -> None:
+    raise OSError(errno.EPERM, "Operation not permitted")
+
+
+def test_of_many_that_create_a_file_where_no_hard_links_are_one_succeeds(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As on a stick with exFAT, where the system refuses hard links with EPERM."""
+    monkeypatch.setattr(os, "link", _refuse_link)
+
+    def create(number: int) -> bool:
+        try:
+            create_file(tmp_path / "v0001.toml", str(number).encode())
+        except FileExistsError:
+            return False
+        return True
+
+    with ThreadPoolExecutor(8) as pool:
+        created = list(pool.map(create, range(40)))
+    assert created.count(True) == 1
+    assert [path.name for path in tmp_path.iterdir()] == ["v0001.toml"]
+    assert (tmp_path / "v0001.toml").read_text() == str(created.index(True))
+
+
+def test_keys_peppers_and_archives_are_made_where_no_hard_links_are(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(os, "link", _refuse_link)
+    key = station_key(tmp_path)
+    pepper = pepper_of(tmp_path)
+    assert station_key(tmp_path).public_key == key.public_key
+    assert pepper_of(tmp_path) == pepper
+    write_archive(tmp_path / "a.tar", {}, {}, key)
+    with pytest.raises(BackupError, match="is there already"):
+        write_archive(tmp_path / "a.tar", {}, {}, key)

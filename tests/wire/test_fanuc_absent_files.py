@@ -6,8 +6,14 @@ from pathlib import Path
 
 import pytest
 
+from cellcal.drivers.fanuc.controller_files.controller_address import parse_address
+from cellcal.drivers.fanuc.controller_files.ftp_source import FtpLogin, FtpSource
 from cellcal.fake_devices.fanuc_files.cabinet import FanucCabinet
 from cellcal.fake_devices.fanuc_files.ftp_server import FanucFtpServer
+from cellcal.service.engineering.controller_files.nightly_watch import (
+    compare_with_records,
+    read_controller,
+)
 from cellcal.service.exit_codes import ExitCode
 from tests.wire.fanuc_ftp import address_of, ftp_controllers, save_backup
 from tests.wire.test_fanuc_record import take_record
@@ -91,3 +97,28 @@ def test_other_gears_are_told_although_the_counts_are_those_of_the_record(
     code, changes = watched(server, tmp_path, capsys)
     assert code == ExitCode.OUT_OF_TOLERANCE
     assert "of J4 differ from the record" in changes["drives"]
+
+
+def test_a_controller_that_gives_no_file_at_all_is_not_called_new(server: FanucFtpServer) -> None:
+    server.faults.missing = frozenset(server.list_names())
+    address = address_of(server)
+    found = compare_with_records(address, read_controller(address, FtpLogin()), ())
+    assert found.state == "not read"
+    assert "none of its files can be read" in found.sentence
+
+
+def test_files_of_two_controllers_are_no_new_robot(tmp_path: Path) -> None:
+    folder = save_backup(FanucCabinet(), tmp_path / "backup")
+    save_backup(FanucCabinet(f_number="F999999"), tmp_path / "other")
+    (folder / "version.dg").write_bytes((tmp_path / "other" / "version.dg").read_bytes())
+    found = compare_with_records(str(folder), read_controller(str(folder), FtpLogin()), ())
+    assert found.state == "not read"
+    assert "of different controllers: F123456, F999999" in found.sentence
+
+
+def test_names_of_a_listing_that_a_terminal_would_obey_are_no_files(
+    server: FanucFtpServer, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(server, "list_names", lambda: ["axis.dg", "\x1b[2J.ls"])
+    with FtpSource(parse_address(address_of(server))) as source:
+        assert source.list_names() == ("axis.dg",)

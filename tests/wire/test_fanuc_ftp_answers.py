@@ -115,6 +115,16 @@ def test_nonsense_is_named_or_what_was_sent() -> None:
     assert min(read, len(refusals)) > SEEDS // 8
 
 
+def test_a_server_that_wants_an_account_refuses_the_login(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(REPLIES, "USER", "331 Password.")
+    monkeypatch.setitem(REPLIES, "PASS", "332 Account.")
+    monkeypatch.setattr(random.Random, "random", lambda _rng: 1.0)  # no reply is damaged
+    with NonsenseServer(0).running() as server:
+        source = FtpSource(ControllerAddress("127.0.0.1", server.port), FtpLogin(timeout_s=5.0))
+        with pytest.raises(CellError, match=r"login .* asks for an account"), source:
+            pytest.fail("it was taken for a login")
+
+
 def test_a_reply_without_an_end_is_no_reply() -> None:
     listener = socket.create_server(("127.0.0.1", 0))
 

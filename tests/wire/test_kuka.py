@@ -22,7 +22,12 @@ from cellcal.drivers.errors import (
 )
 from cellcal.drivers.interfaces import AlarmKind, Readiness
 from cellcal.drivers.kuka.variables.motion_server import speed_percent
-from cellcal.drivers.kuka.variables.state import ControllerState, condition_of
+from cellcal.drivers.kuka.variables.state import (
+    ControllerState,
+    condition_of,
+    read_position_data,
+    read_state,
+)
 from cellcal.drivers.kuka.variables.values import (
     read_axes,
     read_flag,
@@ -31,6 +36,7 @@ from cellcal.drivers.kuka.variables.values import (
     write_axes,
     write_pose,
 )
+from cellcal.drivers.kuka.variables.variable_link import VariableLink
 from cellcal.service.configuration.cell_file import CellConfig
 from cellcal.service.demo.fake_cell_client import FakeCellClient
 from tests.wire.driver_cases import ROBOTS, open_at_home, wait_until
@@ -69,10 +75,11 @@ def test_axes_are_read_by_name_in_any_order_and_form(text: str) -> None:
     [
         *("", "{}", "{E6AXIS: A1 10.0, A2 -90.0}", "{A1 nan, A2 1}", "1e999"),
         "{E6AXIS: A1 10,523, A2 -90,1, A3 90,5, A4 0,0, A5 15,25, A6 -7,5}",  # a Windows program of another country
+        "{E6AXIS: A1 10.0, A1 50.0, A2 0.0, A3 0.0, A4 0.0, A5 0.0, A6 0.0}",
     ],
 )
 def test_what_is_no_posture_is_refused(text: str) -> None:
-    with pytest.raises(ValueError, match=r"missing|numbers|finite|decimal commas"):
+    with pytest.raises(ValueError, match=r"missing|numbers|finite|decimal commas|twice"):
         read_axes(text)
 
 
@@ -87,6 +94,39 @@ def test_a_flag_is_true_or_false() -> None:
     assert not read_flag("false")
     with pytest.raises(ValueError, match="neither"):
         read_flag("1")
+
+
+class OneValueLink(VariableLink):
+    """A controller in which one variable has another value than it should have."""
+
+    def __init__(self, variable: str, value: str) -> None:
+        super().__init__("kuka", "127.0.0.1", 1, deadline_s=1.0)
+        joints = ", ".join(f"A{axis} 1.0" for axis in range(1, 7))
+        self._values = {"$AXIS_ACT": f"{{{joints}}}", "$MODE_OP": "#T1", variable: value}
+
+    async def read_variable(self, variable: str) -> str:
+        default = "0.0" if variable.startswith("$MAMES") else "TRUE"
+        return self._values.get(variable, default)
+
+
+@pytest.mark.parametrize(
+    ("variable", "value"),
+    [
+        ("$AXIS_ACT", "{A1 NaN, A2 0, A3 0, A4 0, A5 0, A6 0}"),
+        ("$MAMES[3]", "1e400"),
+        ("$MAMES[3]", "\x1b[2J"),
+        ("$AXIS_CAL[6]", "1"),
+        ("$MODE_OP", "#T1\nrobot: ready"),
+        ("$MODE_OP", "#" + "T" * 60_000),
+    ],
+)
+async def test_what_is_no_value_of_its_kind_is_neither_recorded_nor_shown(variable: str, value: str) -> None:
+    link = OneValueLink(variable, value)
+    read = read_state if variable == "$MODE_OP" else read_position_data
+    with pytest.raises(WireProtocolError, match="cannot be read") as caught:
+        await read(link)
+    assert len(str(caught.value)) < 300
+    assert str(caught.value).isprintable()
 
 
 def test_a_pose_survives_the_controllers_text() -> None:

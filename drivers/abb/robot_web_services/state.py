@@ -21,6 +21,7 @@ _UNIT = "/rw/motionsystem/mechunits/ROB_1"
 _MOTOR_CALIBRATION, _OFFSET = "/rw/cfg/MOC/MOTOR_CALIB/instances", "cal_offset"
 _SYNCHRONISED = "Synchronized"
 _COUNTER_LOST = "20032"
+_LONGEST_WORD = 200
 _EMERGENCY_STOPS = ("emergencystop", "emergencystopreset")
 
 
@@ -191,8 +192,10 @@ def unreadable(link: WebLink, what: str) -> WireProtocolError:
 
 
 def text_of(link: WebLink, state: Mapping[str, Any], key: str) -> str:
-    """Return a word of a state; raise WireProtocolError where it is missing."""
+    """Return a word of a state; raise WireProtocolError where it is missing, or no word."""
     value = state.get(key)
     if not isinstance(value, str) or not value:
         raise unreadable(link, f"{key} is missing")
+    if len(value) > _LONGEST_WORD or not value.isprintable():
+        raise unreadable(link, f"{key} is no word")
     return value

@@ -98,6 +98,8 @@ class ReadOnlyFtp(ftplib.FTP):
     def putcmd(self, line: str) -> None:
         """Send a command that reads; any other is a fault of ours and is not sent."""
         verb = line.split(" ", 1)[0].upper()
+        if verb == "ACCT":  # the library's answer to a server that is not content with a password
+            raise ftplib.error_perm("530 it asks for an account besides the password")
         if verb not in self.allowed:
             raise AssertionError(verb)
         super().putcmd(line)
@@ -192,7 +194,9 @@ class FtpSource:
     def _index_names(self) -> dict[str, str]:
         if self._names is None:
             ends = [
-                end[0] for name in map(_listed_name, self._list_lines()) if (end := _NAME_END.search(name))
+                end[0]
+                for name in map(_listed_name, self._list_lines())
+                if (end := _NAME_END.search(name)) and name.isprintable()
             ]
             self._names = {end.lower(): end for end in ends}
         return self._names

@@ -21,6 +21,7 @@ from cellcal.drivers.kuka.variables.motion_server import MotionServer, speed_per
 from cellcal.drivers.kuka.variables.state import (
     condition_of,
     read_fraction,
+    read_mode,
     read_position_data,
     read_robot_root,
     read_state,
@@ -133,7 +134,7 @@ class KukaRobot(StreamedStepwiseMotion):
 
     async def controller_mode(self) -> str:
         async with self._answer_deadline("reading the mode"):
-            return (await self._link.read_variable("$MODE_OP")).strip().lstrip("#")
+            return (await read_mode(self._link)).lstrip("#")
 
     async def speed_override(self) -> float:
         async with self._answer_deadline("reading the speed override"):

@@ -1,5 +1,6 @@
 """What a KUKA controller says of itself through its variables, and what it means to a person."""
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TypeVar
@@ -10,7 +11,7 @@ from cellcal.calibration.mastering.position_record import ShownValue
 from cellcal.calibration.message import make_message
 from cellcal.drivers.errors import RefusedError, WireProtocolError
 from cellcal.drivers.interfaces import Alarm, AlarmKind, Condition, Readiness
-from cellcal.drivers.kuka.variables.values import AXES, read_flag, read_members, read_pose
+from cellcal.drivers.kuka.variables.values import AXES, read_axes, read_flag, read_name, read_pose
 from cellcal.drivers.kuka.variables.variable_link import VariableLink
 
 T = TypeVar("T")
@@ -52,12 +53,17 @@ async def read_value(link: VariableLink, variable: str, convert: Callable[[str],
 async def read_state(link: VariableLink) -> ControllerState:
     """Read mode, drives, safety, stop messages and mastering."""
     return ControllerState(
-        (await link.read_variable("$MODE_OP")).strip().upper(),
+        await read_mode(link),
         await read_value(link, "$PERI_RDY", read_flag),
         await read_value(link, "$USER_SAF", read_flag),
         await read_value(link, "$STOPMESS", read_flag),
         await _read_lost_axes(link),
     )
+
+
+async def read_mode(link: VariableLink) -> str:
+    """Read the mode as the controller names it, such as ``#T1``."""
+    return await read_value(link, "$MODE_OP", read_name)
 
 
 async def _read_lost_axes(link: VariableLink) -> tuple[int, ...]:
@@ -71,20 +77,31 @@ async def _read_lost_axes(link: VariableLink) -> tuple[int, ...]:
 
 async def read_position_data(link: VariableLink) -> tuple[ShownValue, ...]:
     """Return joints, mastering angles and flags as texts; what this software does not have is left out."""
-    members = await read_value(link, "$AXIS_ACT", read_members)
+    joints_rad = await read_value(link, "$AXIS_ACT", read_axes)
     found = [
-        ShownValue("$AXIS_ACT", f"{members[f'A{axis + 1}']:.9g}", axis, "deg")
-        for axis in range(AXES)
-        if f"A{axis + 1}" in members
+        ShownValue("$AXIS_ACT", f"{math.degrees(joint_rad):.9g}", axis, "deg")
+        for axis, joint_rad in enumerate(joints_rad)
     ]
-    for name, unit in (("$MAMES", "deg"), (f"${_LOST}", "")):
+    checks: dict[str, Callable[[str], object]] = {"$MAMES": parse_number, f"${_LOST}": read_flag}
+    for name, check in checks.items():
         try:
-            texts = [(await link.read_variable(f"{name}[{axis + 1}]")).strip() for axis in range(AXES)]
+            texts = [await _read_checked_text(link, f"{name}[{axis + 1}]", check) for axis in range(AXES)]
         except RefusedError:
             continue
         constant = name == "$MAMES"  # the angle at the notch; changing it shifts the robot for good
+        unit = "deg" if constant else ""
         found += [ShownValue(name, text, axis, unit, constant) for axis, text in enumerate(texts)]
     return tuple(found)
+
+
+async def _read_checked_text(link: VariableLink, variable: str, check: Callable[[str], object]) -> str:
+    """Return a value as it is written, once it can be read as what it should be; errors as for ``read_value``."""
+
+    def convert(text: str) -> str:
+        check(text)
+        return text.strip()
+
+    return await read_value(link, variable, convert)
 
 
 async def read_robot_root(link: VariableLink) -> Pose:

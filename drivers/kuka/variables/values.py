@@ -2,7 +2,7 @@
 
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -13,6 +13,7 @@ from cellcal.calibration.orientation import rotation_from, values_from
 
 AXES = 6
 _MEMBER = re.compile(rf"(?<!\w)([A-Za-z]\w*+)\s++({NUMBER})\s*(?=[,}}])")
+_NAME = re.compile(r"#\w{1,40}", re.ASCII)
 _DECIMAL_COMMA = re.compile(r",\s*[-+.\d]")  # behind a comma stands a name, and never a number
 _MOST_TEXT = 4096
 _POSE_MEMBERS = ("X", "Y", "Z", "A", "B", "C")
@@ -22,8 +23,16 @@ def read_flag(text: str) -> bool:
     """Return TRUE or FALSE; raise ValueError for anything else."""
     word = text.strip().upper()
     if word not in ("TRUE", "FALSE"):
-        raise ValueError(make_message("{text!r} is neither TRUE nor FALSE", text=text))
+        raise ValueError(make_message("{text!r} is neither TRUE nor FALSE", text=text[:60]))
     return word == "TRUE"
+
+
+def read_name(text: str) -> str:
+    """Return a name of an enumeration with its sign, in upper case; raise ValueError for anything else."""
+    name = text.strip().upper()
+    if not _NAME.fullmatch(name):
+        raise ValueError(make_message("{text!r} is no name", text=text[:60]))
+    return name
 
 
 def read_members(text: str) -> Mapping[str, float]:
@@ -42,21 +51,28 @@ def read_members(text: str) -> Mapping[str, float]:
 
 def read_axes(text: str) -> tuple[float, ...]:
     """Return A1 to A6 [rad]."""
-    members = read_members(text)
-    missing = [f"A{axis}" for axis in range(1, AXES + 1) if f"A{axis}" not in members]
-    if missing:
-        raise ValueError(make_message("{missing} are missing", missing=", ".join(missing)))
-    return tuple(math.radians(members[f"A{axis}"]) for axis in range(1, AXES + 1))
+    return tuple(map(math.radians, _read_members_once(text, [f"A{axis}" for axis in range(1, AXES + 1)])))
 
 
 def read_pose(text: str) -> Pose:
     """Return the pose of X Y Z [mm] and A B C [deg]; the rotation is Rz(A) Ry(B) Rx(C)."""
+    position_mm, abc_deg = np.split(np.array(_read_members_once(text, _POSE_MEMBERS)), 2)
+    return Pose.from_matrix(
+        homogeneous_matrix(rotation_from("kuka_abc", np.radians(abc_deg)), position_mm * 1e-3)
+    )
+
+
+def _read_members_once(text: str, names: Sequence[str]) -> list[float]:
+    """Return the numbers of these names, each of which stands once; raise ValueError where one does not."""
     members = read_members(text)
-    missing = [name for name in _POSE_MEMBERS if name not in members]
+    missing = [name for name in names if name not in members]
     if missing:
         raise ValueError(make_message("{missing} are missing", missing=", ".join(missing)))
-    rotation = rotation_from("kuka_abc", np.radians([members[name] for name in "ABC"]))
-    return Pose.from_matrix(homogeneous_matrix(rotation, np.array([members[n] for n in "XYZ"]) * 1e-3))
+    written = [name.upper() for name, _ in _MEMBER.findall(text)]
+    doubled = [name for name in names if written.count(name) > 1]
+    if doubled:
+        raise ValueError(make_message("{doubled} stand twice", doubled=", ".join(doubled)))
+    return [members[name] for name in names]
 
 
 def write_axes(joints_rad: tuple[float, ...]) -> str:

@@ -160,7 +160,11 @@ def compare_with_records(
     """Compare the files of one controller with the records of its groups."""
     ours = _records_of(files, stored)
     if not ours:
-        return WatchedController(address, WatchState.NO_RECORD, files.serial)
+        error = _unusable_files(files)
+        state = WatchState.FAILED if error else WatchState.NO_RECORD
+        return WatchedController(
+            address, state, files.serial, error=error, error_code="device" if error else ""
+        )
     if MASTERING in files.missing and not position_alarms(files):
         error = _without_mastering(files)
         return WatchedController(address, WatchState.FAILED, files.serial, error=error, error_code="device")
@@ -185,6 +189,17 @@ def compare_with_records(
     axes = tuple(map(name_axis, sorted(not_compared)))
     angles = tuple(dict.fromkeys(filter(None, (*absent_parts, *left_out))))
     return WatchedController(address, state, files.serial, compared_with, unique, axes, angles)
+
+
+def _unusable_files(files: ControllerFiles) -> str:
+    """Return why files tell no robot that could have a record; "" where they are those of one."""
+    if not files.read_names:
+        return (
+            f"{files.device}: none of its files can be read. See on the pendant whether MD: lists AXIS.DG and "
+            f"{MASTERING}, and whether reading needs a password."
+        )
+    contradictions = "; ".join(files.list_contradictions())
+    return f"{files.device}: {contradictions}. Read once more." if contradictions else ""
 
 
 def _without_mastering(files: ControllerFiles) -> str:

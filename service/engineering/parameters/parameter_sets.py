@@ -5,9 +5,7 @@ removed.
 """
 
 import math
-import os
 import re
-import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -21,7 +19,7 @@ from cellcal.service.engineering.parameters.parameter_set import (
     parse_set,
     to_text,
 )
-from cellcal.service.files import PRIVATE_FILE, make_private_folder
+from cellcal.service.files import create_file, make_private_folder
 
 _SERIAL = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}")
 
@@ -199,21 +197,12 @@ def _stored_versions(folder: Path) -> Sequence[int]:
 
 
 def _write_new(path: Path, text: str) -> None:
-    handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
-    draft = Path(name)
     try:
-        with os.fdopen(handle, "w", encoding="utf-8") as file:
-            file.write(text)
-            file.flush()
-            os.fsync(file.fileno())
-        draft.chmod(PRIVATE_FILE)
-        os.link(draft, path)  # fails if another process wrote this version meanwhile
+        create_file(path, text.encode())
     except FileExistsError as taken:
         raise ParameterSetError(
             f"{path} was written by another process just now.", remedy="Try again."
         ) from taken
-    finally:
-        draft.unlink()
 
 
 FOLDER = "parameter_sets"  # beside the cell file, where `cellcal parameters` keeps them when it runs there

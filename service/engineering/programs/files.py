@@ -3,7 +3,6 @@
 A source is never written. What cannot be used is refused by name with the cure; the other files go on.
 """
 
-import errno
 import os
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Sequence, Set
@@ -29,6 +28,7 @@ from cellcal.drivers.programs.brands import DeclaringProgram
 from cellcal.drivers.programs.cross_file_uses import BatchDeclarations
 from cellcal.drivers.programs.errors import ProgramFileError
 from cellcal.service.engineering.programs.drafts import draft_beside, remove_left_behind
+from cellcal.service.files import name_new_file
 
 LARGEST_BYTES = 64 << 20  # no controller keeps a program of this size: what is larger is not one
 _UNREAD_PROGRAMS = UNREAD_FORMS.keys() - {".kl"}  # KAREL: functions, as a rule without a place of the robot
@@ -257,21 +257,10 @@ def whole_file(path: Path, *, replace: bool) -> Iterator[IO[bytes]]:
         if replace:
             os.replace(draft, path)  # noqa: PTH105
         else:
-            _put_where_nothing_is(draft, path)
+            name_new_file(Path(draft), path)
     finally:
         with suppress(FileNotFoundError):
             os.unlink(draft)  # noqa: PTH108
-
-
-def _put_where_nothing_is(draft: str, path: Path) -> None:
-    try:
-        os.link(draft, path)
-    except FileExistsError:
-        raise
-    except OSError:  # a stick or a network drive without hard links
-        if path.exists():
-            raise FileExistsError(errno.EEXIST, "it is there already", str(path)) from None
-        os.replace(draft, path)  # noqa: PTH105
 
 
 def _of_name(name: str, out: Path | None, passed: list[Path]) -> list[ProgramSource]:
