@@ -22,6 +22,7 @@ from cellcal.calibration.identification.series_breaks import (
     SeriesBreak,
     candidate_breaks,
     change_between,
+    find_small_break,
     fit_frames,
     mounting_of,
 )
@@ -30,6 +31,7 @@ from cellcal.calibration.message import make_message
 _FOLDS = 5
 _LEAST_GAIN = 0.1  # of the held-out RMSE: a mounting costs more trust than a parameter
 _PATIENCE = 2
+_MOST_BREAKS = 8
 
 
 def choose_breaks(
@@ -39,26 +41,42 @@ def choose_breaks(
 
     ``seed`` draws the folds that the groups are held out in.
     """
-    folds = assign_folds(grouping, _FOLDS, seed)
-    chosen: tuple[SeriesBreak, ...] = ()
-    best, reasons, waited = None, [], 0
+    trial = _BreakTrial(fits, grouping, assign_folds(grouping, _FOLDS, seed))
+    waited = 0
     for candidate in candidate_breaks(fits.model, fits.observations, fits=fits):
-        if best is None:
-            best = _errors_with_breaks(fits, folds, ())
-        errors = _errors_with_breaks(fits, folds, candidate)
-        comparison = compare_models(
-            (make_message("{break_count} breaks", break_count=len(chosen)), best),
-            (make_message("{break_count} breaks", break_count=len(candidate)), errors),
-            grouping.groups,
-            least_gain=_LEAST_GAIN,
-        )
-        reasons.append(comparison.reason)
-        waited = 0 if comparison.better else waited + 1
-        if comparison.better:
-            chosen, best = candidate, errors
+        waited = 0 if trial.accept(candidate) else waited + 1
         if waited == _PATIENCE:
             break
-    return chosen, tuple(reasons)
+    while len(trial.chosen) < _MOST_BREAKS and (small := find_small_break(fits, trial.chosen)) is not None:
+        if not trial.accept(tuple(sorted((*trial.chosen, small), key=lambda found: found.row))):
+            break
+    return trial.chosen, tuple(trial.reasons)
+
+
+class _BreakTrial:
+    """The breaks that were accepted so far, and how well they predict groups that were not fitted."""
+
+    def __init__(self, fits: FrameFits, grouping: Grouping, folds: Rows) -> None:
+        self._fits, self._grouping, self._folds = fits, grouping, folds
+        self._best: Array | None = None
+        self.chosen: tuple[SeriesBreak, ...] = ()
+        self.reasons: list[str] = []
+
+    def accept(self, candidate: tuple[SeriesBreak, ...]) -> bool:
+        """Take these breaks in place of the chosen ones where groups are surely better predicted; say why."""
+        if self._best is None:
+            self._best = _errors_with_breaks(self._fits, self._folds, ())
+        errors = _errors_with_breaks(self._fits, self._folds, candidate)
+        comparison = compare_models(
+            (make_message("{break_count} breaks", break_count=len(self.chosen)), self._best),
+            (make_message("{break_count} breaks", break_count=len(candidate)), errors),
+            self._grouping.groups,
+            least_gain=_LEAST_GAIN,
+        )
+        self.reasons.append(comparison.reason)
+        if comparison.better:
+            self.chosen, self._best = candidate, errors
+        return comparison.better
 
 
 def _errors_with_breaks(fits: FrameFits, folds: Rows, breaks: Sequence[SeriesBreak]) -> Array:

@@ -19,13 +19,15 @@ from cellcal.calibration.identification.estimator import (
 from cellcal.calibration.identification.first_guess import first_guess
 from cellcal.calibration.identification.layouts import make_layout
 from cellcal.calibration.identification.observations import Observations, Rows, with_mounting
-from cellcal.calibration.identification.parameters import FRAMES
+from cellcal.calibration.identification.parameters import FRAMES, GEOMETRY
 
 _SHORTEST = 12  # rows of one mounting
 _MOST_BREAKS = 8
 _CAPPED_COST = 100.0
 _CHANGE_COST = 50.0
 _FAR_WORSE = 4.0
+_READINGS_PER_UNKNOWN = 2
+_RIDGE = 1e-9
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,6 +71,13 @@ class FrameFits:
         if key not in self._fits:
             self._fits[key] = fit_frames(self.model, self.observations, key)
         return self._fits[key]
+
+    def fit_geometry(self, breaks: Sequence[int]) -> ArmFit:
+        """Return a plain fit of the geometry with these breaks."""
+        frames = self.fit_breaks(breaks).state
+        mounted = with_mounting(self.observations, mounting_of(len(self.observations), breaks))
+        layout = make_layout(self.model, mounted.kind, len(breaks) + 1, level=GEOMETRY)
+        return estimate_arm(layout, frames, FitProblem.from_observations(frames, mounted))
 
 
 def candidate_breaks(
@@ -115,6 +124,47 @@ def candidate_breaks(
             return
         breaks = _settle_breaks(fits, [*breaks, cut])
         yield tuple(sorted(breaks, key=lambda found: found.row))
+
+
+def find_small_break(fits: FrameFits, breaks: Sequence[SeriesBreak]) -> SeriesBreak | None:
+    """Return the further break that the rows ask for once the geometry is fitted, or None.
+
+    The errors of an arm that was never calibrated are larger than a small move of the device, and hide it from
+    `candidate_breaks`.
+    """
+    rows, observations = [found.row for found in breaks], fits.observations
+    layout = make_layout(fits.model, observations.kind, len(rows) + 1, level=GEOMETRY)
+    readings = observations.channels * len(observations)
+    if len(observations) < 4 * _SHORTEST or readings < _READINGS_PER_UNKNOWN * len(layout):
+        return None
+    try:
+        fit = fits.fit_geometry(rows)
+        cut = _best_cut(fit, observations, rows, None)
+    except DegenerateDataError:
+        return None
+    if cut is None or cut.bic_gain <= max(0.0, _drift_gain(fit, observations, rows, cut)):
+        return None
+    return cut
+
+
+def _drift_gain(fit: ArmFit, observations: Observations, breaks: Sequence[int], cut: SeriesBreak) -> float:
+    """Return what the criterion gains where the device moves steadily through the span that the cut is in."""
+    mounted = with_mounting(observations, mounting_of(len(observations), breaks))
+    problem = FitProblem.from_observations(fit.state, mounted)
+    columns, residuals = place_columns(fit.layout, fit.state, problem)
+    edges = sorted([0, len(mounted), *breaks])
+    mounting = int(np.searchsorted(edges, cut.row, side="right")) - 1
+    first, last = edges[mounting : mounting + 2]
+    size = 3 if fit.layout.kind == "length" else 6
+    ramp = columns[size * mounting : size * (mounting + 1), :, first:last] * np.linspace(
+        0.0, 1.0, last - first
+    )
+    cross = np.einsum("pmn,dmn->pd", columns[:, :, first:last], ramp)
+    gradient = np.einsum("dmn,mn->d", ramp, residuals[:, first:last])
+    schur = np.einsum("dmn,emn->de", ramp, ramp) - cross.T @ _inverse_normal(columns) @ cross
+    schur = schur + _RIDGE * np.trace(schur) * np.eye(size)
+    drop = float(gradient @ np.linalg.solve(schur, gradient))
+    return float(_gain_of(np.array([drop]), residuals, size)[0])
 
 
 def _settle_breaks(fits: FrameFits, breaks: list[SeriesBreak]) -> list[SeriesBreak]:
@@ -168,17 +218,23 @@ def _scan_span(
     gradient = _tail_sums(np.einsum("dmn,mn->nd", place, residuals[:, first:last]))
     bent = np.einsum("pq,nqd->npd", _inverse_normal(columns), cross)
     schur = own - np.einsum("npd,npe->nde", cross, bent)
-    schur = schur + 1e-9 * np.trace(schur, axis1=1, axis2=2)[:, None, None] * np.eye(size)
+    schur = schur + _RIDGE * np.trace(schur, axis1=1, axis2=2)[:, None, None] * np.eye(size)
     cuts = slice(_SHORTEST, last - first - _SHORTEST + 1)
     drop = np.einsum(
         "nd,nd->n", gradient[cuts], np.linalg.solve(schur[cuts], gradient[cuts][..., None])[..., 0]
     )
+    gain = _gain_of(drop, residuals, size)
+    at = int(np.argmax(gain))
+    return SeriesBreak(first + _SHORTEST + at, float(gain[at]))
+
+
+def _gain_of(drop: Array, residuals: Array, size: int) -> Array:
+    """Return by how much the criterion falls for each drop of the sum of squares, at the price of a place."""
     rss = float((residuals**2).sum())
     count = residuals.size
     remaining_rss = np.maximum(rss - drop, 1e-3 * rss)
-    gain = count * np.log(rss / remaining_rss) - (size + 1) * np.log(count)
-    at = int(np.argmax(gain))
-    return SeriesBreak(first + _SHORTEST + at, float(gain[at]))
+    gain: Array = count * np.log(rss / remaining_rss) - (size + 1) * np.log(count)
+    return gain
 
 
 def _tail_sums(terms: Array) -> Array:

@@ -154,6 +154,11 @@ def diff(
             }
         )
         return 0
+    if not changes:
+        Console(highlight=False, emoji=False).print(
+            f"{robot_serial}: versions {old.version} and {new.version} hold the same values."
+        )
+        return 0
     table = PlainTable(
         "parameter", "before", "after", "difference", "unit", "in uncertainties",
         title=f"{robot_serial}: version {old.version} to {new.version}",

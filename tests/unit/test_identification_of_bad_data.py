@@ -3,14 +3,16 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from cellcal.calibration.arm.kinematics import load_model
 from cellcal.calibration.identification import lints
+from cellcal.calibration.identification.break_choice import choose_breaks
 from cellcal.calibration.identification.cross_validation import assign_folds, compare_models, group_rows
 from cellcal.calibration.identification.identify import identify_arm
 from cellcal.calibration.identification.parameters import GEOMETRY
 from cellcal.calibration.identification.selection import IdentificationOptions
-from cellcal.calibration.identification.series_breaks import assign_mountings, candidate_breaks
+from cellcal.calibration.identification.series_breaks import FrameFits, assign_mountings, candidate_breaks
 from cellcal.calibration.identification.unrounding import find_resolution, unround_joints
 from tests.unit.helpers.simulated_arm import ANCHOR, random_joints, tracker_points, wire_lengths
 from tests.unit.test_identification import fit_at_level, tip_error_m
@@ -66,6 +68,19 @@ def test_no_break_is_seen_where_nothing_moved():
             simulated.model, simulated.observations, options=IdentificationOptions(level=GEOMETRY)
         )
         assert found.breaks == ()
+
+
+@pytest.mark.parametrize(("moved_by", "expected"), [("step", [26]), ("drift", []), ("nothing", [])])
+def test_a_move_smaller_than_the_errors_of_the_arm_is_found_to_the_row(moved_by, expected):
+    simulated = tracker_points("fanuc_m6ib", 52, seed=3)
+    rows = np.arange(52)
+    share = {"step": rows >= 26, "drift": rows / 51.0, "nothing": 0.0 * rows}[moved_by]
+    moved = simulated.observations.positions_m + share[:, None] * np.array([4e-4, -5e-4, 3e-4])
+    observations = replace(simulated.observations, positions_m=moved)
+    breaks, _ = choose_breaks(
+        FrameFits(simulated.model, observations), group_rows(observations.joints_rad), 0
+    )
+    assert [item.row for item in breaks] == expected
 
 
 def test_break_candidates_stop_on_a_short_series():

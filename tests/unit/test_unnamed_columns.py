@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from cellcal.calibration.arm.kinematics import load_model
+from cellcal.service.engineering.measured.joint_columns import find_joints
 from cellcal.service.engineering.measured.measurements import Measurements, ReadOptions, read_measurements
 from cellcal.service.engineering.measured.table import MeasurementError
 from tests.unit.helpers.simulated_arm import TOOL, TRACKER, tracker_points
@@ -179,3 +180,12 @@ def test_two_sets_of_columns_that_a_strange_word_counts_are_not_chosen_from(tmp_
     heading = [*(f"phi{at}" for at in range(1, 8)), *(f"psi{at}" for at in range(1, 8)), "X", "Y", "Z"]
     with pytest.raises(MeasurementError, match="no 7 joint columns found"):
         read(write(tmp_path / "rows.csv", [JOINTS_DEG, JOINTS_DEG, PLACES_MM], ",".join(heading)))
+
+
+def test_a_joint_without_a_column_is_named_with_what_to_add() -> None:
+    names = ["J1", "J2", "J3", "J4", "X", "Y", "Z"]
+    with pytest.raises(MeasurementError, match="no 5 joint columns found") as refused:
+        find_joints(
+            names, {name: name.lower() for name in names}, joint_names=("J1", "J2", "J3", "level", "J4")
+        )
+    assert "add a column level of zeros" in str(refused.value.remedy)

@@ -46,6 +46,7 @@ from cellcal.calibration.identification.observations import (
 )
 from cellcal.calibration.identification.parameters import FRAMES, ArmState
 from cellcal.calibration.identification.residual_model import errors_with
+from cellcal.calibration.identification.rows_apart import rows_apart
 from cellcal.calibration.identification.series_breaks import assign_mountings
 from cellcal.calibration.identification.sweep_lint import sweep_lint
 from cellcal.calibration.identification.temperature import TemperatureEffect, temperature_note
@@ -209,6 +210,7 @@ def lints_of_fit(
         *_lint_temperature(fitted, train[accepted], left_m, groups),
         *order_drift(left_m, groups),
         *exchanged_rows(found, measurements.rows[train]),
+        *rows_apart(found, measurements.rows[train]),
         *misfit_notes(found.misfit, len(train), len(found.rejected)),
     )
 

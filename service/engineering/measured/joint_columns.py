@@ -311,6 +311,14 @@ def _joints_remedy(names: Sequence[str], plain: Mapping[str, str], joint_names: 
     ``names`` are columns of numbers, as far as that is known.
     """
     count = len(joint_names)
+    present = {plain[name].casefold() for name in plain}
+    missing = [joint for joint in joint_names if joint.casefold() not in present]
+    if count > 2 and len(missing) == 1:
+        return make_message(
+            "Only {joint} is missing: where it never moves (a wrist that rods keep level, a locked axis), add a "
+            "column {joint} of zeros.",
+            joint=missing[0],
+        )
     numbered = are_numbered(list(plain))
     some_joints = sum(_JOINT.match(plain[name]) is not None for name in names) > 1
     if find_triples(names, plain, "xyz") and len(names) < count + 3 and not some_joints:
