@@ -18,12 +18,6 @@ def pytest_configure(config: pytest.Config) -> None:
     stretch_test_timeouts(config)
 
 
-@pytest.hookimpl(trylast=True)
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Begin with the modules that stay on one worker: begun last, the longest would run alone at the end."""
-    items.sort(key=lambda item: item.get_closest_marker("xdist_group") is None)
-
-
 @pytest.fixture(autouse=True)
 def forget_failures() -> Iterator[None]:
     """Forget what a test made fail in this process: pages of the next test would show it for a minute."""

@@ -67,7 +67,7 @@ class RoutineNames:
 def moves_no_robot(name: str) -> bool:
     """Return whether a routine's name says that it sets signals, waits, tells or counts, or goes to the robot's home.
 
-    A word of motion goes before: ``OPEN_DOOR_PATH`` and ``CheckPick`` may move the robot.
+    A word of motion goes before: what opens a door along a path, or checks a pick, may move the robot.
     """
     words = {word.lower() for word in _WORD.findall(name)}
     if words & _WORK:
