@@ -53,7 +53,7 @@ test: lint
 	@$(MAKE) --no-print-directory -j 2 type-check run-tests
 
 run-tests: $(VENV)/.dev $(PAGES) $(NODE_CLIENTS) $(RUST_CLIENTS)
-	@$(BIN)/python -m pytest tests -m "not soak" -n $(WORKERS) --dist loadgroup $(ARGS)
+	@$(BIN)/python -m pytest tests -m "not soak" -n $(WORKERS) --dist loadfile --no-loadscope-reorder $(ARGS)
 
 check: lint type-check
 

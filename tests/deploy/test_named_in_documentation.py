@@ -11,7 +11,6 @@ from typing import NamedTuple
 
 import pytest
 
-pytestmark = pytest.mark.xdist_group("documentation")  # all of it reads the whole tree, once
 ROOT = Path(__file__).parents[2]
 PACKAGES = ("calibration", "drivers", "procedures", "service", "fake_devices", "deploy", "tests")
 QUOTED_NAME = re.compile(r"`([A-Za-z_][\w.]*)(?:\(\))?`")

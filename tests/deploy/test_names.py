@@ -10,7 +10,6 @@ from typing import NamedTuple
 
 import pytest
 
-pytestmark = pytest.mark.xdist_group("names")  # all of it reads the whole tree, once
 ROOT = Path(__file__).parents[2]
 PACKAGES = ("calibration", "drivers", "procedures", "service", "fake_devices")
 PARTICIPLES = frozenset(

@@ -31,7 +31,7 @@ from tests.service.step_page_actions import (
     wait_for_reason,
 )
 
-pytestmark = [pytest.mark.asyncio(loop_scope="module"), pytest.mark.xdist_group("hands_and_eyes")]
+pytestmark = pytest.mark.asyncio(loop_scope="module")
 FRAME = {"frame_number": 3, "tip_in_flange_m": TIP_IN_FLANGE_M.tolist()}
 OF_FRAME_M = {"touch_origin": (0.0, 0.0, 0.0), "touch_on_x": (0.25, 0.0, 0.0), "touch_on_xy": (0.0, 0.2, 0.0)}
 PLACES = (

@@ -16,7 +16,7 @@ from tests.service.browser_pages import (
 )
 from tests.service.step_page_actions import FakePendant, at_the_pages, wait_for_question
 
-pytestmark = [pytest.mark.asyncio(loop_scope="module"), pytest.mark.xdist_group("cues")]
+pytestmark = pytest.mark.asyncio(loop_scope="module")
 # its last value is no function: that would be called
 SPY = """{ window.__tones = []; window.__shakes = [];
     const make = AudioContext.prototype.createOscillator;

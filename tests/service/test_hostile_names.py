@@ -7,7 +7,6 @@ from contextlib import asynccontextmanager
 from pathlib import Path
 from typing import Any
 
-import pytest
 from fastapi import FastAPI
 from playwright.async_api import Page, Route, expect
 
@@ -20,7 +19,6 @@ from tests.service.service_with_tablets import ServiceWithTablets, give_pin, ope
 from tests.service.test_people_pages import OneQuestionProcess
 from tests.service.test_sign_in import XSS
 
-pytestmark = pytest.mark.xdist_group("hostile_names")
 WHO, PIN = XSS[1], "161803"
 ALL = " ".join(XSS)
 # What would have been made of a text that was taken for a part of the page.

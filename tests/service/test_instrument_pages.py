@@ -16,7 +16,7 @@ from tests.service.instrument_cell import full_cell
 from tests.service.test_pages import PageViewer, view_service
 from tests.service.test_view3d import feed_question
 
-pytestmark = [pytest.mark.asyncio(loop_scope="module"), pytest.mark.xdist_group("instrument_pages")]
+pytestmark = pytest.mark.asyncio(loop_scope="module")
 RULES = {"poses": 5, "first": 4, "candidates": 40, "samples": 1}
 
 

@@ -16,7 +16,7 @@ from tests.service.browser_pages import CHOOSE, at_rest, hold_to_rules, wait_for
 from tests.service.past_cell_view import view_past_cell
 from tests.service.test_pages import PageViewer
 
-pytestmark = [pytest.mark.asyncio(loop_scope="module"), pytest.mark.xdist_group("jog_pages")]
+pytestmark = pytest.mark.asyncio(loop_scope="module")
 
 MINUS_SIGN = chr(0x2212)
 

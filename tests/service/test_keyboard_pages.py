@@ -12,7 +12,7 @@ from tests.service.browser_pages import go_to_page
 from tests.service.test_pages import VIEWPORTS, PageViewer, view_cell
 from tests.service.test_settings_pages import unfold_sections
 
-pytestmark = [pytest.mark.asyncio(loop_scope="module"), pytest.mark.xdist_group("keyboard_pages")]
+pytestmark = pytest.mark.asyncio(loop_scope="module")
 PLACES = (
     "#/",
     "#/history",

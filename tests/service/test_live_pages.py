@@ -13,7 +13,7 @@ from tests.service.browser_pages import go_to_page, hold_to_rules, wait_for_valu
 from tests.service.test_pages import PageViewer, view_cell
 from tests.service.test_view3d import feed_question
 
-pytestmark = [pytest.mark.asyncio(loop_scope="module"), pytest.mark.xdist_group("live_pages")]
+pytestmark = pytest.mark.asyncio(loop_scope="module")
 CAPTURE = {
     "id": "r:1", "kind": "confirm", "key": "move_by_hand", "text": "Bring the arm to pose 1.", "unit": "",
     "step": "capture 1", "page": "capture", "data": {},

@@ -21,7 +21,7 @@ from tests.service.test_programs_pages import IdleProcess
 from tests.unit.helpers.simulated_arm import tracker_points
 from tests.unit.test_identify_report import file_of
 
-pytestmark = [pytest.mark.asyncio(loop_scope="module"), pytest.mark.xdist_group("measurements_pages")]
+pytestmark = pytest.mark.asyncio(loop_scope="module")
 DROP = """([place, name, content]) => {
     const bytes = Uint8Array.from(atob(content), (letter) => letter.charCodeAt(0));
     const data = new DataTransfer();

@@ -18,7 +18,7 @@ from tests.service.service_client import ServiceClock
 from tests.service.service_with_tablets import ServiceWithTablets, open_service_with_tablets
 from tests.service.test_people_pages import OneQuestionProcess
 
-pytestmark = [pytest.mark.asyncio(loop_scope="module"), pytest.mark.xdist_group("other_robots_pages")]
+pytestmark = pytest.mark.asyncio(loop_scope="module")
 
 LOSS: dict[str, Any] = {
     "robot": "fanuc", "what": "lost", "detected_by": make_message("the controller reports: {condition_message}", condition_message="SRVO-062"), "mode": "M1",

@@ -65,7 +65,7 @@ CHECKED: dict[str, Any] = {
     "public_key": "1",
 }
 
-pytestmark = [pytest.mark.asyncio(loop_scope="module"), pytest.mark.xdist_group("pages")]
+pytestmark = pytest.mark.asyncio(loop_scope="module")
 
 
 class PageViewer:

@@ -14,7 +14,7 @@ from tests.procedures.guided_cures import AXES, PendantWorker, guided_fakes
 from tests.service.browser_pages import go_to_page
 from tests.service.test_pages import PageViewer, view_service
 
-pytestmark = [pytest.mark.asyncio(loop_scope="module"), pytest.mark.xdist_group("pendant_cure_pages")]
+pytestmark = pytest.mark.asyncio(loop_scope="module")
 RECORD = {"poses": 16, "samples": 2}
 PLACES = (
     "#/",

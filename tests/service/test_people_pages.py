@@ -27,7 +27,7 @@ from tests.service.service_with_tablets import (
     sign_in,
 )
 
-pytestmark = [pytest.mark.asyncio(loop_scope="module"), pytest.mark.xdist_group("people_pages")]
+pytestmark = pytest.mark.asyncio(loop_scope="module")
 
 
 class OneQuestionProcess:

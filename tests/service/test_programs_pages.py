@@ -24,7 +24,7 @@ from tests.service.browser_pages import (
 from tests.service.service_client import ServiceClock
 from tests.service.service_with_tablets import ServiceWithTablets, open_service_with_tablets, sign_in
 
-pytestmark = [pytest.mark.asyncio(loop_scope="module"), pytest.mark.xdist_group("programs_pages")]
+pytestmark = pytest.mark.asyncio(loop_scope="module")
 PROGRAMS = FOLDER / "cell_1" / "programs"
 NUMBERS = re.compile(rb"([XYZWPR]) = *-?[\d.]+ +(mm|deg)")
 

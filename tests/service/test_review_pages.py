@@ -29,7 +29,7 @@ from tests.service.past_cell_view import view_past_cell
 from tests.service.step_page_actions import let_go_early
 from tests.service.test_pages import PageViewer
 
-pytestmark = [pytest.mark.asyncio(loop_scope="module"), pytest.mark.xdist_group("review pages")]
+pytestmark = pytest.mark.asyncio(loop_scope="module")
 ViewedRuns = tuple[PageViewer, PastRuns]
 READINGS = 16 + 5  # of the arm's own target, and of the point of its tool
 RUNS = "rows => rows.map(row => row.dataset.run)"

@@ -24,7 +24,7 @@ from tests.service.cell_process_session import a_cell
 from tests.service.test_pages import PageViewer, view_cell, view_service
 from tests.unit.helpers.usual_settings_file import with_usual
 
-pytestmark = [pytest.mark.asyncio(loop_scope="module"), pytest.mark.xdist_group("settings_pages")]
+pytestmark = pytest.mark.asyncio(loop_scope="module")
 ROOM = "setting-room"
 SENTENCES = {
     "de": ("Geschwindigkeit der Spitze", "höchstens 250,0 mm/s"),

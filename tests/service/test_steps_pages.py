@@ -36,7 +36,7 @@ from tests.service.step_page_actions import (
     wait_for_reason,
 )
 
-pytestmark = [pytest.mark.asyncio(loop_scope="module"), pytest.mark.xdist_group("steps_pages")]
+pytestmark = pytest.mark.asyncio(loop_scope="module")
 TILT = 45.0
 STEPS = ("ask", "teach", "review", "approve", "capture")  # kinds that are shot here
 # what a browser answers where no camera is

@@ -16,7 +16,7 @@ from tests.service.service_client import ServiceClock
 from tests.service.service_with_tablets import PATIENCE_MS, ServiceWithTablets, open_service_with_tablets
 from tests.service.test_people_pages import OneQuestionProcess
 
-pytestmark = [pytest.mark.asyncio(loop_scope="module"), pytest.mark.xdist_group("stop_and_refusal_pages")]
+pytestmark = pytest.mark.asyncio(loop_scope="module")
 SIZES = ((1280, 800), (1024, 768), (800, 1280))
 PLACES = ("#/history", "#/devices", "#/sign-in", "#/parameters/1", "#/procedure/mastering_record", "#/")
 MOTION = ("hold",)

@@ -24,7 +24,7 @@ from tests.service.past_cell_view import view_past_cell
 from tests.service.test_colours import contrast, luminance, themes
 from tests.service.test_pages import PageViewer
 
-pytestmark = [pytest.mark.asyncio(loop_scope="module"), pytest.mark.xdist_group("theme_pages")]
+pytestmark = pytest.mark.asyncio(loop_scope="module")
 SHOWN = "document.documentElement.dataset.theme"
 # The colour that the first drawing of the page is drawn with.
 DRAWN_WITH = (

@@ -24,7 +24,7 @@ from tests.service.tablets_at_cell import (
     touch_session,
 )
 
-pytestmark = [pytest.mark.asyncio(loop_scope="module"), pytest.mark.xdist_group("two_tablets")]
+pytestmark = pytest.mark.asyncio(loop_scope="module")
 FIRST = "[data-testid=prompt][data-key=pin_is_fixed]"
 NEXT = "[data-testid=prompt]:not([data-key=pin_is_fixed])"
 HEIGHT = 800

@@ -21,7 +21,7 @@ from cellcal.service.record.mastering_backups import mastering_backups
 from tests.service.browser_pages import hold_to_rules, hold_to_rules_in_languages, wait_for_value
 from tests.service.step_page_actions import FakePendant, at_the_pages, let_go_early, wait_for_question
 
-pytestmark = [pytest.mark.asyncio(loop_scope="module"), pytest.mark.xdist_group("undo_pages")]
+pytestmark = pytest.mark.asyncio(loop_scope="module")
 SERIAL = "F-104711"
 NO_CHANGE = "\N{EN DASH}"
 OFF = (0, 40_000, -30_000, 0, 9_000, 0)  # counts by which the backup is another mastering

@@ -17,7 +17,7 @@ from tests.service.cell_with_history import ROBOT, PastRuns
 from tests.service.past_cell_view import view_past_cell
 from tests.service.test_pages import NO_WEBGL, PageViewer
 
-pytestmark = [pytest.mark.asyncio(loop_scope="module"), pytest.mark.xdist_group("view3d")]
+pytestmark = pytest.mark.asyncio(loop_scope="module")
 POSES: list[dict[str, Any]] = [
     {"name": f"pose {k}", "joints_rad": [0.2 * k, 0.1, -0.1 * k, 0.3, 0.5, 0.0]} for k in range(1, 5)
 ]

@@ -27,7 +27,7 @@ from tests.service.browser_pages import (
 )
 from tests.service.step_page_actions import FakePendant, at_the_pages, wait_for_question
 
-pytestmark = [pytest.mark.asyncio(loop_scope="module"), pytest.mark.xdist_group("wizard_pages")]
+pytestmark = pytest.mark.asyncio(loop_scope="module")
 SIZES = ((1280, 800), (800, 1280), (390, 844))
 TILES = ("position", "record", "check", "certificate", "devices")
 FRAME: dict[str, Any] = {"frame_number": 3, "tip_in_flange_m": [0.0, 0.0, 0.2]}
