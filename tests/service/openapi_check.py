@@ -135,16 +135,23 @@ class DescribedApi:
                 yield from self.schema_faults(schema, each, f"{at}[{k}]")
 
     def _check_minimum(self, least: float, value: Any, at: str, _: Any) -> Iterator[str]:
-        if (len(value) if isinstance(value, list | str) else value) < least:
+        if (size := _size_of(value)) is not None and size < least:
             yield f"{at}: {value!r} is below {least}"
 
     def _check_maximum(self, most: float, value: Any, at: str, _: Any) -> Iterator[str]:
-        if (len(value) if isinstance(value, list | str) else value) > most:
+        if (size := _size_of(value)) is not None and size > most:
             yield f"{at}: {value!r} is above {most}"
 
     def _check_pattern(self, pattern: str, value: Any, at: str, _: Any) -> Iterator[str]:
         if not re.search(pattern, value):
             yield f"{at}: {value!r} is not like {pattern}"
+
+
+def _size_of(value: Any) -> float | None:
+    """Return what a bound counts; None for a value that no bound speaks of, such as null."""
+    if isinstance(value, list | str):
+        return len(value)
+    return value if isinstance(value, int | float) else None
 
 
 _WORDS: dict[str, Any] = {

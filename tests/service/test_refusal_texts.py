@@ -125,7 +125,8 @@ def told_by_devices() -> set[str]:
         (name, code_table(f"cellcal.drivers.{package}", name).values()) for package, name in CODE_TABLES
     ]
     texts = {entry.text for name, entries in tables if name != "alarms.tsv" for entry in entries}
-    meanings = {text for text in texts if " " in text}  # a name alone is the maker's, in every language
+    # A name with capitals or lines below is the maker's, in every language.
+    meanings = {text for text in texts if " " in text or (text.isalpha() and text.islower())}
     remedies = {step for _, entries in tables for entry in entries for step in SENTENCE.split(entry.remedy)}
     return {number_holes(text) for text in meanings | remedies} - {""}
 
