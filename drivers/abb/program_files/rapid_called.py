@@ -115,7 +115,7 @@ def _called_in(body: str) -> str:
 
 def _late_pattern(found: re.Match[str]) -> str:
     """Return which names a computed one may be: with what it begins, where that is written, and anything behind."""
-    begins = (found[1] or '""')[1:-1].upper()
+    begins = (found[1] or '""')[1:-1].upper().rpartition(":")[2]  # a module's name may stand before it
     return begins + ("*" if found[2].strip() or not begins else "")
 
 
