@@ -71,7 +71,7 @@ SAID = {
     "es": ("no se sabe nada de su servicio", "Haga que se realice.", "calibración de gauge_7: venció el",
            "Calibración del robot", "Control de deriva", "medición 3", "Sistema de usuario con tres puntos",
            "certificado en el bus", "un mensaje no tiene las partes de uno firmado"),
-    "zh": ("收不到其服务的消息", "请安排执行。", "gauge_7 的校准：已于", "用拉绳或跟踪仪标定机器人", "漂移检查", "测量 3",
+    "zh": ("收不到其服务的消息", "请安排执行。", "gauge_7 的校准\uff1a已于", "用拉绳或跟踪仪标定机器人", "漂移检查", "测量 3",
            "三点法用户坐标系", "总线证书", "消息缺少签名消息应有的部分"),
 }  # fmt: skip
 
