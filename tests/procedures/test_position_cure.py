@@ -158,7 +158,7 @@ def test_a_robot_whose_mastering_is_open_or_whose_gears_are_unknown_does_not_get
     lacks = missing_needs(CATALOGUE["position_cure"], healthy_scene().cell)
     assert len(lacks) == 2
     assert "at its pendant" in lacks[0]
-    assert "motor_turns_per_joint_turn" in lacks[1]
+    assert "gear ratio" in lacks[1]
 
 
 @pytest.mark.parametrize("ratios", [[100.0, 0.5], [100.0, float("nan")], [[100.0]]])
