@@ -154,10 +154,9 @@ def diff(
             }
         )
         return 0
+    console = Console(highlight=False, emoji=False)
     if not changes:
-        Console(highlight=False, emoji=False).print(
-            f"{robot_serial}: versions {old.version} and {new.version} hold the same values."
-        )
+        console.print(f"{robot_serial}: versions {old.version} and {new.version} hold the same values.")
         return 0
     table = PlainTable(
         "parameter", "before", "after", "difference", "unit", "in uncertainties",
@@ -169,7 +168,7 @@ def diff(
         size = "-" if change.difference_in_sigmas is None else f"{change.difference_in_sigmas:.1f}"
         size = size if change.is_determined else _ASSUMED
         table.add_row(change.name, *numbers, f"{change.value_difference * scale:+.5f}", unit, size)
-    Console(highlight=False, emoji=False).print(table)
+    console.print(table)
     return 0
 
 
