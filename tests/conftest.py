@@ -6,6 +6,7 @@ from collections.abc import Iterator
 import pytest
 
 from cellcal.drivers.supervision import SUPERVISOR
+from tests.long_tests import mark_long_tests, names_without_test, read_long_tests
 from tests.machine_speed import publish_slowness, stretch_test_timeouts
 
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # a run in the background; children would ignore it
@@ -16,6 +17,16 @@ def pytest_configure(config: pytest.Config) -> None:
     """Measure the machine before the workers of a parallel run start."""
     publish_slowness()
     stretch_test_timeouts(config)
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Mark the tests that take long, before tests are chosen by their marks."""
+    names = read_long_tests()
+    whole_files = not any("::" in argument for argument in config.args)
+    if whole_files and (unknown := names_without_test(items, names)):
+        raise pytest.UsageError(f"tests/long_tests.txt names tests that do not exist: {unknown}")
+    mark_long_tests(items, names)
 
 
 @pytest.fixture(autouse=True)

@@ -8,6 +8,7 @@ import ast
 import contextlib
 import re
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 from string import Formatter
 from typing import TypeGuard
@@ -58,6 +59,7 @@ _NAMED_HOLE = re.compile(r"(?<!\{)\{[a-z_]\w*(?:![rsa])?(?::[^{}]*)?\}")
 _CODE = re.compile(r"[a-z_]+(\.[a-z_{}0]+)+")  # of an error or alarm: told to programs
 
 
+@cache
 def sentences_in(path: Path) -> set[str]:
     """Return what a file's errors, remedies, rules and reasons say, sentence by sentence."""
     return {
@@ -77,12 +79,18 @@ def number_holes(part: str) -> str:
     return numbered.replace("{{", "{").replace("}}", "}")  # braces that are no holes
 
 
-def message_templates(path: Path) -> Iterator[tuple[int, str]]:
-    """Yield line and template, without formats, of each message of a file."""
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-        if isinstance(node, ast.Call) and getattr(node.func, "id", "") == "make_message":
-            for template in _literals_of(node.args[0]):
-                yield node.lineno, _plain_template(template)
+@cache
+def message_templates(path: Path) -> tuple[tuple[int, str], ...]:
+    """Return line and template, without formats, of each message of a file."""
+    text = path.read_text(encoding="utf-8")
+    if "make_message" not in text:
+        return ()
+    return tuple(
+        (node.lineno, _plain_template(template))
+        for node in ast.walk(ast.parse(text))
+        if isinstance(node, ast.Call) and getattr(node.func, "id", "") == "make_message"
+        for template in _literals_of(node.args[0])
+    )
 
 
 def constant_templates(path: Path) -> Iterator[str]:

@@ -21,7 +21,10 @@ def instruction_keys() -> Iterator[str]:
     """Yield the keys of all instructions in the source; a number stands where a key has one."""
     for folder in ("procedures", "service"):
         for path in sorted((ROOT / folder).rglob("*.py")):
-            for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            text = path.read_text(encoding="utf-8")
+            if "Instruction(" not in text and "Question(" not in text:
+                continue
+            for node in ast.walk(ast.parse(text)):
                 called = getattr(node.func, "id", "") if isinstance(node, ast.Call) else ""
                 if called in ("Instruction", "Question") and isinstance(node, ast.Call) and node.args:
                     key = node.args[0]
