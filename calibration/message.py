@@ -19,7 +19,7 @@ from string import Formatter
 from types import MappingProxyType
 from typing import TypeAlias
 
-_MOST_REMEMBERED = 8192  # messages in each of the two generations of `_RecentMessages`
+_MOST_REMEMBERED = 32_768  # messages in each of the two generations of `_RecentMessages`
 _FORMATTER = Formatter()
 _LINE_ENDS = (0x0B, 0x0C, 0x0D, 0x85, 0x2028, 0x2029)
 _REPLACED = "\N{REPLACEMENT CHARACTER}"

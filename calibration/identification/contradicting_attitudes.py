@@ -26,6 +26,7 @@ from cellcal.calibration.identification.observations import (
 )
 from cellcal.calibration.identification.parameters import GEOMETRY, Priors
 from cellcal.calibration.identification.quick_fit import spread_rows
+from cellcal.calibration.message import make_message
 
 _MOST_ROWS = 120
 _FOLDS = 5
@@ -78,9 +79,13 @@ def contradicting_attitudes(
     return [
         Lint(
             "attitudes",
-            f"the attitudes were left out: with them held-out places are predicted to {both[1]:.3f} mm (RMSE), "
-            f"without them to {both[0]:.3f} mm. They contradict the places: see whether they are the controller's, "
-            "or of other rows.",
+            make_message(
+                "the attitudes were left out: with them held-out places are predicted to {with_them:.3f} mm (RMSE), "
+                "without them to {without:.3f} mm. They contradict the places: see whether they are the "
+                "controller's, or of other rows.",
+                with_them=both[1],
+                without=both[0],
+            ),
         )
     ]
 

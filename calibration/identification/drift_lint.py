@@ -8,6 +8,7 @@ import scipy  # loads a part of it when that is first used
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.identification.lints import Lint
 from cellcal.calibration.identification.observations import Rows
+from cellcal.calibration.message import make_message
 
 _BY_CHANCE = 0.01
 _FEWEST_ROWS = 30
@@ -73,20 +74,31 @@ def temperature_drift(temperature: Array | None, left_m: Array, groups: Rows) ->
         return []
     has_temperature = np.isfinite(temperature)
     low, high = float(temperature[has_temperature].min()), float(temperature[has_temperature].max())
-    moved = f"the temperature moved from {low:.1f} to {high:.1f} °C over the series"
+    moved = make_message(
+        "the temperature moved from {low:.1f} to {high:.1f} °C over the series", low=low, high=high
+    )
     drift = drift_with(temperature[has_temperature], left_m[:, has_temperature], groups[has_temperature])
     if drift is not None and drift.by_chance < _BY_CHANCE and drift.total_m > _SMALLEST_M:
         size, sigma = float(np.linalg.norm(drift.slope)) * 1e3, float(np.linalg.norm(drift.sigma)) * 1e3
         return [
             Lint(
                 "temperature",
-                f"{moved}, and residuals go with it: {size:.3f} mm per degree (sigma {sigma:.3f}), "
-                f"{drift.total_m * 1e3:.2f} mm in all. Warm the arm up first, or measure at one temperature.",
+                make_message(
+                    "{moved}, and residuals go with it: {size:.3f} mm per degree (sigma {sigma:.3f}), {total:.2f} mm "
+                    "in all. Warm the arm up first, or measure at one temperature.",
+                    moved=moved,
+                    size=size,
+                    sigma=sigma,
+                    total=drift.total_m * 1e3,
+                ),
             )
         ]
     if high - low < _WARM_K:
         return []
-    return [Lint("temperature", f"{moved}; residuals do not follow it more than chance would make them.")]
+    steady = make_message(
+        "{moved}; residuals do not follow it more than chance would make them.", moved=moved
+    )
+    return [Lint("temperature", steady)]
 
 
 def order_drift(left_m: Array, groups: Rows) -> list[Lint]:
@@ -98,7 +110,10 @@ def order_drift(left_m: Array, groups: Rows) -> list[Lint]:
     return [
         Lint(
             "order",
-            f"residuals wander by {drift.total_m * 1e3:.2f} mm from the first row to the last: device or arm moved "
-            "slowly, or warmed up. Come back to a reference posture now and then.",
+            make_message(
+                "residuals wander by {total:.2f} mm from the first row to the last: device or arm moved slowly, or "
+                "warmed up. Come back to a reference posture now and then.",
+                total=drift.total_m * 1e3,
+            ),
         )
     ]

@@ -20,6 +20,7 @@ from cellcal.calibration.identification.estimator import (
 )
 from cellcal.calibration.identification.observations import Rows
 from cellcal.calibration.identification.robust import RobustFit
+from cellcal.calibration.message import make_message
 
 _BY_CHANCE = 0.01
 _WORTH_SAYING = 1.05  # of a standard deviation
@@ -122,9 +123,13 @@ def _effect_of_variances(
     rho, widening = shared / (own + shared), float(np.sqrt(effect))
     remark = ""
     if widening > _WORTH_SAYING:
-        remark = (
-            f"residuals go together within groups (correlation {rho:.2f}): the {count:.0f} rows tell as much as "
-            f"{count / effect:.0f} independent ones. Stated deviations are widened {widening:.2f} times."
+        remark = make_message(
+            "residuals go together within groups (correlation {rho:.2f}): the {count:.0f} rows tell as much as "
+            "{fewer:.0f} independent ones. Stated deviations are widened {widening:.2f} times.",
+            rho=rho,
+            count=count,
+            fewer=count / effect,
+            widening=widening,
         )
     freedom = (share * between + (1.0 - share) * within) ** 2 / relative_variance
     return GroupEffect(rho, size, widening, count / effect, max(freedom, 1.0), remark)

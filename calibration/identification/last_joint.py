@@ -9,6 +9,7 @@ from cellcal.calibration.identification.lints import Lint
 from cellcal.calibration.identification.misfit_fit import fit_quickly
 from cellcal.calibration.identification.observations import Observations, PointObservations, PoseObservations
 from cellcal.calibration.identification.quick_fit import spread_rows
+from cellcal.calibration.message import make_message
 
 DIRECTION = "direction"
 _MOST_ROWS = 80
@@ -44,12 +45,24 @@ def last_joint_note(model: RobotModel, observations: Observations) -> list[Lint]
     return [
         Lint(
             DIRECTION,
-            f"the direction of {name} cannot be seen from these data: {_why_unseen(model)} "
-            f"({as_read * 1e3:.3f} mm remain as it was read, {other * 1e3:.3f} mm with {name} turned round). What "
-            f"follows {name} in the residuals may be this alone. Check its sign at the robot, or measure "
-            f"{'attitudes' if model.axis_count <= _FEW_JOINTS else 'with the target off the axis'}.",
+            make_message(
+                "the direction of {name} cannot be seen from these data: {why} ({as_read:.3f} mm remain as it was "
+                "read, {other:.3f} mm with {name} turned round). What follows {name} in the residuals may be this "
+                "alone. {cure}",
+                name=name,
+                why=_why_unseen(model),
+                as_read=as_read * 1e3,
+                other=other * 1e3,
+                cure=_cure_unseen(model),
+            ),
         )
     ]
+
+
+def _cure_unseen(model: RobotModel) -> str:
+    if model.axis_count <= _FEW_JOINTS:
+        return "Check its sign at the robot, or measure attitudes."
+    return "Check its sign at the robot, or measure with the target off the axis."
 
 
 def _why_unseen(model: RobotModel) -> str:

@@ -9,7 +9,7 @@ from cellcal.calibration.arm.joint_kinds import shown_units
 from cellcal.calibration.arm.kinematics import RobotModel
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.identification.observations import Rows
-from cellcal.calibration.message import make_message
+from cellcal.calibration.message import join_messages, make_message
 
 _FAR_FROM_ZERO_RAD = float(np.deg2rad(10.0))
 _NEAR_RAD = float(np.deg2rad(2.0))
@@ -61,8 +61,13 @@ def sign_flips(joints_rad: Array, joint_names: Sequence[str]) -> list[Lint]:
         found.append(
             Lint(
                 "sign",
-                f"{name} has the other sign in {len(rows)} rows ({blocks}) at the same sizes as the others: "
-                "a minus sign may be lost. Used as written.",
+                make_message(
+                    "{name} has the other sign in {count} rows ({blocks}) at the same sizes as the others: "
+                    "a minus sign may be lost. Used as written.",
+                    name=name,
+                    count=len(rows),
+                    blocks=blocks,
+                ),
                 tuple(int(row) for row in rows),
             )
         )
@@ -91,10 +96,18 @@ def beyond_limits(model: RobotModel, joints_rad: Array) -> list[Lint]:
         found.append(
             Lint(
                 "limits",
-                f"{model.joint_names[joint]} goes from {angle.min():.1f} to {angle.max():.1f} {unit}, and the limits "
-                f"of {model.label} are {lower:.1f} and {upper:.1f}: see its zero, its unit, and which robot was "
-                "measured. Another zero of the first or the last joint does not show in a fit, and puts the robot "
-                "elsewhere.",
+                make_message(
+                    "{joint} goes from {least:.1f} to {most:.1f} {unit}, and the limits of {model} are {lower:.1f} "
+                    "and {upper:.1f}: see its zero, its unit, and which robot was measured. Another zero of the "
+                    "first or the last joint does not show in a fit, and puts the robot elsewhere.",
+                    joint=model.joint_names[joint],
+                    least=angle.min(),
+                    most=angle.max(),
+                    unit=unit,
+                    model=model.label,
+                    lower=lower,
+                    upper=upper,
+                ),
                 tuple(rows.tolist()),
             )
         )
@@ -110,7 +123,9 @@ def find_duplicates(joints_rad: Array) -> list[Lint]:
     return [
         Lint(
             "duplicates",
-            f"{len(repeated)} rows repeat the joints of an earlier row: they weigh twice.",
+            make_message(
+                "{count} rows repeat the joints of an earlier row: they weigh twice.", count=len(repeated)
+            ),
             tuple(int(row) for row in repeated),
         )
     ]
@@ -146,7 +161,10 @@ def beyond_fitted_range(fitted_joints_rad: Array, check_joints_rad: Array) -> li
     return [
         Lint(
             "extrapolation",
-            f"{len(rows)} check rows turn a joint further than any fitted row: sag and ripple are extrapolated.",
+            make_message(
+                "{count} check rows turn a joint further than any fitted row: sag and ripple are extrapolated.",
+                count=len(rows),
+            ),
             tuple(int(row) for row in rows),
         )
     ]
@@ -168,27 +186,38 @@ def rounding_floor(
         step = (
             (joint_step_rad * factors)[largest] if len(set(units)) > 1 else (joint_step_rad * factors).max()
         )
-        coarse.append(f"joints are rounded to {step:g} {units[largest]}")
+        coarse.append(make_message("joints are rounded to {step:g} {unit}", step=step, unit=units[largest]))
     if value_step_m * _UNIFORM >= _SHARE * floor:
-        coarse.append(f"measured values to {value_step_m * 1e3:g} mm")
+        coarse.append(make_message("measured values are rounded to {step:g} mm", step=value_step_m * 1e3))
     return [
         Lint(
             "resolution",
-            f"{' and '.join(coarse)}: from that alone an error of {floor * 1e3:.2f} mm (RMS) is to be expected "
-            "where nothing sharpens them.",
+            make_message(
+                "{roundings}: from that alone an error of {floor:.2f} mm (RMS) is to be expected where nothing "
+                "sharpens them.",
+                roundings=join_messages(", ", coarse),
+                floor=floor * 1e3,
+            ),
         )
     ]
 
 
 def controller_positions(doubtful: Sequence[int], disagreement_m: Array, *, used: bool) -> list[Lint]:
     """Say how the controller's printed positions relate to the joints, and what they were used for."""
-    what = "sharpen the rounded joints" if used else "check the joints"
     usual = float(np.median(disagreement_m)) * 1e3
+    how = (
+        "they serve to sharpen the rounded joints, never as truth."
+        if used
+        else "they serve to check the joints, never as truth."
+    )
     found = [
         Lint(
             "controller",
-            f"the controller's x, y, z agree with the joints to {usual:.2f} mm (median); they serve to "
-            f"{what}, never as truth.",
+            make_message(
+                "the controller's x, y, z agree with the joints to {usual:.2f} mm (median); {how}",
+                usual=usual,
+                how=how,
+            ),
         )
     ]
     if doubtful:
@@ -196,8 +225,12 @@ def controller_positions(doubtful: Sequence[int], disagreement_m: Array, *, used
         found.append(
             Lint(
                 "controller_rows",
-                f"the controller's x, y, z and the joints contradict each other in {len(doubtful)} rows "
-                f"(up to {worst:.1f} mm): one of the two is not what the arm did. Joints used as written.",
+                make_message(
+                    "the controller's x, y, z and the joints contradict each other in {count} rows (up to "
+                    "{worst:.1f} mm): one of the two is not what the arm did. Joints used as written.",
+                    count=len(doubtful),
+                    worst=worst,
+                ),
                 tuple(doubtful),
             )
         )
@@ -230,8 +263,11 @@ def find_calculated_positions(held_out_m: Array, step_m: float) -> list[Lint]:
     return [
         Lint(
             "not_measured",
-            f"held-out rows are predicted to {left_m * 1e3:.4f} mm, closer than an arm repeats: the values look "
-            "calculated by a controller with a model of its own, not measured.",
+            make_message(
+                "held-out rows are predicted to {left:.4f} mm, closer than an arm repeats: the values look "
+                "calculated by a controller with a model of its own, not measured.",
+                left=left_m * 1e3,
+            ),
         )
     ]
 
@@ -253,8 +289,11 @@ def find_alike_neighbours(residuals: Array, postures: Rows | None = None) -> lis
     return [
         Lint(
             "drift",
-            f"neighbouring residuals are alike (correlation {rho:.2f}): something drifts that the "
-            "model does not have. Held-out errors, by groups, are not affected.",
+            make_message(
+                "neighbouring residuals are alike (correlation {rho:.2f}): something drifts that the model does not "
+                "have. Held-out errors, by groups, are not affected.",
+                rho=rho,
+            ),
         )
     ]
 

@@ -11,7 +11,7 @@ from cellcal.calibration.geometry import Array
 from cellcal.calibration.identification.misfit_hypotheses import FileNames, JointInterpretation, join_words
 from cellcal.calibration.identification.observations import PointObservations
 from cellcal.calibration.identification.quick_fit import refine_number, trimmed_joint_scores
-from cellcal.calibration.message import make_message
+from cellcal.calibration.message import join_messages, make_message
 
 _PARALLEL = 1e-3
 _WIDEST_PITCH_M = 0.06  # a turn
@@ -45,7 +45,7 @@ def model_readings(
             continue
         says, cure = (
             make_message("this is a {other_name}", other_name=other.name),
-            f"Name the robot that was measured: `--robot {other.name}`.",
+            make_message("Name the robot that was measured: `--robot {other_name}`.", other_name=other.name),
         )
         yield JointInterpretation("model", 1, joints_rad, says, cure, model=other)
         for each in coupled_readings(other, joints_rad, names):
@@ -53,8 +53,8 @@ def model_readings(
                 "model",
                 2,
                 each.joints_rad,
-                f"{says}, and {each.says}",
-                f"{cure} {each.cure}",
+                make_message("{says}, and {and_says}", says=says, and_says=each.says),
+                join_messages(" ", (cure, each.cure)),
                 model=other,
             )
 

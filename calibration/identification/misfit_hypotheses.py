@@ -113,8 +113,12 @@ def _slide_units(
             "slide unit",
             1,
             joints_rad * np.where(turning, 1.0, factor),
-            f"{join_words([names.joints[i] for i in np.flatnonzero(~turning)])} is in {unit}",
-            f"Say so: `--units slides={unit}`.",
+            make_message(
+                "{joints} is in {unit}",
+                joints=join_words([names.joints[i] for i in np.flatnonzero(~turning)]),
+                unit=unit,
+            ),
+            make_message("Say so: `--units slides={unit}`.", unit=unit),
         )
 
 
@@ -248,7 +252,7 @@ def with_zeros(
     return replace(
         reading,
         parts=reading.parts - len(reading.zeros_rad) + len(zeros),
-        says=f"{zero_text}, and {says}" if zero_text else says,
+        says=make_message("{says}, and {and_says}", says=zero_text, and_says=says) if zero_text else says,
         cure=make_message("{own_cure} {further_cure}", own_cure=reading.cure, further_cure=cure)
         if zero_text and not reading.columns
         else cure,

@@ -88,13 +88,20 @@ class MisfitCandidate:
     def cure_texts(self) -> list[str]:
         """The cures in words."""
         what = "length" if isinstance(self.observations, LengthObservations) else "position"
-        cures = [f"Say so: `--units {what}={self.unit}`."] if self.unit else []
+        cures = (
+            [make_message("Say so: `--units {what}={unit}`.", what=what, unit=self.unit)] if self.unit else []
+        )
         if self.mirrored:
             x, y, z = self.names.position if self.names else ("X", "Y", "Z")
             cures.append(
-                f"See which axis of the instrument's frame points the other way, and turn its sign: "
-                f"`--columns position={x},-{y},{z}`; or name the columns in their right order: "
-                f"`--columns position={y},{x},{z}`."
+                make_message(
+                    "See which axis of the instrument's frame points the other way, and turn its sign: "
+                    "`--columns position={x},-{y},{z}`; or name the columns in their right order: "
+                    "`--columns position={y},{x},{z}`.",
+                    x=x,
+                    y=y,
+                    z=z,
+                )
             )
         return cures
 

@@ -38,9 +38,14 @@ def slide_readings(model: RobotModel, joints_rad: Array, names: FileNames) -> It
                     "slide",
                     1,
                     moved,
-                    f"{names.joints[joint]} slides, by {unit}, and does not turn",
-                    f"Describe joint {model.joint_names[joint]} as prismatic, with limits in metres (URDF) or "
-                    "millimetres (model file).",
+                    make_message(
+                        "{joint} slides, by {unit}, and does not turn", joint=names.joints[joint], unit=unit
+                    ),
+                    make_message(
+                        "Describe joint {joint} as prismatic, with limits in metres (URDF) or millimetres (model "
+                        "file).",
+                        joint=model.joint_names[joint],
+                    ),
                     model=sliding,
                 )
 
@@ -61,9 +66,13 @@ def turn_readings(model: RobotModel, joints_rad: Array, names: FileNames) -> Ite
                     "turn",
                     1,
                     moved,
-                    f"{names.joints[joint]} turns, by {unit}, and does not slide",
-                    f"Describe joint {model.joint_names[joint]} as revolute, with limits in radians (URDF) or "
-                    "degrees (model file).",
+                    make_message(
+                        "{joint} turns, by {unit}, and does not slide", joint=names.joints[joint], unit=unit
+                    ),
+                    make_message(
+                        "Describe joint {joint} as revolute, with limits in radians (URDF) or degrees (model file).",
+                        joint=model.joint_names[joint],
+                    ),
                     model=turning,
                 )
 

@@ -30,7 +30,7 @@ from cellcal.calibration.identification.observations import (
 from cellcal.calibration.identification.parameters import GEOMETRY, Parameter, ParameterLayout, Priors
 from cellcal.calibration.identification.quick_fit import spread_rows
 from cellcal.calibration.identification.robust import fit_robustly
-from cellcal.calibration.message import make_message
+from cellcal.calibration.message import join_messages, make_message
 
 _MOST_ROWS = 200
 _SPARE_CHANNELS = 12  # more than unknowns
@@ -194,4 +194,5 @@ def scale_note(scale: PositionScale | None) -> list[Lint]:
     """Return a note where a factor is likely and not sure."""
     if scale is None or is_wrong(scale) or not scale.is_beyond(_LIKELY, _DOUBTFUL):
         return []
-    return [Lint("scale", f"perhaps all measured positions are {scale.words}: {_LOOK} {_SCALE_REMEDY}")]
+    doubt = make_message("perhaps all measured positions are {scale_words}.", scale_words=scale.words)
+    return [Lint("scale", join_messages(" ", (doubt, _LOOK, _SCALE_REMEDY)))]

@@ -10,6 +10,7 @@ from cellcal.calibration.geometry import Array
 from cellcal.calibration.identification.group_effect import group_effect
 from cellcal.calibration.identification.lints import Lint
 from cellcal.calibration.identification.observations import Rows
+from cellcal.calibration.message import make_message
 
 _BINS = 12
 _FEWEST_PER_BIN = 8
@@ -126,23 +127,39 @@ def _sweep_finding(sweep: _JointSweep, name: str, shown: tuple[str, float], *, l
         for i in range(1, len(means))
     ]
     cut = int(np.argmin(steps)) + 1
-    along = "the wire" if lengths else "xyz"[sweep.channel]
     if float(((means - line) ** 2).sum()) < (1 - _SHAPE) * spread:
-        first, last = (f"{means[i]:+.3f} mm at {middles[i]:.0f} {unit}" for i in (0, -1))
-        shape = f"a trend from {first} to {last}"
+        shape = make_message(
+            "a trend from {first:+.3f} mm at {low:.0f} {unit} to {last:+.3f} mm at {high:.0f} {unit}",
+            first=means[0],
+            low=middles[0],
+            last=means[-1],
+            high=middles[-1],
+            unit=unit,
+        )
     elif min(steps) < (1 - _SHAPE) * spread:
-        shape = (
-            f"a step near {(edges[cut - 1, 1] + edges[cut, 0]) / 2:.0f} {unit}, from {means[:cut].mean():+.3f} to "
-            f"{means[cut:].mean():+.3f} mm"
+        shape = make_message(
+            "a step near {place:.0f} {unit}, from {before:+.3f} to {after:+.3f} mm",
+            place=(edges[cut - 1, 1] + edges[cut, 0]) / 2,
+            unit=unit,
+            before=means[:cut].mean(),
+            after=means[cut:].mean(),
         )
     else:
         worst = int(np.argmax(np.abs(means)))
-        shape = (
-            f"a wave of {np.ptp(means):.3f} mm, furthest off ({means[worst]:+.3f} mm) between "
-            f"{edges[worst, 0]:.0f} and {edges[worst, 1]:.0f} {unit}"
+        shape = make_message(
+            "a wave of {height:.3f} mm, furthest off ({worst:+.3f} mm) between {low:.0f} and {high:.0f} {unit}",
+            height=np.ptp(means),
+            worst=means[worst],
+            low=edges[worst, 0],
+            high=edges[worst, 1],
+            unit=unit,
         )
-    return Lint(
-        "sweep",
-        f"residuals along {along} follow {name}: {shape}. The model lacks something there, or {name} was "
-        "not where the file says.",
+    along = "the wire" if lengths else "xyz"[sweep.channel]
+    message = make_message(
+        "residuals along {along} follow {name}: {shape}. The model lacks something there, or {name} was not where "
+        "the file says.",
+        along=along,
+        name=name,
+        shape=shape,
     )
+    return Lint("sweep", message)

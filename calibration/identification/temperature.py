@@ -19,6 +19,7 @@ from cellcal.calibration.identification.lints import Lint
 from cellcal.calibration.identification.observations import LengthObservations, Observations, Rows
 from cellcal.calibration.identification.parameters import GEOMETRY, ArmState, ParameterLayout
 from cellcal.calibration.identification.series_breaks import fit_frames
+from cellcal.calibration.message import make_message
 
 _BY_CHANCE = 0.01
 _SMALLEST_M = 2e-5  # over the whole range
@@ -94,9 +95,14 @@ def temperature_note(effect: TemperatureEffect | None) -> list[Lint]:
     return [
         Lint(
             "temperature",
-            f"readings shift by {float(np.linalg.norm(effect.slopes)) * 1e3:.3f} mm per degree, "
-            f"{effect.total_m * 1e3:.2f} mm in all: taken out, all results are at {effect.at:.1f} °C "
-            f"({effect.reason}). At another temperature they are off by as much.",
+            make_message(
+                "readings shift by {slope:.3f} mm per degree, {total:.2f} mm in all: taken out, all results are at "
+                "{at:.1f} °C ({reason}). At another temperature they are off by as much.",
+                slope=np.linalg.norm(effect.slopes) * 1e3,
+                total=effect.total_m * 1e3,
+                at=effect.at,
+                reason=effect.reason,
+            ),
         )
     ]
 

@@ -47,7 +47,7 @@ _CALLED = """
 _REMARKS = "Remark _element_remarks _grouped_remarks _line_remarks _of_functions add_remark"
 SAID_BY_NAME, SAYING = frozenset(_BY_NAME.split()), frozenset(_CALLED.split())
 INSTRUCTION_CLASSES = frozenset(
-    ("Instruction", "Question", "MeterReading")
+    ("Instruction", "Question", "MeterReading", "Lint")
 )  # a key or a code, and what is said
 REMARKING = frozenset(_REMARKS.split())
 _PROSE = re.compile(

@@ -134,7 +134,7 @@ async def page_of(
             lambda request: complaints.append(request.url) if not request.url.startswith(url) else None,
         )
         await page.goto(f"{url}/api/sign-in/console?token={app.state.context.authenticator.console_token()}")
-        await page.get_by_test_id(f"cell-{hall.names[-1]}").wait_for()
+        await page.get_by_test_id(f"cell-{hall.names[-1]}" if hall.names else "no-cells").wait_for()
         yield page
         await context.close()
         assert [complaint for complaint in complaints if not re.search(expected, complaint)] == []
@@ -188,7 +188,9 @@ async def test_two_hundred_cells_are_shown_and_only_what_changed_is_drawn(tmp_pa
         await page.get_by_text("E-stop.").wait_for()
         await expect(rows.first).to_have_attribute("data-testid", "cell-cell-150")
         await page.get_by_role("button", name="Only what needs a look").click()
-        await expect(rows).to_have_count(2)
+        waiting = [f"cell-cell-{k:03d}" for k in range(0, CELLS, 20) if k != 20]
+        shown = await rows.evaluate_all("rows => rows.map(row => row.dataset.testid)")
+        assert shown == ["cell-cell-150", "cell-cell-042", *sorted([*waiting, "cell-cell-005"])]
         await page.get_by_role("button", name="Only what needs a look").click()
         await page.get_by_test_id("find").fill("cell-15")
         await expect(rows).to_have_count(10)
@@ -211,9 +213,18 @@ async def test_no_one_is_shut_out_in_any_language(tmp_path: Path) -> None:
             await wait_for_language(page, locale)
             await hold_to_rules(page, locale)
             assert await page.evaluate("document.documentElement.scrollWidth <= innerWidth"), locale
+            whole = "all => all.every(e => e.getBoundingClientRect().right <= innerWidth)"
+            assert await page.locator("tbody td").evaluate_all(whole), locale  # also what is due
             assert not re.search(r"fleet_|verdict_|\{\w+\}", await page.locator("body").inner_text()), locale
             words = json.loads((ROOT / f"web/src/locales/{locale}.json").read_text(encoding="utf-8"))
             await expect(page.get_by_test_id("safety")).to_have_text(words["safety"])
+
+
+async def test_a_site_without_cells_says_how_one_is_added(tmp_path: Path) -> None:
+    hall = PlayedFleet(tmp_path, 0)
+    async with page_of(hall, tmp_path) as page:
+        await expect(page.get_by_test_id("no-cells")).to_contain_text("cellcal site enroll")
+        await expect(page.get_by_test_id("lost")).to_have_count(0)
 
 
 async def test_cell_messages_are_shown_in_the_language_of_the_page(tmp_path: Path) -> None:

@@ -50,7 +50,7 @@ async def test_the_panel_warns_of_no_value_that_an_instrument_does_not_tell(page
         changed |= {"age_s": 60.0}
         age = page.get_by_test_id("age-tracker")
         await expect(age).to_have_attribute("data-silent", "true")
-        await expect(age).to_contain_text("not heard for a while")
+        await expect(age).to_contain_text("no answer for a while")
         changed |= {"asked": True}  # a reading may take its time
         await expect(age).to_have_attribute("data-silent", "false")
         await expect(age).to_contain_text("being read by the run")

@@ -22,12 +22,12 @@ from tests.unit.helpers.simulated_arm import tracker_points
 from tests.unit.test_identify_report import file_of
 
 pytestmark = pytest.mark.asyncio(loop_scope="module")
-DROP = """([place, name, content]) => {
-    const bytes = Uint8Array.from(atob(content), (letter) => letter.charCodeAt(0));
+DROP = """([place, files]) => {
     const data = new DataTransfer();
-    data.items.add(new File([bytes], name));
-    for (const kind of ['dragover', 'drop'])
-        place.dispatchEvent(new DragEvent(kind, {dataTransfer: data, bubbles: true, cancelable: true})); }"""
+    for (const [name, content] of Object.entries(files))
+        data.items.add(new File([Uint8Array.from(atob(content), (letter) => letter.charCodeAt(0))], name));
+    return ['dragover', 'drop'].every((kind) => !place.dispatchEvent(
+        new DragEvent(kind, {dataTransfer: data, bubbles: true, cancelable: true}))); }"""
 
 
 @pytest.fixture(scope="module")
@@ -45,9 +45,15 @@ async def tablet_service(tmp_path_factory: pytest.TempPathFactory) -> AsyncItera
         assert opened.complaints == []
 
 
+async def _drop_files(page: Page, place: str, files: dict[str, bytes]) -> None:
+    """Drop files on a place of the page; no place hands them to the browser, which would leave the page for them."""
+    encoded = {name: base64.b64encode(content).decode() for name, content in files.items()}
+    handle = await page.locator(place).first.element_handle()
+    assert await page.evaluate(DROP, [handle, encoded])
+
+
 async def _drop_file(page: Page, name: str, content: bytes) -> None:
-    place = await page.get_by_test_id("drop").element_handle()
-    await page.evaluate(DROP, [place, name, base64.b64encode(content).decode()])
+    await _drop_files(page, "footer", {name: content})  # beside the marked place, as it happens
 
 
 async def test_an_engineer_drops_a_file_reads_what_it_says_and_saves_it(
@@ -58,6 +64,8 @@ async def test_an_engineer_drops_a_file_reads_what_it_says_and_saves_it(
         await page.get_by_test_id("to-measurements").click()
         await expect(page.get_by_test_id("drop")).to_be_visible()
         await hold_to_rules_in_languages(page, "the empty page")
+        await _drop_files(page, "h1", {"a.csv": b"1", "b.csv": b"2"})
+        await expect(page.get_by_test_id("measurements-told")).to_contain_text("One file at a time")
         await _drop_file(page, points_file.name, bytes_of(points_file))
         await _is_read(page)
         await hold_to_rules_in_languages(page, "the result")

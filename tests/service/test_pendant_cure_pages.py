@@ -1,5 +1,6 @@
 """A lost position of a Yaskawa in a real browser: from the home page to the certificate, and stopped half-way."""
 
+import re
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from pathlib import Path
@@ -111,6 +112,10 @@ async def test_a_cure_is_walked_by_its_pages_and_no_page_shows_the_loss_after_it
             await go_to_page(page, place)
             for test_id in LOSS_IDS:
                 await expect(page.get_by_test_id(test_id)).to_have_count(0)
+        await go_to_page(page, "#/devices")
+        await expect(page.get_by_test_id("panel-robot")).to_contain_text(
+            re.compile(r"S\s-?\d.*T\s-?\d", re.DOTALL)
+        )
         await go_to_page(page, "#/")
         await expect(page.get_by_test_id("glance").locator('[data-tone="bad"]')).to_have_count(0)
 

@@ -239,6 +239,7 @@ async def test_an_approval_asks_for_the_pin_and_then_goes_through(
         await expect_shown(page, "dialog-stop")
         await page.get_by_test_id("dialog-close").click()
         await expect_gone(page, "dialog")
+        await expect(page.get_by_test_id("yes")).to_be_focused()  # a keyboard goes on where it was
         assert one_question.orders == []
         await page.get_by_test_id("yes").click()
         await give_pin(page, PINS["Tom"])
@@ -296,6 +297,10 @@ async def test_writing_takes_a_second_person_beside_the_first(
     async with tablet_service.signed_in_tablet("Tom") as page:
         await page.get_by_test_id("yes").click()
         await expect_shown(page, "dialog")
+        await page.keyboard.press("Escape")
+        await expect_gone(page, "dialog")
+        await expect(page.get_by_test_id("yes")).to_be_focused()
+        await page.keyboard.press("Enter")
         names = page.get_by_test_id("dialog").get_by_test_id("person").locator("strong")
         await expect(names).to_have_text(["Emil", "Tina"])  # no viewer, no admin, not Tom
         await page.get_by_test_id("person").filter(has_text="Tina").click()

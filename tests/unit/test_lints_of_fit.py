@@ -119,7 +119,7 @@ def test_the_floor_names_what_is_coarse():
     model = load_model("abb_irb120")
     joints = random_joints(model, np.random.default_rng(0), 100)
     (values,) = lints.rounding_floor(model, joints, np.full(6, 1e-9), 1e-3)
-    assert "measured values to 1 mm" in values.message
+    assert "measured values are rounded to 1 mm" in values.message
     assert "joints" not in values.message
 
 

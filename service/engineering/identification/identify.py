@@ -322,8 +322,13 @@ def _lints_of_free(start: IdentificationStart, judged: _HeldOutErrors) -> list[L
         *noticed,
         Lint(
             "no_gain",
-            f"what is free ({', '.join(start.point.free)}) does not help rows that were not fitted: "
-            f"{before.rmse_m * 1e3:.3f} mm before, {after.rmse_m * 1e3:.3f} mm after.",
+            make_message(
+                "what is free ({free}) does not help rows that were not fitted: {before:.3f} mm before, {after:.3f} "
+                "mm after.",
+                free=", ".join(start.point.free),
+                before=before.rmse_m * 1e3,
+                after=after.rmse_m * 1e3,
+            ),
         ),
     ]
 

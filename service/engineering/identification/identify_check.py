@@ -51,6 +51,7 @@ from cellcal.calibration.identification.series_breaks import assign_mountings
 from cellcal.calibration.identification.sweep_lint import sweep_lint
 from cellcal.calibration.identification.temperature import TemperatureEffect, temperature_note
 from cellcal.calibration.identification.unrounding import unround_joints
+from cellcal.calibration.message import join_messages, make_message
 from cellcal.service.engineering.identification.identify_start import IdentificationStart
 from cellcal.service.engineering.measured.measurements import Measurements, ReadOptions, read_measurements
 from cellcal.service.engineering.measured.table import MeasurementError
@@ -173,8 +174,11 @@ def lint_repeated_postures(measurements: Measurements, train: Rows, held_out: Ro
     return [
         Lint(
             "leakage",
-            f"{len(again)} held-out rows repeat a posture that was fitted: without --train-rows such rows stay "
-            "together.",
+            make_message(
+                "{count} held-out rows repeat a posture that was fitted: without --train-rows such rows stay "
+                "together.",
+                count=len(again),
+            ),
             tuple(int(row) for row in measurements.rows[again]),
         )
     ]
@@ -230,8 +234,12 @@ def _several_targets(measurements: Measurements) -> list[Lint]:
     return [
         Lint(
             "targets",
-            f"column {column!r} tells {', '.join(words)} apart, and all rows were taken as of one target: where "
-            "these differ on the flange, keep the rows of one, or describe them in a layout.",
+            make_message(
+                "column {column!r} tells {targets} apart, and all rows were taken as of one target: where these "
+                "differ on the flange, keep the rows of one, or describe them in a layout.",
+                column=column,
+                targets=", ".join(words),
+            ),
         )
     ]
 
@@ -258,9 +266,13 @@ def lints_of_start(found: Identification, start: IdentificationStart) -> list[Li
     return [
         Lint(
             "arm_changed",
-            f"these rows contradict {start.name}: they want {worst.parameter} off by "
-            f"{_moved_by(found, worst)}. If that joint was mastered since, find it anew with "
-            f'--free "{worst.parameter}"; if not, one of the two measurements is wrong.',
+            make_message(
+                "these rows contradict {start}: they want {parameter} off by {moved_by}. If that joint was mastered "
+                'since, find it anew with --free "{parameter}"; if not, one of the two measurements is wrong.',
+                start=start.name,
+                parameter=worst.parameter,
+                moved_by=_moved_by(found, worst),
+            ),
         )
     ]
 
@@ -312,10 +324,17 @@ def check_file(
     sizes = by_mounting[chosen, np.arange(count)]
     noticed += _lint_moved_device(found, other.observations, ErrorSummary.from_sizes(sizes))
     if len(by_mounting) > 1:
-        parts = ", ".join(f"{int((chosen == i).sum())} rows on mounting {i + 1}" for i in np.unique(chosen))
-        noticed.append(
-            Lint("check_mounting", f"the device had several mountings; the check file fits {parts}.")
+        parts = [
+            make_message(
+                "{count} rows on mounting {mounting}", count=int((chosen == i).sum()), mounting=i + 1
+            )
+            for i in np.unique(chosen)
+        ]
+        fits = make_message(
+            "the device had several mountings; the check file fits {parts}.",
+            parts=join_messages(", ", parts),
         )
+        noticed.append(Lint("check_mounting", fits))
     smooth = None
     if found.residual is not None:
         observations = with_mounting(other.observations, chosen)
@@ -330,8 +349,12 @@ def _lint_moved_device(found: Identification, observations: Observations, stood:
     return [
         Lint(
             "check_moved",
-            f"with device and target placed anew the check file fits to {anew.rmse_m * 1e3:.3f} mm (RMSE), as they "
-            f"stood to {stood.rmse_m * 1e3:.3f} mm: was one of them moved between the files?",
+            make_message(
+                "with device and target placed anew the check file fits to {anew:.3f} mm (RMSE), as they stood to "
+                "{stood:.3f} mm: was one of them moved between the files?",
+                anew=anew.rmse_m * 1e3,
+                stood=stood.rmse_m * 1e3,
+            ),
         )
     ]
 

@@ -28,11 +28,15 @@ export function ago(age_s: number): string {
 }
 
 /** Its value in words; null where it has none. */
-export function describeReading({ value }: Device): string | null {
+export function describeReading({ name, value }: Device): string | null {
   const { t, number } = language;
   if (!value) return null;
   if (value.length_m !== undefined) return `${number(value.length_m * 1000, 2)} mm`;
-  if (value.joints_rad) return value.joints_rad.map((angle) => `${number((angle * 180) / Math.PI, 1)}°`).join("  ");
+  if (value.joints_rad) {
+    const axes = wire.session?.robots.find((each) => each.name === name)?.axis_names ?? [];
+    const describeAxis = (angle: number, axis: number) => `${axes[axis] ?? `J${axis + 1}`} ${number((angle * 180) / Math.PI, 1)}°`;
+    return value.joints_rad.map((angle, axis) => describeAxis(angle, axis).replace(" ", "\u00a0")).join("  "); // a name stays with its angle
+  }
   if (value.position_m) {
     const [x, y, z] = value.position_m.map((along) => number(along * 1000, 3));
     return `x ${x}  y ${y}  z ${z} mm  (${t("station_n", { n: value.station ?? "–" })})`;

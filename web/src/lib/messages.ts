@@ -10,17 +10,26 @@ export interface Message {
 
 export type Argument = string | Message;
 
-const MOST = 20_000; // texts; the oldest are forgotten
+const MOST = 20_000; // texts; the oldest are forgotten, never those of the document that is learned
 const HOLE = /\{\{|\}\}|\{(\w+)\}/g;
 const messagesByText = new Map<string, Message>();
 
 /** Take the tables of a document, or of each of a list, and return it. */
 export function learn<T>(document: T): T {
   for (const each of Array.isArray(document) ? document : [document]) {
-    const table: Record<string, Message> = each?.messages ?? {};
-    for (const [text, message] of Object.entries(table)) remember(text, message);
+    const table = Object.entries<Message>(each?.messages ?? {});
+    makeRoom(table.length);
+    for (const [text, message] of table) remember(text, message);
   }
   return document;
+}
+
+function makeRoom(count: number) {
+  let over = messagesByText.size + count - MOST;
+  for (const text of messagesByText.keys()) {
+    if (over-- <= 0) return;
+    messagesByText.delete(text);
+  }
 }
 
 function remember(text: string, message: Message) {
@@ -28,7 +37,6 @@ function remember(text: string, message: Message) {
   if (Object.values(message.arguments).some((argument) => english(argument) === text)) return; // it would never end
   messagesByText.delete(text);
   messagesByText.set(text, message);
-  if (messagesByText.size > MOST) messagesByText.delete(messagesByText.keys().next().value!);
 }
 
 /** The message that has this English text. */

@@ -37,6 +37,17 @@ export function unitOfSymbol(symbol: string): Unit {
   return BY_SYMBOL[symbol] ?? { name: symbol, factor: 1, digits: 3 };
 }
 
+/** A bound as people read it, never outside of what is allowed: 0.3 rad is 17.1°, not 17.1887°; a round one is itself. */
+export function roundBound(bound: number, towards: "up" | "down"): number {
+  const exact = Number(bound.toFixed(4));
+  if (Math.abs(bound - exact) <= 1e-9 * Math.abs(bound)) return exact;
+  const step = 10 ** (Math.floor(Math.log10(Math.abs(bound))) - 2);
+  const steps = bound / step;
+  const near = Math.round(steps);
+  const whole = Math.abs(steps - near) < 1e-9 * Math.abs(steps) ? near : towards === "up" ? Math.ceil(steps) : Math.floor(steps);
+  return Number((whole * step).toPrecision(3));
+}
+
 /** The number a person typed, comma or point; null where it is none. */
 export function typedNumber(text: string): number | null {
   const plain = text.trim().replace(/\s/g, "");
