@@ -10,6 +10,7 @@ from cellcal.calibration.arm.kinematics import RobotModel
 from cellcal.calibration.identification.cross_validation import Grouping, group_rows
 from cellcal.calibration.identification.identify import Identification, start_identification
 from cellcal.calibration.identification.misfit import refuse_misfit
+from cellcal.calibration.identification.misfit_error import MisfitError, cure_by_column
 from cellcal.calibration.identification.observations import Observations, PoseObservations, Rows
 from cellcal.calibration.identification.position_scale import (
     PositionScale,
@@ -142,8 +143,14 @@ def _refuse_changes(chain: RobotModel, prepared: PreparedMeasurements) -> None:
     """Refuse rows within which a target, or the zero of a joint, changed."""
     observations, rows = prepared.observations, prepared.measurements.rows
     series = series_columns(chain, observations)
-    refuse_series_changes(chain, find_series_changes(series, observations), rows)
-    refuse_target_change(chain, find_target_change(series), rows)
+    try:
+        refuse_series_changes(chain, find_series_changes(series, observations), rows)
+        refuse_target_change(chain, find_target_change(series), rows)
+    except MisfitError as error:
+        column = prepared.measurements.targets[0]
+        if not column or all("target" not in cause.kinds for cause in error.causes):
+            raise
+        raise MisfitError(error.message, remedy=cure_by_column(column), causes=error.causes) from error
 
 
 def _believed_scale(chain: RobotModel, rows: Observations) -> PositionScale | None:
