@@ -23,6 +23,7 @@ from cellcal.calibration.identification.series_breaks import (
     candidate_breaks,
     change_between,
     find_small_break,
+    find_small_excursion,
     fit_frames,
     mounting_of,
 )
@@ -47,10 +48,22 @@ def choose_breaks(
         waited = 0 if trial.accept(candidate) else waited + 1
         if waited == _PATIENCE:
             break
-    while len(trial.chosen) < _MOST_BREAKS and (small := find_small_break(fits, trial.chosen)) is not None:
-        if not trial.accept(tuple(sorted((*trial.chosen, small), key=lambda found: found.row))):
-            break
+    while len(trial.chosen) < _MOST_BREAKS and _accept_small(trial, fits):
+        continue
     return trial.chosen, tuple(trial.reasons)
+
+
+def _accept_small(trial: "_BreakTrial", fits: FrameFits) -> bool:
+    """Take one more break, or two between which the device stood elsewhere, where the geometry shows it."""
+    small = find_small_break(fits, trial.chosen)
+    if small is not None and trial.accept(_in_order(*trial.chosen, small)):
+        return True
+    excursion = find_small_excursion(fits, trial.chosen)
+    return excursion is not None and trial.accept(_in_order(*trial.chosen, *excursion))
+
+
+def _in_order(*breaks: SeriesBreak) -> tuple[SeriesBreak, ...]:
+    return tuple(sorted(breaks, key=lambda found: found.row))
 
 
 class _BreakTrial:

@@ -20,6 +20,7 @@ from cellcal.calibration.identification.misfit_error import (
     MisfitCause,
     MisfitError,
     MisfitScore,
+    cure_by_column,
     describe_cause,
     misfit_error,
 )
@@ -72,10 +73,6 @@ _NO_CAUSE = (
 _SEVERAL_TARGETS = (
     "Rows with the same joints hold different places: several targets or devices were measured in turn. Keep the "
     "rows of one in the file, or describe all of them in a layout (`--layout`, examples in `deploy/layouts/`)."
-)
-_COLUMN_OF_TARGETS = (
-    "Column {column!r} tells several targets or tools apart: keep the rows of one in the file, or describe all of "
-    "them in a layout (`--layout`, examples in `deploy/layouts/`)."
 )
 _KINDS = (
     "unit",
@@ -206,7 +203,7 @@ def _unknown_cause_error(
     if doubts := column_doubts(model, observations):
         remedy = make_message("{doubts} {remedy}", doubts=doubts, remedy=remedy)
     if targets:
-        remedy = make_message(_COLUMN_OF_TARGETS, column=targets)
+        remedy = cure_by_column(targets)
     if not np.isfinite(left_m):
         return MisfitError(
             make_message(

@@ -37,6 +37,15 @@ class MisfitScore:
     sigma_rad: tuple[float, ...] = ()
 
 
+def cure_by_column(column: str) -> str:
+    """Return the cure for rows of several targets that a column tells apart."""
+    return make_message(
+        "Column {column!r} tells several targets or tools apart: keep the rows of one in the file, or describe all "
+        "of them in a layout (`--layout`, examples in `deploy/layouts/`).",
+        column=column,
+    )
+
+
 def describe_cause(candidate: MisfitCandidate, fitted: MisfitScore) -> MisfitCause:
     """Return a candidate as the cause that it stands for, with what remains of the misfit."""
     says, cures = (

@@ -1,7 +1,10 @@
 """Rows that a fit left out and that belong together: of another robot, another station, or another target."""
 
+from dataclasses import dataclass, replace
+
 import numpy as np
 
+from cellcal.calibration.arm.kinematics import RobotModel
 from cellcal.calibration.identification.estimator import FitProblem, errors_m
 from cellcal.calibration.identification.identify import Identification
 from cellcal.calibration.identification.lints import Lint
@@ -17,6 +20,54 @@ _MOSTLY = 0.5
 _MOST_RANGES = 4
 
 
+@dataclass(frozen=True, eq=False)
+class RowsApart:
+    """Rows that a fit left out, far off all others."""
+
+    rows: Rows  # of the series
+    fits_alone: bool  # they fit the robot by themselves, from another place
+
+    def say_in_file(self, model: RobotModel, file_rows: Rows) -> Lint:
+        """Return the note that names them; ``file_rows`` are the numbers of the series' rows in the file."""
+        listed = _say_rows(file_rows[self.rows])
+        if self.fits_alone:
+            says = make_message(
+                "{count} rows that are far off the others ({listed}, counted from 0) fit {model_name} by themselves: "
+                "another station of the device, another target, or another robot of this kind. Identify them from a "
+                "file of their own.",
+                count=len(self.rows),
+                listed=listed,
+                model_name=model.label,
+            )
+        else:
+            says = make_message(
+                "{count} rows that are far off the others ({listed}, counted from 0) do not fit {model_name} by "
+                "themselves either: another robot, or readings of something else. Take them out of the file.",
+                count=len(self.rows),
+                listed=listed,
+                model_name=model.label,
+            )
+        return Lint("apart", says, tuple(int(row) for row in file_rows[self.rows]))
+
+
+def find_rows_apart(found: Identification) -> RowsApart | None:
+    """Return rows far off all others, where they are so many that chance leaves no such."""
+    observations = found.robust.problem.observations
+    apart, mounting = _apart(found)
+    if len(apart) < max(_FEWEST_ROWS, _SHARE * len(observations)) or isinstance(
+        observations, LengthObservations
+    ):
+        return None
+    others = np.setdiff1d(np.arange(len(observations)), apart)
+    frames = FitProblem.from_observations(found.frames, observations)
+    usual_m = float(np.median(errors_m(found.frames, frames)[others]))
+    seen = FitProblem.from_observations(found.state, with_mounting(observations, mounting))
+    if float(np.median(errors_m(found.state, seen)[apart])) < _FAR * usual_m:
+        return None
+    alone_m = fit_quickly(found.state.nominal, observations.select_rows(apart)).score_m
+    return RowsApart(apart, alone_m <= _NEAR * usual_m)
+
+
 def rows_apart(found: Identification, file_rows: Rows) -> list[Lint]:
     """Name rows far off all others, whether they fit the robot by themselves, and how well the others do.
 
@@ -27,45 +78,12 @@ def rows_apart(found: Identification, file_rows: Rows) -> list[Lint]:
     file_rows : (N,)
         Their numbers in the file.
     """
-    observations = found.robust.problem.observations
-    apart, mounting = _apart(found)
-    if len(apart) < max(_FEWEST_ROWS, _SHARE * len(observations)) or isinstance(
-        observations, LengthObservations
-    ):
+    apart = find_rows_apart(found)
+    if apart is None:
         return []
-    others = np.setdiff1d(np.arange(len(observations)), apart)
-    frames = FitProblem.from_observations(found.frames, observations)
-    usual_m = float(np.median(errors_m(found.frames, frames)[others]))
-    seen = FitProblem.from_observations(found.state, with_mounting(observations, mounting))
-    if float(np.median(errors_m(found.state, seen)[apart])) < _FAR * usual_m:
-        return []
-    listed = _say_rows(file_rows[apart])
-    alone_m = fit_quickly(found.state.nominal, observations.select_rows(apart)).score_m
-    model_name = found.state.nominal.label
-    if alone_m <= _NEAR * usual_m:
-        says = make_message(
-            "{count} rows that are far off the others ({listed}, counted from 0) fit {model_name} by themselves: "
-            "another station of the device, another target, or another robot of this kind. Identify them from a "
-            "file of their own.",
-            count=len(apart),
-            listed=listed,
-            model_name=model_name,
-        )
-    else:
-        says = make_message(
-            "{count} rows that are far off the others ({listed}, counted from 0) do not fit {model_name} by "
-            "themselves either: another robot, or readings of something else. Take them out of the file.",
-            count=len(apart),
-            listed=listed,
-            model_name=model_name,
-        )
-    return [
-        Lint("apart", join_messages(" ", [says, *_say_others(found, others)]), _numbers(file_rows, apart))
-    ]
-
-
-def _numbers(file_rows: Rows, rows: Rows) -> tuple[int, ...]:
-    return tuple(int(row) for row in file_rows[rows])
+    said = apart.say_in_file(found.state.nominal, file_rows)
+    others = np.setdiff1d(np.arange(len(found.fit_m)), apart.rows)
+    return [replace(said, message=join_messages(" ", [said.message, *_say_others(found, others)]))]
 
 
 def _apart(found: Identification) -> tuple[Rows, Rows]:

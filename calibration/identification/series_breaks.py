@@ -28,6 +28,7 @@ _CHANGE_COST = 50.0
 _FAR_WORSE = 4.0
 _READINGS_PER_UNKNOWN = 2
 _RIDGE = 1e-9
+_WINDOW_EDGES = 30  # that are tried first for a place that was left again
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,6 +65,7 @@ class FrameFits:
     def __init__(self, model: RobotModel, observations: Observations) -> None:
         self.model, self.observations = model, observations
         self._fits: dict[tuple[int, ...], ArmFit] = {}
+        self._with_geometry: dict[tuple[int, ...], tuple[ArmFit, Array, Array]] = {}
 
     def fit_breaks(self, breaks: Sequence[int]) -> ArmFit:
         """Return `fit_frames` with these breaks, in any order."""
@@ -72,12 +74,16 @@ class FrameFits:
             self._fits[key] = fit_frames(self.model, self.observations, key)
         return self._fits[key]
 
-    def fit_geometry(self, breaks: Sequence[int]) -> ArmFit:
-        """Return a plain fit of the geometry with these breaks."""
-        frames = self.fit_breaks(breaks).state
-        mounted = with_mounting(self.observations, mounting_of(len(self.observations), breaks))
-        layout = make_layout(self.model, mounted.kind, len(breaks) + 1, level=GEOMETRY)
-        return estimate_arm(layout, frames, FitProblem.from_observations(frames, mounted))
+    def fit_geometry(self, breaks: Sequence[int]) -> tuple[ArmFit, Array, Array]:
+        """Return a plain fit of the geometry with these breaks, its columns (p, m, N) and its residuals (m, N)."""
+        key = tuple(sorted(breaks))
+        if key not in self._with_geometry:
+            frames = self.fit_breaks(key).state
+            mounted = with_mounting(self.observations, mounting_of(len(self.observations), key))
+            layout = make_layout(self.model, mounted.kind, len(key) + 1, level=GEOMETRY)
+            fit = estimate_arm(layout, frames, FitProblem.from_observations(frames, mounted))
+            self._with_geometry[key] = (fit, *_linearise(fit, self.observations, key))
+        return self._with_geometry[key]
 
 
 def candidate_breaks(
@@ -138,33 +144,128 @@ def find_small_break(fits: FrameFits, breaks: Sequence[SeriesBreak]) -> SeriesBr
     if len(observations) < 4 * _SHORTEST or readings < _READINGS_PER_UNKNOWN * len(layout):
         return None
     try:
-        fit = fits.fit_geometry(rows)
-        cut = _best_cut(fit, observations, rows, None)
+        linear = fits.fit_geometry(rows)
+        cut = _best_cut_of(linear, rows, None)
     except DegenerateDataError:
         return None
-    if cut is None or cut.bic_gain <= max(0.0, _drift_gain(fit, observations, rows, cut)):
+    if cut is None:
         return None
-    return cut
+    drifts = [_drift_gain(linear, rows, cut, power) for power in (1, 2)]
+    return cut if cut.bic_gain > max(0.0, *drifts) else None
 
 
-def _drift_gain(fit: ArmFit, observations: Observations, breaks: Sequence[int], cut: SeriesBreak) -> float:
-    """Return what the criterion gains where the device moves steadily through the span that the cut is in."""
+def find_small_excursion(
+    fits: FrameFits, breaks: Sequence[SeriesBreak]
+) -> tuple[SeriesBreak, SeriesBreak] | None:
+    """Return the two further breaks between which the device stood elsewhere for a while, or None.
+
+    A move that is undone later gains little by either of its breaks alone, and `find_small_break` passes it.
+    """
+    rows, observations = [found.row for found in breaks], fits.observations
+    layout = make_layout(fits.model, observations.kind, len(rows) + 1, level=GEOMETRY)
+    readings = observations.channels * len(observations)
+    if len(observations) < 4 * _SHORTEST or readings < _READINGS_PER_UNKNOWN * len(layout):
+        return None
+    try:
+        linear = fits.fit_geometry(rows)
+    except DegenerateDataError:
+        return None
+    best: tuple[SeriesBreak, SeriesBreak] | None = None
+    for mounting, span in enumerate(pairwise(sorted([0, len(observations), *rows]))):
+        found = _scan_windows(linear, mounting, span)
+        if found is not None and (best is None or found[0].bic_gain > best[0].bic_gain):
+            best = found
+    if best is None or best[0].bic_gain <= max(0.0, _drift_gain(linear, rows, best[0], 2)):
+        return None
+    return best
+
+
+def _linearise(fit: ArmFit, observations: Observations, breaks: Sequence[int]) -> tuple[Array, Array]:
+    """Return the columns (p, m, N) and residuals (m, N) of a fit with these breaks."""
     mounted = with_mounting(observations, mounting_of(len(observations), breaks))
-    problem = FitProblem.from_observations(fit.state, mounted)
-    columns, residuals = place_columns(fit.layout, fit.state, problem)
-    edges = sorted([0, len(mounted), *breaks])
+    return place_columns(fit.layout, fit.state, FitProblem.from_observations(fit.state, mounted))
+
+
+def _scan_windows(
+    linear: tuple[ArmFit, Array, Array], mounting: int, span: tuple[int, int]
+) -> tuple[SeriesBreak, SeriesBreak] | None:
+    """Return the breaks of the run of rows inside a mounting that asks most strongly for a place of its own."""
+    first, last = span
+    count = last - first
+    if count < 3 * _SHORTEST:
+        return None
+    step = max(count // _WINDOW_EDGES, 1)
+    coarse = np.arange(_SHORTEST, count - _SHORTEST + 1, step)
+    sums, residuals = _window_sums(linear, mounting, span), linear[2]
+    begins, ends, gains = _window_gains(sums, residuals, coarse, coarse)
+    if not len(gains):
+        return None
+    at = int(np.argmax(gains))
+    near = [
+        np.arange(max(edge - step, _SHORTEST), min(edge + step, count - _SHORTEST) + 1)
+        for edge in (int(begins[at]), int(ends[at]))
+    ]
+    begins, ends, gains = _window_gains(sums, residuals, *near)
+    at = int(np.argmax(gains))
+    gain = float(gains[at])
+    return SeriesBreak(first + int(begins[at]), gain), SeriesBreak(first + int(ends[at]), gain)
+
+
+def _window_sums(
+    linear: tuple[ArmFit, Array, Array], mounting: int, span: tuple[int, int]
+) -> tuple[Array, Array, Array, Array]:
+    """Return sums over the rows from each cut to the end of a mounting, the last of them none."""
+    fit, columns, residuals = linear
+    size = 3 if fit.layout.kind == "length" else 6
+    first, last = span
+    place = columns[size * mounting : size * (mounting + 1), :, first:last]
+    whole = columns[:, :, first:last]
+    cross = np.zeros((last - first + 1, len(columns), size))
+    gradient = np.zeros((last - first + 1, size))
+    cross[:-1] = _tail_sums(np.einsum("pmn,dmn->npd", whole, place))
+    gradient[:-1] = _tail_sums(np.einsum("dmn,mn->nd", place, residuals[:, first:last]))
+    own = cross[:, size * mounting : size * (mounting + 1)]
+    return cross, own, gradient, _inverse_normal(columns)
+
+
+def _window_gains(
+    sums: tuple[Array, Array, Array, Array], residuals: Array, begins: Rows, ends: Rows
+) -> tuple[Rows, Rows, Array]:
+    """Return the windows between these edges that are long enough, and what the criterion gains for each."""
+    cross, own, gradient, inverse = sums
+    size = gradient.shape[1]
+    begin, end = (edges.reshape(-1) for edges in np.meshgrid(begins, ends, indexing="ij"))
+    long = end - begin >= _SHORTEST
+    begin, end = begin[long], end[long]
+    inside = cross[begin] - cross[end]
+    schur = own[begin] - own[end] - np.einsum("npd,pq,nqe->nde", inside, inverse, inside, optimize=True)
+    schur = schur + _RIDGE * np.trace(schur, axis1=1, axis2=2)[:, None, None] * np.eye(size)
+    pull = gradient[begin] - gradient[end]
+    drop = np.einsum("nd,nd->n", pull, np.linalg.solve(schur, pull[..., None])[..., 0])
+    return begin, end, _gain_of(drop, residuals, 2 * size + 1)  # cross-validation fits two places
+
+
+def _drift_gain(
+    linear: tuple[ArmFit, Array, Array], breaks: Sequence[int], cut: SeriesBreak, power: int
+) -> float:
+    """Return what the criterion gains where the device moves steadily through the span that the cut is in.
+
+    With ``power`` 2 it may come back: it moves as a parabola of the rows.
+    """
+    fit, columns, residuals = linear
+    edges = sorted([0, residuals.shape[1], *breaks])
     mounting = int(np.searchsorted(edges, cut.row, side="right")) - 1
     first, last = edges[mounting : mounting + 2]
     size = 3 if fit.layout.kind == "length" else 6
-    ramp = columns[size * mounting : size * (mounting + 1), :, first:last] * np.linspace(
-        0.0, 1.0, last - first
-    )
+    place = columns[size * mounting : size * (mounting + 1), :, first:last]
+    along = np.linspace(0.0, 1.0, last - first)
+    ramp = np.concatenate([place * along**each for each in range(1, power + 1)])
     cross = np.einsum("pmn,dmn->pd", columns[:, :, first:last], ramp)
     gradient = np.einsum("dmn,mn->d", ramp, residuals[:, first:last])
     schur = np.einsum("dmn,emn->de", ramp, ramp) - cross.T @ _inverse_normal(columns) @ cross
-    schur = schur + _RIDGE * np.trace(schur) * np.eye(size)
+    schur = schur + _RIDGE * np.trace(schur) * np.eye(len(ramp))
     drop = float(gradient @ np.linalg.solve(schur, gradient))
-    return float(_gain_of(np.array([drop]), residuals, size)[0])
+    return float(_gain_of(np.array([drop]), residuals, len(ramp))[0])
 
 
 def _settle_breaks(fits: FrameFits, breaks: list[SeriesBreak]) -> list[SeriesBreak]:
@@ -189,12 +290,15 @@ def _free_span(row: int, others: list[int], count: int) -> tuple[int, int]:
 def _best_cut(
     fit: ArmFit, observations: Observations, breaks: Sequence[int], within: tuple[int, int] | None
 ) -> SeriesBreak | None:
-    mounted = with_mounting(observations, mounting_of(len(observations), breaks))
-    problem = FitProblem.from_observations(fit.state, mounted)
-    columns, residuals = place_columns(fit.layout, fit.state, problem)  # (p, m, N), (m, N)
-    edges = sorted([0, len(mounted), *breaks])
+    return _best_cut_of((fit, *_linearise(fit, observations, breaks)), breaks, within)
+
+
+def _best_cut_of(
+    linear: tuple[ArmFit, Array, Array], breaks: Sequence[int], within: tuple[int, int] | None
+) -> SeriesBreak | None:
+    fit, columns, residuals = linear
     best: SeriesBreak | None = None
-    for mounting, span in enumerate(pairwise(edges)):
+    for mounting, span in enumerate(pairwise(sorted([0, residuals.shape[1], *breaks]))):
         if within is not None and span != within:
             continue
         found = _scan_span(fit, columns, residuals, mounting, span)

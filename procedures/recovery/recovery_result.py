@@ -8,6 +8,7 @@ from cellcal.calibration.arm.kinematics import load_model
 from cellcal.calibration.mastering.counts import MasteringRecord, WireCapture
 from cellcal.calibration.mastering.drawn_walk import DrawnWalk
 from cellcal.calibration.mastering.flank_check import FlankCheck, compare_flanks
+from cellcal.calibration.mastering.hypothesis_report import BLIND_SIGMAS
 from cellcal.calibration.mastering.turn_hypotheses import LossProblem
 from cellcal.calibration.mastering.turn_recovery import (
     GateCheck,
@@ -282,6 +283,16 @@ def correction_instruction(recovery: TurnRecovery, record: MasteringRecord | Non
 
 def _proviso_text(recovery: TurnRecovery) -> str:
     """Say what no measurement tells from lost turns."""
+    if recovery.mode == "motor":
+        others = [
+            sigma for axis, sigma in enumerate(recovery.sigma_turns) if axis not in recovery.replaced_axes
+        ]
+        return make_message(
+            "Whole turns of the other motors are exact only if no part of them was exchanged, too (a new one within "
+            "{blind_turns:.2f} turn of a whole one looks the same); if one was, leave the mastering as it was and "
+            "start again with exchanged_axes. ",
+            blind_turns=BLIND_SIGMAS * max(others, default=0.0),
+        )
     if recovery.mode not in ("turns", "memory"):
         return ""
     return make_message(

@@ -114,14 +114,20 @@ def _add_error_row(table: "PlainTable", title: str, errors: "ErrorSummary") -> N
 
 
 def _print_rejected(console: "Console", report: "IdentifyReport") -> None:
-    from cellcal.service.engineering.measured.usable_rows import OUTLIER, REPEAT, UNREAD
+    from cellcal.service.engineering.measured.usable_rows import ELSEWHERE, OUTLIER, REPEAT, UNREAD
 
+    elsewhere = [row for row in report.rejected if row.kind == ELSEWHERE]
     unread = [row for row in report.rejected if row.kind == UNREAD]
     outliers = [row for row in report.rejected if row.kind == OUTLIER]
     repeats = [row for row in report.rejected if row.kind == REPEAT]
     if unread:
         console.print(f"[bold]{len(unread)} rows hold no reading[/] and take no part")
         _print_rows(console, unread)
+    if elsewhere:
+        console.print(
+            f"[bold]{len(elsewhere)} rows of another series[/] take no part, nor do held-out errors count them"
+        )
+        _print_rows(console, elsewhere)
     if repeats:
         console.print(f"[bold]{len(repeats)} rows repeat another[/] to the last digit and count once")
         _print_rows(console, repeats)

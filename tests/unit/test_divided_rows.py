@@ -2,12 +2,14 @@
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from cellcal.calibration.arm.kinematics import RobotModel
-from cellcal.calibration.identification.misfit import FileNames, MisfitError, refuse_misfit
+from cellcal.calibration.identification.misfit import FileNames, refuse_misfit
+from cellcal.calibration.identification.misfit_error import MisfitCause, MisfitError
 from cellcal.calibration.identification.observations import PointObservations
 from cellcal.calibration.identification.target_change import (
     TargetChange,
@@ -16,6 +18,7 @@ from cellcal.calibration.identification.target_change import (
     series_columns,
 )
 from cellcal.service.cli.app import run_command_line
+from cellcal.service.engineering.identification import row_fit
 from cellcal.service.engineering.identification.identify_check import prepare_measurements
 from cellcal.service.engineering.measured.cell_numbers import parse_cell
 from cellcal.service.engineering.measured.measurements import ReadOptions, read_measurements
@@ -238,3 +241,19 @@ def test_rows_of_krl_are_named_as_such(tmp_path: Path, text: str) -> None:
     with pytest.raises(MeasurementError, match="KRL text") as refused:
         read_measurements(file, tracker_points(ROBOT, 8).model)
     assert "without braces" in refused.value.remedy
+
+
+@pytest.mark.parametrize(
+    ("column", "kind", "cured"), [("Target", "target", True), ("Target", "joint", False)]
+)
+def test_a_column_that_tells_targets_apart_is_the_cure(monkeypatch, column, kind, cured):
+    def refuse(*_):
+        raise MisfitError("changed", remedy="Divide.", causes=(MisfitCause((kind,), "", "", 0.0),))
+
+    monkeypatch.setattr(row_fit, "series_columns", lambda *_: None)
+    monkeypatch.setattr(row_fit, "find_series_changes", lambda *_: None)
+    monkeypatch.setattr(row_fit, "refuse_series_changes", refuse)
+    measured = SimpleNamespace(rows=np.arange(3), targets=(column, ("A", "B")))
+    with pytest.raises(MisfitError) as refused:
+        row_fit._refuse_changes(None, SimpleNamespace(observations=None, measurements=measured))
+    assert ("Column 'Target' tells" in refused.value.remedy) == cured

@@ -56,6 +56,44 @@ def test_headings_of_further_languages(tmp_path: Path, joint: str, place: str, e
 
 
 @pytest.mark.parametrize(
+    ("joint", "counts", "place", "per_mm"),
+    [
+        ("J{} [arcmin]", 60.0, "{} [mm]", 1.0),
+        ("J{} (arcsec)", 3600.0, "{} (mm)", 1.0),
+        ("J{} [0.001 deg]", 1e3, "{} [0.001mm]", 1e3),
+        ("J{} [0.001°]", 1e3, "{} [1/1000 m]", 1.0),
+    ],
+)
+def test_parts_of_degrees_and_thousandths(
+    tmp_path: Path, joint: str, counts: float, place: str, per_mm: float
+) -> None:
+    heading = [*(joint.format(at) for at in range(1, 7)), *(place.format(axis) for axis in "XYZ")]
+    rows = np.column_stack([DEG * counts, MM * per_mm])
+    path = write_table(tmp_path / "rows.csv", [",".join(heading), *text_rows(rows)])
+    found = read_measurements(path, MODEL).observations
+    assert np.allclose(np.rad2deg(found.joints_rad), DEG, atol=1e-4)
+    assert np.allclose(found.positions_m * 1e3, MM, atol=1e-3)
+
+
+@pytest.mark.parametrize("joint", ["{}轴", "第{}关节(°)", "轴{}", "関節{}"])
+def test_chinese_numbers_and_wide_digits(tmp_path: Path, joint: str) -> None:
+    heading = [*(joint.format("一二三四五六"[at]) for at in range(6)), "测量X", "测量Y", "测量Z"]
+    wide = {ord(sign): chr(ord(sign) + 0xFEE0) for sign in "0123456789.-"}
+    lines = [",".join(heading), *(row.translate(wide) for row in text_rows(ROWS))]
+    found = read_measurements(write_table(tmp_path / "rows.csv", lines, "gb18030"), MODEL)
+    assert found.layout.joints == tuple(heading[:6])
+    assert np.allclose(found.observations.positions_m * 1e3, MM, atol=1e-3)
+
+
+def test_easting_northing_and_height_are_a_place_in_this_order(tmp_path: Path) -> None:
+    heading = ["Northing", "Easting", "Hz", "V", "Height", *HEADING[:6]]
+    rows = np.column_stack([MM[:, [1, 0]], MM[:, :2], MM[:, 2], DEG])
+    path = write_table(tmp_path / "rows.csv", [",".join(heading), *text_rows(rows)])
+    found = read_measurements(path, MODEL)
+    assert found.layout.position == ("Easting", "Northing", "Height")
+
+
+@pytest.mark.parametrize(
     "word",
     ["Ecart-type", "ecart type", "Среднее", "Максимум", "平均値", "標準偏差", "평균", "Média", "Massimo"],
 )

@@ -70,11 +70,20 @@ def test_no_break_is_seen_where_nothing_moved():
         assert found.breaks == ()
 
 
-@pytest.mark.parametrize(("moved_by", "expected"), [("step", [26]), ("drift", []), ("nothing", [])])
+@pytest.mark.parametrize(
+    ("moved_by", "expected"),
+    [("step", [26]), ("drift", []), ("there and back", []), ("nothing", []), ("put back", [18, 36])],
+)
 def test_a_move_smaller_than_the_errors_of_the_arm_is_found_to_the_row(moved_by, expected):
     simulated = tracker_points("fanuc_m6ib", 52, seed=3)
     rows = np.arange(52)
-    share = {"step": rows >= 26, "drift": rows / 51.0, "nothing": 0.0 * rows}[moved_by]
+    share = {
+        "step": rows >= 26,
+        "drift": rows / 51.0,
+        "there and back": np.sin(np.pi * rows / 51.0),
+        "nothing": 0.0 * rows,
+        "put back": (rows >= 18) & (rows < 36),
+    }[moved_by]
     moved = simulated.observations.positions_m + share[:, None] * np.array([4e-4, -5e-4, 3e-4])
     observations = replace(simulated.observations, positions_m=moved)
     breaks, _ = choose_breaks(

@@ -52,7 +52,7 @@ from cellcal.service.engineering.identification.identify_verdicts import (
 from cellcal.service.engineering.identification.row_fit import FittedRows, IdentifyOptions, fit_rows
 from cellcal.service.engineering.measured.measurements import Measurements
 from cellcal.service.engineering.measured.table import MeasurementError
-from cellcal.service.engineering.measured.usable_rows import OUTLIER, RejectedRow
+from cellcal.service.engineering.measured.usable_rows import ELSEWHERE, OUTLIER, RejectedRow
 from cellcal.service.engineering.parameters.identified_parameter import IdentifiedParameter
 
 
@@ -74,6 +74,7 @@ class IdentifyReport:
     parameters: tuple[IdentifiedParameter, ...]
     lints: tuple[Lint, ...]
     breaks: tuple[int, ...]  # rows of the file
+    fitted_rows: Rows  # of the file, the rejected ones included
     held_out_rows: Rows  # of the file; the errors below belong to them
     held_out_m: Array
     before_m: Array
@@ -113,7 +114,7 @@ class IdentifyReport:
             "break_reasons": list(found.break_reasons),
             "held_out_by": self.held_out_by,
             "folds": [
-                {"level": level, "breaks": [int(self.measurements.rows[row]) for row in breaks]}
+                {"level": level, "breaks": [int(self.fitted_rows[row]) for row in breaks]}
                 for level, breaks in zip(found.judgement.levels, found.judgement.breaks, strict=True)
             ],
             "parameters": [asdict(parameter) for parameter in self.parameters],
@@ -175,6 +176,8 @@ def identify_file(
     checked = None if other is None else check_file(other, found, prepared)
     measurements = prepared.measurements
     noticed = [*prepared.noticed]
+    if fitted.elsewhere is not None:
+        noticed.append(fitted.elsewhere.say_in_file(model, measurements.rows))
     if len(held_out):
         noticed += lint_repeated_postures(measurements, train, held_out)
     noticed += _lints_of_rows(fitted, lints_of_fit(found, judged.before_m, prepared, train))
@@ -188,13 +191,14 @@ def identify_file(
         fit=found.fit_errors,
         held_out=ErrorSummary.from_sizes(judged.held_out_m),
         check=None if checked is None else ErrorSummary.from_sizes(checked.errors_m),
-        rejected=_rejected_rows(measurements, found, train),
+        rejected=_rejected_rows(fitted),
         seconds=time.perf_counter() - started,
         identification=found,
         measurements=measurements,
         parameters=_identified_parameters(found, start.sigmas),
         lints=(*noticed, *_lints_of_start(found, start, judged), *(() if checked is None else checked.lints)),
         breaks=tuple(int(measurements.rows[row]) for row in breaks),
+        fitted_rows=measurements.rows[train],
         held_out_rows=measurements.rows[judged.rows],
         held_out_m=judged.held_out_m,
         before_m=judged.before_m,
@@ -333,10 +337,11 @@ def _lints_of_free(start: IdentificationStart, judged: _HeldOutErrors) -> list[L
     ]
 
 
-def _rejected_rows(measurements: Measurements, found: Identification, train: Rows) -> tuple[RejectedRow, ...]:
+def _rejected_rows(fitted: FittedRows) -> tuple[RejectedRow, ...]:
+    measurements, found = fitted.prepared.measurements, fitted.found
     standing = [
         RejectedRow(
-            int(measurements.rows[train[row]]),
+            int(measurements.rows[fitted.split[0][row]]),
             make_message(
                 "off model and neighbours by {distance_mm:.2f} mm, {deviations:.1f} deviations (limit {limit:.1f})",
                 distance_mm=found.fit_m[row] * 1e3,
@@ -347,7 +352,15 @@ def _rejected_rows(measurements: Measurements, found: Identification, train: Row
         )
         for row in found.rejected
     ]
-    return tuple(sorted([*measurements.rejected, *standing], key=lambda item: item.row))
+    elsewhere = [
+        RejectedRow(
+            int(measurements.rows[row]),
+            "of another series: it fits with others from another place",
+            ELSEWHERE,
+        )
+        for row in (() if fitted.elsewhere is None else fitted.elsewhere.rows)
+    ]
+    return tuple(sorted([*measurements.rejected, *standing, *elsewhere], key=lambda item: item.row))
 
 
 def _identified_parameters(

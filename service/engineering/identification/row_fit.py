@@ -1,5 +1,6 @@
 """The fit behind ``cellcal identify``: rows of a file that fit their robot, identified beside the look at them."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
@@ -10,12 +11,14 @@ from cellcal.calibration.arm.kinematics import RobotModel
 from cellcal.calibration.identification.cross_validation import Grouping, group_rows
 from cellcal.calibration.identification.identify import Identification, start_identification
 from cellcal.calibration.identification.misfit import refuse_misfit
+from cellcal.calibration.identification.misfit_error import MisfitError, cure_by_column
 from cellcal.calibration.identification.observations import Observations, PoseObservations, Rows
 from cellcal.calibration.identification.position_scale import (
     PositionScale,
     position_scale,
     refuse_wrong_scale,
 )
+from cellcal.calibration.identification.rows_apart import RowsApart, find_rows_apart
 from cellcal.calibration.identification.selection import IdentificationOptions
 from cellcal.calibration.identification.series_changes import find_series_changes, refuse_series_changes
 from cellcal.calibration.identification.target_change import (
@@ -60,6 +63,7 @@ class FittedRows:
     chain: RobotModel
     found: Identification
     scale: PositionScale | None
+    elsewhere: RowsApart | None = None  # rows of the file that take no part: they fit by themselves
 
     @property
     def rows(self) -> Observations:
@@ -91,15 +95,34 @@ def fit_rows(
         wait_for_fit()
         wait_for_changes()
         prepared = _at_one_temperature(model, prepared, train, grouping)
-    rows = prepared.observations.select_rows(train)
-    wait_for_scale = runner.submit(_believed_scale, chain, rows)
-    identify = start_identification(
-        model, rows, grouping=grouping, options=_options_of_fit(options, start, held_out), runner=runner
-    )
+    fit_options = _options_of_fit(options, start, held_out)
+    begun = _begin_fit(model, chain, prepared, (train, grouping), fit_options, runner)
     wait_for_fit()
     wait_for_changes()
-    scale = wait_for_scale()
-    return FittedRows(prepared, (train, held_out), chain, identify(), scale)
+    scale, found = begun()
+    elsewhere = None if len(held_out) else find_rows_apart(found)
+    if elsewhere is not None and elsewhere.fits_alone:
+        train = np.delete(train, elsewhere.rows)
+        grouping = grouping.of_rows(np.delete(np.arange(len(grouping.groups)), elsewhere.rows))
+        scale, found = _begin_fit(model, chain, prepared, (train, grouping), fit_options, runner)()
+        return FittedRows(prepared, (train, held_out), chain, found, scale, elsewhere)
+    return FittedRows(prepared, (train, held_out), chain, found, scale)
+
+
+def _begin_fit(
+    model: RobotModel,
+    chain: RobotModel,
+    prepared: PreparedMeasurements,
+    training: tuple[Rows, Grouping],
+    options: IdentificationOptions,
+    runner: PartRunner,
+) -> Callable[[], tuple[PositionScale | None, Identification]]:
+    """Begin the fit of some rows and of their common factor; return what waits for both."""
+    train, grouping = training
+    rows = prepared.observations.select_rows(train)
+    wait_for_scale = runner.submit(_believed_scale, chain, rows)
+    identify = start_identification(model, rows, grouping=grouping, options=options, runner=runner)
+    return lambda: (wait_for_scale(), identify())
 
 
 def _options_of_fit(
@@ -142,8 +165,14 @@ def _refuse_changes(chain: RobotModel, prepared: PreparedMeasurements) -> None:
     """Refuse rows within which a target, or the zero of a joint, changed."""
     observations, rows = prepared.observations, prepared.measurements.rows
     series = series_columns(chain, observations)
-    refuse_series_changes(chain, find_series_changes(series, observations), rows)
-    refuse_target_change(chain, find_target_change(series), rows)
+    try:
+        refuse_series_changes(chain, find_series_changes(series, observations), rows)
+        refuse_target_change(chain, find_target_change(series), rows)
+    except MisfitError as error:
+        column = prepared.measurements.targets[0]
+        if not column or all("target" not in cause.kinds for cause in error.causes):
+            raise
+        raise MisfitError(error.message, remedy=cure_by_column(column), causes=error.causes) from error
 
 
 def _believed_scale(chain: RobotModel, rows: Observations) -> PositionScale | None:

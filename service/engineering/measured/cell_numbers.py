@@ -2,6 +2,7 @@
 
 import math
 import re
+import unicodedata
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
@@ -58,6 +59,10 @@ class WrittenNumber(float):
 def parse_cell(text: str, *, comma: bool) -> float | str:
     """Return the finite number in a cell, or its text; ``comma`` says that a comma is the decimal mark."""
     cleaned = text.strip().strip('"').strip()
+    if any(
+        "\uff0b" <= sign <= "\uff19" for sign in cleaned
+    ):  # as a Chinese or Japanese keyboard writes digits
+        cleaned = unicodedata.normalize("NFKC", cleaned)
     number = cleaned.replace("\u2212", "-")
     value = _plain_number(number, cleaned, comma=comma)
     if value is not None:

@@ -9,7 +9,7 @@ from cellcal.service.engineering.measured.column_words import CONTROLLER_WORDS, 
 from cellcal.service.engineering.measured.headings import plain_name, unit_of
 from cellcal.service.engineering.measured.joint_columns import find_joints
 from cellcal.service.engineering.measured.matrix_columns import find_matrix
-from cellcal.service.engineering.measured.polar_readings import refuse_directions
+from cellcal.service.engineering.measured.polar_readings import refuse_directions, with_survey_places
 from cellcal.service.engineering.measured.table import MeasurementError
 from cellcal.service.engineering.measured.typed_columns import TypedColumn, parse_columns
 from cellcal.service.engineering.measured.units import ANGLE_UNITS, LENGTH_UNITS
@@ -115,7 +115,7 @@ def detect_layout(
     """
     typed = _typed_columns(names, columns or {})
     typed_names = {meaning: tuple(column.name for column in found) for meaning, found in typed.items()}
-    plain = {name: plain_name(name) for name in names}
+    plain = with_survey_places({name: plain_name(name) for name in names})
     joints = typed_names.get("joints") or find_joints(names, plain, joint_names, slides, numeric)
     rest = [name for name in names if name not in joints]
     length = "".join(typed_names.get("length", ()))

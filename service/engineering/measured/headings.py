@@ -24,7 +24,9 @@ _UNIT_NAMES = {
     "degrés": "deg", "degré": "deg", "stopnie": "deg", "graden": "deg", "grader": "deg", "derece": "deg",
     "astetta": "deg", "fok": "deg", "rev": "rev", "revs": "rev", "revolution": "rev", "revolutions": "rev",
     "turn": "rev", "turns": "rev", "umdrehung": "rev", "umdrehungen": "rev", "vueltas": "rev",
-    "圈": "rev", "转": "rev",
+    "圈": "rev", "转": "rev", "arcmin": "arcmin", "arcminute": "arcmin", "arcminutes": "arcmin",
+    "winkelminuten": "arcmin", "arcsec": "arcsec", "arcsecond": "arcsec", "arcseconds": "arcsec",
+    "winkelsekunden": "arcsec", "角分": "arcmin", "角秒": "arcsec", "millideg": "mdeg",
 }  # fmt: skip
 # What a word of a heading means, in the words that columns are told by; the longer first where one holds another.
 _WORDS: Sequence[tuple[str, str]] = (
@@ -90,6 +92,10 @@ def _is_cjk(text: str) -> bool:
 _INSIDE = [(word, meaning) for word, meaning in _WORDS if _is_cjk(word)]
 _WHOLE = {word: meaning for word, meaning in _WORDS if not _is_cjk(word)}
 _COMMA_UNIT = re.compile(r",\s*(?P<unit>[^\s,]+)\s*$")  # J1, deg
+_COUNTED_UNIT = re.compile(r"(?:0[.,]001|1e-0?3|1/1000|10\^-3)\s*[*x·]?\s*(?P<unit>\S+)")  # 0.001 mm
+_THOUSANDTHS = {"mm": "um", "m": "mm", "deg": "mdeg", "rad": "mrad"}
+_CJK_NUMBERS = "一二三四五六七八九"
+_CJK_NUMBER = re.compile(rf"[{_CJK_NUMBERS}](?=\s*(?:轴|軸|关节|關節|関節))|(?<=[轴軸节節])[{_CJK_NUMBERS}]")
 _WORD_AND_NUMBER = re.compile(r"([^\W\d_]+)(\d+)")
 _GLUED = re.compile(r"(?<=[a-z])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])")  # MeasX, XNominal
 _PULSES = re.compile(
@@ -106,6 +112,7 @@ _NUMBER_FIRST = re.compile(r"(?<![a-z\d])(\d)_?(axis|joint)(?![a-z])(?!_?\d)")
 def plain_name(name: str) -> str:
     """Return a name in one spelling: lower case, words joined by underscores, without its unit, in English."""
     text = _GLUED.sub("_", _UNIT.sub(_inside_brackets, _without_comma_unit(name)).strip()).lower()
+    text = _CJK_NUMBER.sub(lambda found: str(_CJK_NUMBERS.index(found[0]) + 1), text)
     for word, meaning in _INSIDE:
         text = text.replace(word, f"_{meaning}_")
     text = re.sub(r"[\s.\-/:'+#\uff0c、\uff1a]+", "_", text)
@@ -155,6 +162,8 @@ def unit_of(name: str) -> str:
 
 def unit_named(text: str) -> str:
     """Return the one spelling of a unit, empty for what is none."""
+    if counted := _COUNTED_UNIT.fullmatch(text.strip().lower()):
+        return _THOUSANDTHS.get(unit_named(counted["unit"]), "")
     return _UNIT_NAMES.get(text.strip().rstrip(".").lower(), "") or _UNIT_NAMES.get(text.strip().lower(), "")
 
 

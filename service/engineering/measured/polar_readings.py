@@ -41,6 +41,18 @@ _VERTICAL = frozenset(
         "phi",
     )
 )
+_SURVEY = ({"easting", "east"}, {"northing", "north"}, {"height", "elevation", "elev", "up", "h"})
+
+
+def with_survey_places(plain: Mapping[str, str]) -> dict[str, str]:
+    """Return plain headings with easting, northing and height as x, y, z, where no other place is there.
+
+    These three are right-handed in this order; where one of them is missing or stands twice, nothing is changed.
+    """
+    found = [[name for name, text in plain.items() if text in words] for words in _SURVEY]
+    if any(len(names) != 1 for names in found) or set(plain.values()) & {"x", "y", "z"}:
+        return dict(plain)
+    return {**plain, **{names[0]: axis for names, axis in zip(found, "xyz", strict=True)}}
 
 
 def refuse_directions(names: Sequence[str], plain: Mapping[str, str]) -> None:

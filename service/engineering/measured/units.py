@@ -17,6 +17,8 @@ ANGLE_UNITS = {
     "mdeg": float(np.deg2rad(1e-3)),
     "gon": float(np.pi / 200),
     "rev": float(2 * np.pi),
+    "arcmin": float(np.deg2rad(1.0) / 60.0),
+    "arcsec": float(np.deg2rad(1.0) / 3600.0),
 }
 
 __all__ = ["ANGLE_UNITS", "LENGTH_UNITS", "to_celsius"]

@@ -11,7 +11,7 @@ from cellcal.calibration.message import make_message
 from cellcal.service.engineering.measured.headings import plain_name
 from cellcal.service.engineering.measured.table import MeasurementTable
 
-UNREAD, OUTLIER, REPEAT = "no reading", "outlier", "repeat"
+UNREAD, OUTLIER, REPEAT, ELSEWHERE = "no reading", "outlier", "repeat", "another series"
 _UNBELIEVABLE = 1e9  # in any unit that instruments write
 _GOOD = frozenset(
     ("ok", "okay", "good", "valid", "true", "yes", "pass", "passed", "i.o.", "io", "gut", "gültig", "ja", "measured",
@@ -42,7 +42,8 @@ class RejectedRow:
 
     row: int
     reason: str
-    kind: str = UNREAD  # or OUTLIER: it was read, and the fit does not believe it; or REPEAT of another row
+    # or OUTLIER: it was read, and the fit does not believe it; or REPEAT of another row; or ELSEWHERE
+    kind: str = UNREAD
 
 
 def without_invalid(

@@ -54,8 +54,7 @@ class IdentificationEvidence:
     @cached_property
     def fitted_rows(self) -> Rows:
         """The rows of the file that those are."""
-        rows, held_out = self.report.measurements.rows, self.report.held_out_rows
-        return rows if len(rows) == len(self.fitted_observations) else rows[~np.isin(rows, held_out)]
+        return self.report.fitted_rows
 
     @property
     def figure_title(self) -> str:
