@@ -13,6 +13,7 @@ from pathlib import Path
 from cellcal.calibration.documents.plain_files import read_plain_bytes, read_plain_text
 from cellcal.calibration.message import make_message
 from cellcal.service.configuration.cell_file import read_cell_file
+from cellcal.service.draft_files import draft_beside, remove_left_behind
 from cellcal.service.export.archive import BackupError, BackupManifest, damaged_error, unpack_archive
 from cellcal.service.export.backup import (
     CELL_FILE,
@@ -24,6 +25,7 @@ from cellcal.service.export.backup import (
     refuse_spoilt_certificates,
 )
 from cellcal.service.export.sealed_keys import open_keys
+from cellcal.service.files import PRIVATE_FOLDER
 from cellcal.service.times import has_time_zone
 
 _DATA_DIR = re.compile(r"^[ \t]*data_dir[ \t]*=.*$", re.MULTILINE)
@@ -82,7 +84,8 @@ def restore_backup(
         found = _unpack_and_prove(archive, stage, passphrase)
         data_dir = _data_dir(cell_file, stage, found.cell)
         _refuse_unpinned(archive, found.public_key, signed_by)
-        places = {stage / DATA: data_dir, stage / SETS: cell_file.parent / SETS}
+        # The journal last but for the cell file: without it nothing looks like a cell that was put back whole.
+        places = {stage / SETS: cell_file.parent / SETS, stage / DATA: data_dir}
         if not cell_file.exists():
             places[stage / CELL_FILE] = cell_file
         _move_all(places)
@@ -240,7 +243,9 @@ def _staging_folder(folder: Path) -> Iterator[Path]:
     """Yield a folder on the disk of the cell file, for its owner only; whatever is left in it goes."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        stage = Path(tempfile.mkdtemp(dir=folder, prefix=".cellcal-restore-"))
+        remove_left_behind(folder, deep=False)  # of a restore that was killed: it may hold keys
+        stage = Path(draft_beside(folder / "stage"))
+        stage.mkdir(mode=PRIVATE_FOLDER)
     except OSError as error:
         raise BackupError(
             make_message("{path} cannot be written: {strerror}.", path=folder, strerror=error.strerror),

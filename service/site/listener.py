@@ -31,7 +31,9 @@ from cellcal.service.site.unstored import UnstoredEvents
 
 _BATCH_S = 0.1
 _RECEIVE_S = 0.02
-_MOST_WAITING = 4000  # samples that the bus keeps for us; the oldest gives way, and an event is asked for later
+_MOST_WAITING = (
+    4000  # samples that the bus keeps for us; the oldest gives way, and an event is asked for later
+)
 _SETTLE_S = 1.5  # a short hole is mended from the cell's memory without being asked for
 _AGAIN_S = 3.0
 _ASK_S = 10.0

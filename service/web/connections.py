@@ -45,7 +45,7 @@ class AbortableTransport(Protocol):
 
 @dataclass(eq=False, slots=True)
 class ServerConnection:
-    """One connection. ``state``: new (no request yet), waiting (for the next one), busy, screen (a WebSocket), leaving.
+    """One connection. ``state``: new (no request yet), waiting (for the next one), busy, screen (WebSocket), leaving.
 
     One that is leaving was closed by this side, and has a descriptor until its last bytes are taken.
     """

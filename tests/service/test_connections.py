@@ -20,7 +20,13 @@ from websockets.exceptions import ConnectionClosedError
 from cellcal.service.cli.app import run_command_line
 from cellcal.service.demo.fake_cell import write_cell_file
 from cellcal.service.exit_codes import ExitCode
-from cellcal.service.web.connections import ALL_OF_ADDRESS, HEADERS_S, LEAVE_S, WAITING_OF_ADDRESS, ServerConnections
+from cellcal.service.web.connections import (
+    ALL_OF_ADDRESS,
+    HEADERS_S,
+    LEAVE_S,
+    WAITING_OF_ADDRESS,
+    ServerConnections,
+)
 from tests.service.browser_pages import serve_app
 
 ANSWER = {"content-type": "application/json"}

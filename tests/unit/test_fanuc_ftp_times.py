@@ -53,7 +53,9 @@ def test_a_listing_that_trickles_is_given_up(
 ) -> None:
     monkeypatch.setattr(ReadOnlyFtp, "voidcmd", lambda *_: "200 OK.")
     monkeypatch.setattr(ReadOnlyFtp, "transfercmd", lambda *_: connection)
-    with pytest.raises(DeviceTimeoutError, match="of the list of its files less than 1000 bytes arrived in 10 s"):
+    with pytest.raises(
+        DeviceTimeoutError, match="of the list of its files less than 1000 bytes arrived in 10 s"
+    ):
         FtpSource(ControllerAddress("127.0.0.1"), LOGIN).list_names()
     assert connection.now_s <= 2 * LOGIN.timeout_s
 
