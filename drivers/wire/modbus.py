@@ -42,6 +42,7 @@ _READ, _WRITE_COIL, _WRITE = 3, 5, 16
 _BUSY_PAUSES_S = (0.02, 0.05, 0.1)
 _NEVER = 10.0  # deadlines: the library's own time-out ends a wait whose answer has come, see Limit
 _CANCEL_AGAIN_S = 0.5
+_NO_MODBUS = "Check that address and port are those of the device's Modbus server, and the network cable."
 _CABLE = "Check its power and the network cable; the next call connects again by itself."
 _UNKNOWN = "Report this to the maker of the profile; the reading was not used."
 
@@ -248,6 +249,15 @@ class ModbusLink:
         )
 
     def _silence_error(self) -> DeviceTimeoutError:
+        if self.trace.ends_with_received():
+            return DeviceTimeoutError(
+                self.device,
+                make_message(
+                    "what came within {deadline_s:g} s is no whole Modbus answer.",
+                    deadline_s=self._deadline_s,
+                ),
+                remedy=_NO_MODBUS,
+            )
         return DeviceTimeoutError(
             self.device,
             make_message("no answer within {deadline_s:g} s.", deadline_s=self._deadline_s),
