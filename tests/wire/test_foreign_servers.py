@@ -6,7 +6,7 @@ from contextlib import asynccontextmanager, suppress
 
 import pytest
 
-from cellcal.drivers.errors import DeviceTimeoutError, WireProtocolError
+from cellcal.drivers.errors import DeviceError, WireProtocolError
 from cellcal.drivers.kuka.variables.variable_link import VariableLink
 from cellcal.drivers.wire.modbus import ModbusLink
 from tests.machine_speed import stretched_s
@@ -39,9 +39,19 @@ async def test_what_is_no_variable_server_is_named_at_once(answer: bytes) -> Non
         await link.close()
 
 
-async def test_what_is_no_modbus_answer_is_not_called_silence() -> None:
-    async with foreign_server(PAGE) as port:
+@pytest.mark.parametrize(
+    ("answer", "words"),
+    [
+        (PAGE, "no whole Modbus answer"),
+        (b"\x00\x01\x00\x00\x00\x03\x01\x55\x00", "sent what is no Modbus answer"),
+    ],
+)
+async def test_what_is_no_modbus_answer_is_not_called_silence_and_prints_nothing(
+    answer: bytes, words: str, caplog: pytest.LogCaptureFixture
+) -> None:
+    async with foreign_server(answer) as port:
         link = ModbusLink("fanuc", "127.0.0.1", port, deadline_s=0.3)
-        with pytest.raises(DeviceTimeoutError, match="no whole Modbus answer"):
+        with pytest.raises(DeviceError, match=words):
             await link.read(1, 2)
         await link.close()
+    assert [record for record in caplog.records if record.name == "asyncio"] == []
