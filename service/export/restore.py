@@ -1,6 +1,7 @@
 """Put a backup back where nothing is, after all of it was proved: bytes, journal, certificates."""
 
 import errno
+import filecmp
 import os
 import re
 import shutil
@@ -192,8 +193,10 @@ def _set_data_dir(cell_file: Path) -> None:
 
 
 def _move_all(places: dict[Path, Path]) -> None:
-    """Move each to its place, all or none."""
+    """Move each to its place, all or none; what a restore that was killed has put there already stays."""
     moves = {source: target for source, target in places.items() if source.exists()}
+    missing = {source: target for source, target in moves.items() if not _is_same(source, target)}
+    moves = missing or moves
     for target in moves.values():
         if target.exists() and not (target.is_dir() and not any(target.iterdir())):
             raise BackupError(
@@ -222,6 +225,18 @@ def _move_all(places: dict[Path, Path]) -> None:
             code="store.io",
         ) from error
     os.sync()
+
+
+def _is_same(source: Path, target: Path) -> bool:
+    """Whether two files, or all files of two folders, are the same to the last byte."""
+    if not source.is_dir():
+        return target.is_file() and filecmp.cmp(source, target, shallow=False)
+    names = {each.relative_to(source) for each in source.rglob("*") if not each.is_dir()}
+    if not target.is_dir() or names != {
+        each.relative_to(target) for each in target.rglob("*") if not each.is_dir()
+    }:
+        return False
+    return all(_is_same(source / name, target / name) for name in names)
 
 
 def _move_file(source: Path, target: Path) -> None:
