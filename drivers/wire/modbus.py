@@ -168,7 +168,7 @@ class ModbusLink:
             self._host, port=self._port, timeout=_NEVER * self._deadline_s, retries=0, reconnect_delay=0,
             trace_packet=self._trace_packet, trace_connect=self._connection_changed,
         )  # fmt: skip
-        self._client.ctx.data_received = partial(self._take_received, self._client)  # type: ignore[method-assign]  # called by its name for each piece
+        self._client.ctx.data_received = partial(self._take_received, self._client)  # type: ignore[method-assign]
         connected = False
         with suppress(TimeoutError):
             async with AnswerDeadline(self._deadline_s):
