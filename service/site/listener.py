@@ -77,7 +77,9 @@ class FleetListener:
             raise
         self._subscribe_keys()
         self._threads = [
-            start_thread("monitor: receiving", self._receive_events, self._leave),
+            start_thread(
+                "monitor: receiving", partial(self._name_failure, self._receive_events), self._leave
+            ),
             start_thread("monitor: hearing", partial(self._name_failure, self._process_samples), self._leave),
             start_thread("monitor: asking", partial(self._name_failure, self._process_requests), self._leave),
         ]
