@@ -4,11 +4,12 @@ import errno
 import fcntl
 import os
 import stat
-import tempfile
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from cellcal.calibration.message import make_message
+from cellcal.service.draft_files import draft_beside
 
 PRIVATE_FILE, PRIVATE_FOLDER, SHARED_FILE = 0o600, 0o700, 0o644
 
@@ -22,17 +23,8 @@ def replace_file(path: Path, content: str | bytes, *, mode: int = PRIVATE_FILE) 
         It cannot be written, or a device, a pipe or a socket is there, which is never replaced.
     """
     _refuse_device(path)
-    descriptor, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}")
-    draft = Path(name)
-    try:
-        with os.fdopen(descriptor, "wb") as file:
-            file.write(content.encode() if isinstance(content, str) else content)
-            file.flush()
-            os.fsync(file.fileno())
-        draft.chmod(mode)
+    with _written_draft(path, content.encode() if isinstance(content, str) else content, mode) as draft:
         draft.replace(path)
-    finally:
-        draft.unlink(missing_ok=True)
 
 
 def create_file(path: Path, content: bytes, *, mode: int = PRIVATE_FILE) -> None:
@@ -45,15 +37,22 @@ def create_file(path: Path, content: bytes, *, mode: int = PRIVATE_FILE) -> None
     OSError
         It cannot be written.
     """
-    descriptor, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}")
-    draft = Path(name)
+    with _written_draft(path, content, mode) as draft:
+        name_new_file(draft, path)
+
+
+@contextmanager
+def _written_draft(path: Path, content: bytes, mode: int) -> Iterator[Path]:
+    """Give a whole file beside ``path``, which is gone afterwards; after a kill the next start removes it."""
+    draft = Path(draft_beside(path))
+    descriptor = os.open(draft, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, PRIVATE_FILE)
     try:
         with os.fdopen(descriptor, "wb") as file:
             file.write(content)
             file.flush()
             os.fsync(file.fileno())
         draft.chmod(mode)
-        name_new_file(draft, path)
+        yield draft
     finally:
         draft.unlink(missing_ok=True)
 

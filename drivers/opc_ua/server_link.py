@@ -13,6 +13,7 @@ from typing import TypeVar
 
 from asyncua import Client, ua
 from asyncua.client.ua_session import UaSession
+from asyncua.common.utils import NotEnoughData
 from asyncua.ua import ua_binary
 
 from cellcal.calibration.message import make_message
@@ -165,11 +166,11 @@ class ServerLink:
             raise self._lost_error(str(error) or type(error).__name__) from error
         except ua.UaStatusCodeError as error:
             raise self._status_error(error, asking) from error
-        except ua.UaError as error:  # raised by the library where server and client have no way in common
-            self.drop()
-            raise self._not_let_in_error(str(error), 0) from error
         except Exception as error:
             self.drop()
+            if isinstance(error, ua.UaError) and not isinstance(error, NotEnoughData):
+                # raised by the library where server and client have no way in common
+                raise self._not_let_in_error(str(error), 0) from error
             raise WireProtocolError(
                 self.device,
                 make_message(

@@ -1,7 +1,9 @@
 """Programs in a folder of this computer, such as a controller's share that is mounted."""
 
 import os
+import re
 import tempfile
+from contextlib import suppress
 from pathlib import Path
 
 from cellcal.calibration.documents import DocumentError
@@ -12,6 +14,10 @@ from cellcal.drivers.wire.cancellation import run_in_thread_to_end
 
 _CHECK = "Check that the folder is mounted and that its files may be read and written."
 
+_DRAFT, _LEFT_S = (
+    re.compile(r"\.cellcal[a-z0-9_]{8}"),
+    3600.0,
+)  # of a file that is being written; surely no more
 _DEEPEST, _MOST_FOLDERS, _NAMED_FOLDERS = 4, 200, 6  # levels and folders of one that are looked into; shown
 
 
@@ -91,6 +97,7 @@ class FolderStore:
             target = self._folder / (self._find_name(name) or name)
             descriptor, draft = tempfile.mkstemp(dir=self._folder, prefix=".cellcal")
             try:
+                self._remove_left_behind(os.fstat(descriptor).st_mtime)
                 with os.fdopen(descriptor, "wb") as file:
                     file.write(content)
                     file.flush()
@@ -101,6 +108,14 @@ class FolderStore:
                 Path(draft).unlink(missing_ok=True)
         except OSError as error:
             raise self._unreachable(error) from error
+
+    def _remove_left_behind(self, now_s: float) -> None:
+        """Remove drafts that a killed process left; ages by the clock of the folder's own computer."""
+        for entry in list(self._folder.iterdir()):
+            if _DRAFT.fullmatch(entry.name):
+                with suppress(OSError):
+                    if now_s - entry.lstat().st_mtime > _LEFT_S:
+                        entry.unlink()
 
     def _delete_file(self, name: str) -> None:
         try:

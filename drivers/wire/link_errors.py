@@ -42,7 +42,7 @@ def find_reason(error: BaseException) -> str:
         if isinstance(each, OSError) and each.errno is not None:
             return os.strerror(each.errno) if each.errno > 0 else str(each.strerror)
         waiting += [*getattr(each, "exceptions", ()), each.__cause__, each.__context__]
-    return str(error) or type(error).__name__
+    return str(error).rstrip(".") or type(error).__name__
 
 
 def bracket_host(host: str) -> str:

@@ -14,6 +14,7 @@ What pymodbus leaves to its caller, and what is done about it here:
 import asyncio
 from collections.abc import Awaitable, Callable, Sequence
 from contextlib import suppress
+from functools import partial
 from typing import Any
 
 from pymodbus.client import AsyncModbusTcpClient
@@ -42,6 +43,7 @@ _READ, _WRITE_COIL, _WRITE = 3, 5, 16
 _BUSY_PAUSES_S = (0.02, 0.05, 0.1)
 _NEVER = 10.0  # deadlines: the library's own time-out ends a wait whose answer has come, see Limit
 _CANCEL_AGAIN_S = 0.5
+_NO_MODBUS = "Check that address and port are those of the device's Modbus server, and the network cable."
 _CABLE = "Check its power and the network cable; the next call connects again by itself."
 _UNKNOWN = "Report this to the maker of the profile; the reading was not used."
 
@@ -59,6 +61,7 @@ class ModbusLink:
     ) -> None:
         self.device = device
         self.trace = FrameTrace(device)
+        self._is_unreadable = False
         self._host, self._port, self._deadline_s = host, port, deadline_s
         self.greet = greet
         self._client: AsyncModbusTcpClient | None = None
@@ -160,11 +163,12 @@ class ModbusLink:
         self._backoff.note_success()
 
     async def _open_connection(self) -> None:
-        self._lost = asyncio.get_running_loop().create_future()
+        self._lost, self._is_unreadable = asyncio.get_running_loop().create_future(), False
         self._client = AsyncModbusTcpClient(
             self._host, port=self._port, timeout=_NEVER * self._deadline_s, retries=0, reconnect_delay=0,
             trace_packet=self._trace_packet, trace_connect=self._connection_changed,
         )  # fmt: skip
+        self._client.ctx.data_received = partial(self._take_received, self._client)  # type: ignore[method-assign]
         connected = False
         with suppress(TimeoutError):
             async with AnswerDeadline(self._deadline_s):
@@ -200,6 +204,8 @@ class ModbusLink:
         except (ModbusException, OSError) as error:
             if "No response" in str(error):
                 raise self._silence_error() from None
+            if self._is_unreadable:
+                raise self._foreign_answer_error("sent what is no Modbus answer") from None
             raise UnreachableError(
                 self.device, make_message("the connection broke: {error}.", error=error), remedy=_CABLE
             ) from error
@@ -248,6 +254,15 @@ class ModbusLink:
         )
 
     def _silence_error(self) -> DeviceTimeoutError:
+        if self.trace.ends_with_received():
+            return DeviceTimeoutError(
+                self.device,
+                make_message(
+                    "what came within {deadline_s:g} s is no whole Modbus answer.",
+                    deadline_s=self._deadline_s,
+                ),
+                remedy=_NO_MODBUS,
+            )
         return DeviceTimeoutError(
             self.device,
             make_message("no answer within {deadline_s:g} s.", deadline_s=self._deadline_s),
@@ -257,6 +272,15 @@ class ModbusLink:
     def _trace_packet(self, sending: bool, packet: bytes) -> bytes:
         self.trace.add_frame(">" if sending else "<", packet.hex())
         return packet
+
+    def _take_received(self, client: AsyncModbusTcpClient, data: bytes) -> None:
+        """Hand on what came; what the library cannot read would else be printed by the event loop, with its trace."""
+        try:
+            type(client.ctx).data_received(client.ctx, data)
+        except Exception:  # noqa: BLE001  foreign octets may break any part of its decoder; the request says so
+            self._is_unreadable = True
+            if isinstance(client.ctx.transport, asyncio.Transport):
+                client.ctx.transport.abort()
 
     def _connection_changed(self, connected: bool) -> None:
         if not connected and self._lost is not None and not self._lost.done():

@@ -31,6 +31,10 @@ class FrameTrace:
         """Return the newest frame from the device, for an error message."""
         return next((frame.data for frame in reversed(self._frames) if frame.direction == "<"), "")
 
+    def ends_with_received(self) -> bool:
+        """Whether something came from the device since the last frame to it."""
+        return bool(self._frames) and self._frames[-1].direction == "<"
+
     def list_frames(self) -> tuple[WireFrame, ...]:
         """Return what is kept, oldest first."""
         return tuple(self._frames)

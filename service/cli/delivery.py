@@ -178,16 +178,26 @@ def deliver(
     from cellcal.service.engineering.delivery.comparison import read_programs
     from cellcal.service.engineering.delivery.deliveries import deliver_programs
     from cellcal.service.engineering.delivery.store_addresses import store_at
+    from cellcal.service.engineering.delivery.stored_copies import list_unended
 
     new = read_programs(programs)
     open_store = store_at(address, _login(login))
-    stored = asyncio.run(deliver_programs(open_store, new, copies, _approval(approval), address))
+
+    def show_line(line: str) -> None:
+        STDERR_CONSOLE.print(line, markup=False, soft_wrap=True)
+
+    for earlier in list_unended(copies, address):
+        show_line(
+            f"A delivery that began {earlier.delivery.begun_utc[:19]} never ended, and programs may be half written. "
+            f"Put back what was there before it: cellcal program restore {earlier.folder}"
+        )
+    delivering = deliver_programs(
+        open_store, new, copies, _approval(approval), address,
+        on_copies=lambda copied: show_line(f"What is there now is kept in {copied.folder}"),
+    )  # fmt: skip
+    stored = asyncio.run(delivering)
     _print_delivery(stored, as_json=as_json)
-    STDERR_CONSOLE.print(
-        f"Put back what was there before: cellcal program restore {stored.folder}",
-        markup=False,
-        soft_wrap=True,
-    )
+    show_line(f"Put back what was there before: cellcal program restore {stored.folder}")
     return 0
 
 

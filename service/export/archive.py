@@ -9,7 +9,6 @@ import hashlib
 import io
 import os
 import tarfile
-import tempfile
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -19,8 +18,9 @@ from typing import IO, Any
 from cellcal.calibration.documents.plain_files import open_plain_file
 from cellcal.calibration.errors import CellError
 from cellcal.calibration.message import make_message
+from cellcal.service.draft_files import draft_beside, remove_left_behind
 from cellcal.service.export.backup_names import is_backup_name
-from cellcal.service.files import name_new_file
+from cellcal.service.files import PRIVATE_FILE, name_new_file
 from cellcal.service.record.signing import CellKey, CheckFinding, check_document
 
 FORMAT = "cellcal backup 1"
@@ -77,8 +77,9 @@ def write_archive(path: Path, files: Mapping[str, Path], content: Mapping[str, A
     listed = [{"path": one.path, "bytes": one.size, "sha256": one.sha256} for one in entries]
     manifest = key.sign_document(FORMAT, {**content, "files": listed}).encode()
     try:
-        descriptor, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}")  # for its owner only
-        draft = Path(name)
+        remove_left_behind(path.parent, deep=False)  # as large as a backup
+        draft = Path(draft_beside(path))
+        descriptor = os.open(draft, os.O_RDWR | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, PRIVATE_FILE)
         try:
             with os.fdopen(descriptor, "w+b") as file:
                 _write_tar(file, manifest, entries, files)

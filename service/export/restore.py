@@ -1,6 +1,7 @@
 """Put a backup back where nothing is, after all of it was proved: bytes, journal, certificates."""
 
 import errno
+import filecmp
 import os
 import re
 import shutil
@@ -13,6 +14,7 @@ from pathlib import Path
 from cellcal.calibration.documents.plain_files import read_plain_bytes, read_plain_text
 from cellcal.calibration.message import make_message
 from cellcal.service.configuration.cell_file import read_cell_file
+from cellcal.service.draft_files import draft_beside, remove_left_behind
 from cellcal.service.export.archive import BackupError, BackupManifest, damaged_error, unpack_archive
 from cellcal.service.export.backup import (
     CELL_FILE,
@@ -24,6 +26,7 @@ from cellcal.service.export.backup import (
     refuse_spoilt_certificates,
 )
 from cellcal.service.export.sealed_keys import open_keys
+from cellcal.service.files import PRIVATE_FOLDER
 from cellcal.service.times import has_time_zone
 
 _DATA_DIR = re.compile(r"^[ \t]*data_dir[ \t]*=.*$", re.MULTILINE)
@@ -82,7 +85,8 @@ def restore_backup(
         found = _unpack_and_prove(archive, stage, passphrase)
         data_dir = _data_dir(cell_file, stage, found.cell)
         _refuse_unpinned(archive, found.public_key, signed_by)
-        places = {stage / DATA: data_dir, stage / SETS: cell_file.parent / SETS}
+        # The journal last but for the cell file: without it nothing looks like a cell that was put back whole.
+        places = {stage / SETS: cell_file.parent / SETS, stage / DATA: data_dir}
         if not cell_file.exists():
             places[stage / CELL_FILE] = cell_file
         _move_all(places)
@@ -189,8 +193,10 @@ def _set_data_dir(cell_file: Path) -> None:
 
 
 def _move_all(places: dict[Path, Path]) -> None:
-    """Move each to its place, all or none."""
+    """Move each to its place, all or none; what a restore that was killed has put there already stays."""
     moves = {source: target for source, target in places.items() if source.exists()}
+    missing = {source: target for source, target in moves.items() if not _is_same(source, target)}
+    moves = missing or moves
     for target in moves.values():
         if target.exists() and not (target.is_dir() and not any(target.iterdir())):
             raise BackupError(
@@ -221,6 +227,18 @@ def _move_all(places: dict[Path, Path]) -> None:
     os.sync()
 
 
+def _is_same(source: Path, target: Path) -> bool:
+    """Whether two files, or all files of two folders, are the same to the last byte."""
+    if not source.is_dir():
+        return target.is_file() and filecmp.cmp(source, target, shallow=False)
+    names = {each.relative_to(source) for each in source.rglob("*") if not each.is_dir()}
+    if not target.is_dir() or names != {
+        each.relative_to(target) for each in target.rglob("*") if not each.is_dir()
+    }:
+        return False
+    return all(_is_same(source / name, target / name) for name in names)
+
+
 def _move_file(source: Path, target: Path) -> None:
     """Move, also to another disk, so that the target is whole or not there."""
     try:
@@ -240,7 +258,9 @@ def _staging_folder(folder: Path) -> Iterator[Path]:
     """Yield a folder on the disk of the cell file, for its owner only; whatever is left in it goes."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        stage = Path(tempfile.mkdtemp(dir=folder, prefix=".cellcal-restore-"))
+        remove_left_behind(folder, deep=False)  # of a restore that was killed: it may hold keys
+        stage = Path(draft_beside(folder / "stage"))
+        stage.mkdir(mode=PRIVATE_FOLDER)
     except OSError as error:
         raise BackupError(
             make_message("{path} cannot be written: {strerror}.", path=folder, strerror=error.strerror),

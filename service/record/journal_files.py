@@ -5,6 +5,7 @@ from pathlib import Path
 
 from cellcal.calibration.message import make_message
 from cellcal.service.configuration.cell_file import CellConfig
+from cellcal.service.draft_files import tidy_once
 from cellcal.service.record.journal import Journal, StoreError
 
 
@@ -19,7 +20,7 @@ def lease_folder(config: CellConfig) -> Path:
 
 
 def open_journal(config: CellConfig) -> Journal:
-    """Open the cell's journal, or create it.
+    """Open the cell's journal, or create it; what a killed process left beside it is removed.
 
     Raises
     ------
@@ -28,6 +29,7 @@ def open_journal(config: CellConfig) -> Journal:
     """
     path = journal_path(config)
     remedy = "See that data_dir of the cell file is a folder that may be written, on a disk with room."
+    tidy_once(path.parent)
     try:
         return Journal.open_file(path)
     except (OSError, sqlite3.Error) as error:

@@ -40,7 +40,7 @@ _MOST_KEYS, _MOST_WAITING_BYTES = 200, 8_000_000  # of a cell: samples that were
 _SMALL = 20_000  # bytes of a sample that need not be added up
 MOST_ALARMS = 500  # of a cell, as in its state
 _LONGEST_STATE, _LONGEST_FLAW = 500_000, 1000
-_FLAWS_KEPT = 200
+_FLAWS_KEPT, _FLAWS_OF_CELL = 200, 50
 OPENED_A_SECOND = 250  # states; more cells than that are looked at in turn
 
 
@@ -187,6 +187,10 @@ class Fleet:
         with self._lock:
             self.flaw_count += 1
             what = limit_to_line(sentence, _LONGEST_FLAW)
+            own = [flaw for flaw in self.flaws if flaw["cell"] == cell]
+            same = [flaw for flaw in own if flaw["what"] == what]
+            for old in same or own[: max(0, len(own) - _FLAWS_OF_CELL + 1)]:  # no cell crowds out another's
+                self.flaws.remove(old)
             self.flaws.append({"wall": wall_utc(), "cell": cell, "what": what})
 
     @contextmanager

@@ -1,6 +1,6 @@
 """A monitor's end of the bus: receives all cells, stores their events, asks for what is missing. It puts nothing.
 
-One thread takes what came in, opens and stores it; another asks cells for what they still hold.
+One thread takes events off the bus, another opens and stores them, a third asks cells for what they still hold.
 """
 
 import sqlite3
@@ -13,13 +13,14 @@ from typing import Any, Self, TypeGuard
 
 import zenoh
 from zenoh.ext import HistoryConfig, RecoveryConfig, declare_advanced_subscriber
-from zenoh.handlers import FifoChannel
+from zenoh.handlers import RingChannel
 
 from cellcal.calibration.documents import DocumentError
 from cellcal.calibration.documents.json_text import parse_json
 from cellcal.calibration.message import make_message
 from cellcal.drivers.supervision import log_failures, start_thread
 from cellcal.service.record.signing import CheckedDocument, check_document
+from cellcal.service.site.event_inbox import EventInbox
 from cellcal.service.site.fleet import OPENED_A_SECOND, Fleet
 from cellcal.service.site.journal_tail import chain_flaw
 from cellcal.service.site.keys import SiteError, StationKeys, cell_of, checked_identifier
@@ -29,7 +30,10 @@ from cellcal.service.site.site_store import ReceivedEvent, SiteStore
 from cellcal.service.site.unstored import UnstoredEvents
 
 _BATCH_S = 0.1
-_MOST_WAITING = 100_000
+_RECEIVE_S = 0.02
+_MOST_WAITING = (
+    4000  # samples that the bus keeps for us; the oldest gives way, and an event is asked for later
+)
 _SETTLE_S = 1.5  # a short hole is mended from the cell's memory without being asked for
 _AGAIN_S = 3.0
 _ASK_S = 10.0
@@ -53,6 +57,7 @@ class FleetListener:
         self._keys_of = {cell: StationKeys(stations.site, cell) for cell in self._cells}
         self._public = {cell: who.public_key for cell, who in stations.cells.items()}
         self._all = StationKeys(stations.site, "*")
+        self._inbox = EventInbox(self._cells)
         self._leave = threading.Event()
         self._missing: dict[str, tuple[str, float]] = {}  # since when, and of which outbox
         self._ask_after_s: dict[str, float] = {}
@@ -72,6 +77,9 @@ class FleetListener:
             raise
         self._subscribe_keys()
         self._threads = [
+            start_thread(
+                "monitor: receiving", partial(self._name_failure, self._receive_events), self._leave
+            ),
             start_thread("monitor: hearing", partial(self._name_failure, self._process_samples), self._leave),
             start_thread("monitor: asking", partial(self._name_failure, self._process_requests), self._leave),
         ]
@@ -85,10 +93,12 @@ class FleetListener:
     def close(self) -> None:
         """Leave the bus, store what has come, and let go of the file."""
         self._leave.set()
-        self._threads[0].join(_ASK_S)
+        receiving, hearing, asking = self._threads
+        receiving.join(_ASK_S)
+        hearing.join(_ASK_S)
         close_session(self._stream)
         close_session(self._session)
-        self._threads[1].join(_ASK_S)
+        asking.join(_ASK_S)
         with self._store_lock:
             self._store.close()
 
@@ -165,7 +175,7 @@ class FleetListener:
         all_cells = self._all
         self._events = [
             declare_advanced_subscriber(
-                self._session, key, FifoChannel(_MOST_WAITING), history=history, recovery=recovery
+                self._session, key, RingChannel(_MOST_WAITING), history=history, recovery=recovery
             )
             for key in (all_cells.any_session_event, all_cells.alarm_key)
         ]
@@ -173,12 +183,12 @@ class FleetListener:
             declare_advanced_subscriber(
                 self._session,
                 f"{all_cells.base_key}/device/*/state",
-                FifoChannel(_MOST_WAITING),
+                RingChannel(_MOST_WAITING),
                 history=newest,
             )
         ]
         self._values = [
-            self._stream.declare_subscriber(key, FifoChannel(_MOST_WAITING))
+            self._stream.declare_subscriber(key, RingChannel(_MOST_WAITING))
             for key in (all_cells.state_key, all_cells.joints_key, f"{all_cells.base_key}/device/*/value")
         ]
         self._alive = self._session.liveliness().declare_subscriber(
@@ -207,7 +217,7 @@ class FleetListener:
             leaving = self._leave.wait(_BATCH_S)
             self._take_samples()
             if not self._unstored.full:
-                self._unstored.take(self._believed(self._take_events()))
+                self._unstored.take(self._believed(self._inbox.take(_PAGE)))
             self._unstored.store(last=leaving)
             self._compare_all(self.fleet.open_newest_states(max(1, int(OPENED_A_SECOND * _BATCH_S))))
             if leaving:
@@ -225,12 +235,16 @@ class FleetListener:
                 with self.fleet.blame_cell(cell_of(key)):
                     self.fleet.take_sample(key, sample.payload.to_bytes(), now_s)
 
-    def _take_events(self) -> list[tuple[str, bytes]]:
-        batch: list[tuple[str, bytes]] = []
-        for subscriber in self._events:
-            while len(batch) < _PAGE and (sample := subscriber.try_recv()) is not None:
-                batch.append((str(sample.key_expr), sample.payload.to_bytes()))
-        return batch
+    def _receive_events(self) -> None:
+        """Take events off the bus as fast as they come, whatever it costs to open and to store them."""
+        while True:
+            leaving = self._leave.wait(_RECEIVE_S)
+            for cell in self._inbox.receive(self._events):  # said once, as for its values
+                self.fleet.name_flaw(
+                    cell, "it sends events faster than they can be opened: what is dropped is asked for later"
+                )
+            if leaving:
+                return
 
     def _believed(self, batch: list[tuple[str, bytes]]) -> list[ReceivedEvent]:
         received = []

@@ -102,7 +102,7 @@ async def follow_robot(watches: RobotWatches, entry: Any, listener: RobotListene
 
     The connection is left to the holder of the right to connect.
     """
-    last_message = ""
+    last_message = suspected = ""
     while True:
         raise_lost_cancellation()
         if not _is_free(watches, entry):
@@ -113,12 +113,15 @@ async def follow_robot(watches: RobotWatches, entry: Any, listener: RobotListene
             async with entry.open() as robot:
                 coverage = describe_coverage(robot.capabilities)
                 listener.say(f"{robot.name}: watched every {watches.config.watch.period_s:g} s: {coverage}.")
-                last_message = ""
+                last_message = suspected = ""
                 await _watch_while_free(watches, entry, robot, listener)
                 continue
         except WrongDeviceError as error:
             listener.missed(entry.name, Condition(Readiness.NOT_READY, error.message, error.remedy))
-            if error.message != last_message:
+            if error.message != suspected:  # one damaged answer is no other robot: it has to say so again
+                suspected = error.message
+                listener.say(f"{error}")
+            elif error.message != last_message:
                 last_message = error.message
                 await watches.on_loss(PositionLoss(entry.name, error.message, (), None, wrong_robot()))
         except CellError as error:

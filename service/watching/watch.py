@@ -19,7 +19,7 @@ import numpy as np
 
 from cellcal.calibration.mastering.counts import DriveTrain
 from cellcal.calibration.message import make_message
-from cellcal.drivers.errors import DeviceError
+from cellcal.drivers.errors import DeviceError, WireProtocolError
 from cellcal.drivers.interfaces import (
     Alarm,
     Condition,
@@ -44,6 +44,9 @@ from cellcal.service.watching.loss_modes import (
 )
 
 _LOG = logging.getLogger(__name__)
+_LOOK_AT_LINK = (
+    "Look at the network between, and whether something else answers at its address; it is looked at again."
+)
 _JUMP_SPEED_RAD_S = 6.0  # no industrial joint turns faster; a quicker change of counts is not motion
 
 
@@ -108,14 +111,14 @@ class RobotWatch:
     async def look_once(self) -> PositionLoss | None:
         """Look once; return the loss if this look found a new one."""
         self._saved = self._memory.load_counts(self._robot.name) or self._saved  # a run may have renewed it
-        condition = self.condition = await self._robot.read_condition()
+        condition = self.condition = await self._read_confirmed_condition()
         if condition.readiness is Readiness.UNREACHABLE:
             self._last_observation = None
             return None
         self._warn_once(battery_warning(self._robot.capabilities, condition))
         detected_by = None
         self._note_loss(condition)
-        if condition.readiness is Readiness.POSITION_LOST or is_position_doubtful(condition):
+        if _tells_of_loss(condition):
             detected_by = make_message(
                 "the controller reports: {condition_message}", condition_message=condition.message
             )
@@ -144,6 +147,29 @@ class RobotWatch:
         self._reported = loss
         await self._on_loss(loss)
         return loss
+
+    async def _read_confirmed_condition(self) -> Condition:
+        """Read how the robot is; a loss is asked for twice before it counts: one damaged answer is none.
+
+        Raises
+        ------
+        WireProtocolError
+            The second answer tells of no loss.
+        """
+        condition = await self._robot.read_condition()
+        if self._reported is not None or not _tells_of_loss(condition):
+            return condition
+        again = await self._robot.read_condition()
+        if _tells_of_loss(again) or again.readiness is Readiness.UNREACHABLE:
+            return again
+        raise WireProtocolError(
+            self._robot.name,
+            make_message(
+                "it reported a lost position ({condition_message}), and asked again at once none.",
+                condition_message=condition.message,
+            ),
+            remedy=_LOOK_AT_LINK,
+        )
 
     def _note_loss(self, condition: Condition) -> None:
         if condition.readiness is Readiness.POSITION_LOST and self.comparison is not None:
@@ -184,29 +210,66 @@ class RobotWatch:
         """Compare with what was seen before; remember this look when all is well."""
         if not self._robot.capabilities.reads_encoder_counts:
             return None  # its own words are the only witness
-        encoders = cast(ReadsEncoderCounts, self._robot)
-        counts, epoch, now_s = (
-            await encoders.encoder_counts(),
-            await encoders.encoder_epoch(),
-            time.monotonic(),
-        )
-        if self._saved is not None and epoch != self._saved.epoch:
-            return "the encoder epoch changed: the controller started after a lost position"
-        if self._last_observation is not None:
-            then_s, before = self._last_observation
-            reach_rad = _JUMP_SPEED_RAD_S * (now_s - then_s + 0.2)
-            moved_rad = np.abs((await self._drive_train()).to_joints(np.array(counts), np.array(before)))
-            if float(moved_rad.max()) > reach_rad:
-                axis = int(moved_rad.argmax())
-                jump_deg = np.rad2deg(moved_rad[axis])
-                return make_message(
-                    "the count of axis {axis} jumped by {jump_deg:.1f} deg without motion",
-                    axis=self._robot.capabilities.axis_name(axis),
-                    jump_deg=jump_deg,
-                )
+        counts, epoch, now_s = await self._read_encoders()
+        trouble = await self._compare_encoders(counts, epoch, now_s)
+        if trouble is not None or self._last_observation is None:
+            await self._confirm_encoders(counts, epoch, now_s)
+        if trouble is not None:
+            return trouble
         self._last_observation = (now_s, counts)
         self._save_healthy(counts, epoch)
         return None
+
+    async def _read_encoders(self) -> tuple[Counts, int, float]:
+        encoders = cast(ReadsEncoderCounts, self._robot)
+        return await encoders.encoder_counts(), await encoders.encoder_epoch(), time.monotonic()
+
+    async def _compare_encoders(self, counts: Counts, epoch: int, now_s: float) -> str | None:
+        if self._saved is not None and epoch != self._saved.epoch:
+            return "the encoder epoch changed: the controller started after a lost position"
+        if self._last_observation is None:
+            return None
+        then_s, before = self._last_observation
+        moved_rad = await self._moved_rad(before, counts)
+        if float(moved_rad.max()) <= _reach_rad(now_s - then_s):
+            return None
+        axis = int(moved_rad.argmax())
+        return make_message(
+            "the count of axis {axis} jumped by {jump_deg:.1f} deg without motion",
+            axis=self._robot.capabilities.axis_name(axis),
+            jump_deg=np.rad2deg(moved_rad[axis]),
+        )
+
+    async def _confirm_encoders(self, counts: Counts, epoch: int, now_s: float) -> None:
+        """Read once more before counts are kept anew or a loss is told: one damaged answer is neither.
+
+        Raises
+        ------
+        WireProtocolError
+            The two readings are not of one arm.
+        """
+        again, epoch_again, again_s = await self._read_encoders()
+        moved_rad = await self._moved_rad(counts, again)
+        if epoch_again == epoch and float(moved_rad.max()) <= _reach_rad(again_s - now_s):
+            return
+        raise WireProtocolError(
+            self._robot.name,
+            "two readings of its encoders, one right after the other, contradict each other.",
+            remedy=_LOOK_AT_LINK,
+        )
+
+    async def _moved_rad(self, before: Counts, counts: Counts) -> np.ndarray:
+        if len(before) != len(counts):
+            raise WireProtocolError(
+                self._robot.name,
+                make_message(
+                    "it told {before_count} encoder counts, and then {count_count}.",
+                    before_count=len(before),
+                    count_count=len(counts),
+                ),
+                remedy=_LOOK_AT_LINK,
+            )
+        return np.abs((await self._drive_train()).to_joints(np.array(counts), np.array(before)))
 
     def _save_healthy(self, counts: Counts, epoch: int) -> None:
         moved = self._saved is None or self._saved.counts != counts or self._saved.epoch != epoch
@@ -229,6 +292,14 @@ class RobotWatch:
         if self._drive is None:
             self._drive = await cast(ReadsEncoderCounts, self._robot).drive_train()
         return self._drive
+
+
+def _tells_of_loss(condition: Condition) -> bool:
+    return condition.readiness is Readiness.POSITION_LOST or is_position_doubtful(condition)
+
+
+def _reach_rad(span_s: float) -> float:
+    return _JUMP_SPEED_RAD_S * (span_s + 0.2)
 
 
 def _suspect_condition(condition: Condition) -> Suspicion:

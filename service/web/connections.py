@@ -14,16 +14,24 @@ import time
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import Any, Protocol
 
 _log = logging.getLogger(__name__)
 WAITING_OF_ADDRESS = 96  # a browser keeps six; a gateway may stand for a whole workshop
 ALL_OF_ADDRESS = 320
 HEADERS_S = 10.0  # for a whole request, from the beginning of the connection or of the wait for the next one
 ANSWER_S = 600.0  # for an answer that its receiver does not take
+LEAVE_S = 5.0  # for the last bytes of one that is being closed, which a receiver may never take
 SPARES = 12  # a connection, and what a stop opens besides: the register of people
 RESCUE_S = 2.0  # for so long the spare descriptors stay given up
 LOG_EVERY_S = 1.0
+_LIMITS_S = {"new": HEADERS_S, "waiting": HEADERS_S, "busy": ANSWER_S, "leaving": LEAVE_S}
+_REASONS = {
+    "new": "it sent no whole request in time",
+    "waiting": "it sent no whole request in time",
+    "busy": "it did not take its answer in time",
+    "leaving": "it did not take its last bytes in time",
+}
 _OUT_OF = frozenset({errno.EMFILE, errno.ENFILE, errno.ENOBUFS, errno.ENOMEM})
 
 
@@ -32,11 +40,15 @@ class AbortableTransport(Protocol):
 
     def abort(self) -> None: ...
     def is_closing(self) -> bool: ...
+    def get_extra_info(self, name: str, default: Any = None) -> Any: ...
 
 
 @dataclass(eq=False, slots=True)
 class ServerConnection:
-    """One connection. ``state``: new (no request yet), waiting (for the next one), busy, screen (a WebSocket)."""
+    """One connection. ``state``: new (no request yet), waiting (for the next one), busy, screen (WebSocket), leaving.
+
+    One that is leaving was closed by this side, and has a descriptor until its last bytes are taken.
+    """
 
     address: str
     transport: AbortableTransport
@@ -82,9 +94,9 @@ class ServerConnections:
         self._forget_closed()
         now_s = self.clock()
         for connection in list(self._open.values()):
-            limit_s = {"new": HEADERS_S, "waiting": HEADERS_S, "busy": ANSWER_S}.get(connection.state)
+            limit_s = _LIMITS_S.get(connection.state)
             if limit_s is not None and now_s - connection.since_s > limit_s:
-                self._close_connection(connection, "it sent no whole request in time")
+                self._close_connection(connection, _REASONS[connection.state])
         if now_s > self._rescue_until_s:
             self.open_spares()
 
@@ -133,7 +145,8 @@ class ServerConnections:
 
     def _closable_connections(self) -> list[ServerConnection]:
         return sorted(
-            (each for each in self._open.values() if each.state in ("new", "waiting")), key=_close_rank
+            (each for each in self._open.values() if each.state in ("leaving", "new", "waiting")),
+            key=_close_rank,
         )
 
     def _close_connection(self, connection: ServerConnection, why: str) -> ServerConnection:
@@ -144,8 +157,13 @@ class ServerConnections:
         return connection
 
     def _forget_closed(self) -> None:
-        for key in [key for key, each in self._open.items() if each.transport.is_closing()]:
-            del self._open[key]
+        for key, each in list(self._open.items()):
+            if not each.transport.is_closing():
+                continue
+            if not _has_descriptor(each.transport):
+                del self._open[key]
+            elif each.state != "leaving":
+                self.set_state(each, "leaving")
 
     def _log_rarely(self, words: str) -> None:
         """Log at most once a second: a flood must not fill the disk as well."""
@@ -165,5 +183,10 @@ def most_connections() -> int:
 
 
 def _close_rank(connection: ServerConnection) -> tuple[int, float]:
-    order = ("new", "waiting", "screen", "busy")
+    order = ("leaving", "new", "waiting", "screen", "busy")
     return order.index(connection.state), connection.since_s
+
+
+def _has_descriptor(transport: AbortableTransport) -> bool:
+    line = transport.get_extra_info("socket")
+    return line is not None and line.fileno() >= 0

@@ -1,6 +1,6 @@
 """Every open screen: one slot each for the newest live message, and one for the newest session.
 
-A screen that is slow misses what is old, never what is newest, and is dropped when it takes nothing for a second.
+A screen that is slow misses what is old, never what is newest, and is dropped when it takes too long for one message.
 """
 
 import asyncio
@@ -14,7 +14,8 @@ from fastapi import WebSocketDisconnect
 
 from cellcal.calibration.message_table import with_messages
 
-SLOW_S = 1.0
+SLOW_S = 6.0  # for one message; a page that opens over a slow network waits as long for its first answer
+GOODBYE_S = 1.0
 TICK_S = 1.0  # a screen gets a message at least this often, so that silence means a lost link
 
 
@@ -108,5 +109,5 @@ class OpenScreens:
 async def let_go(socket: ScreenSocket) -> None:
     """Close a socket; one that takes nothing takes no goodbye either, and is not waited for."""
     with contextlib.suppress(RuntimeError, ConnectionError, WebSocketDisconnect, TimeoutError):
-        async with asyncio.timeout(SLOW_S):
+        async with asyncio.timeout(GOODBYE_S):
             await socket.close()  # one that left by itself says so

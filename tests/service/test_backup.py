@@ -25,6 +25,7 @@ from cellcal.service.configuration.cell_file import CellConfig, read_cell_file
 from cellcal.service.engineering.parameters.parameter_set import ParameterSet, ParameterValue
 from cellcal.service.engineering.parameters.parameter_sets import ParameterSets
 from cellcal.service.exit_codes import ExitCode
+from cellcal.service.export import restore
 from cellcal.service.export.archive import FORMAT, MANIFEST, BackupError
 from cellcal.service.export.backup import back_up, forget_older
 from cellcal.service.export.restore import prove_backup, restore_backup
@@ -273,6 +274,33 @@ def test_nothing_is_ever_put_over_what_is_there(tmp_path: Path) -> None:
     other.path.write_text(other.text.replace(config.cell.name, "another"))
     with pytest.raises(BackupError, match="the backup is of"):
         restore_backup(archive, other.path)
+
+
+@pytest.mark.parametrize("moves_before", [1, 2])
+def test_a_restore_that_was_killed_is_gone_on_with_by_the_same_command(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, moves_before: int
+) -> None:
+    archive = back_up(lived_in(tmp_path / "old"), tmp_path / "kept").path
+    key, new = prove_backup(archive).public_key, tmp_path / "new"
+    move, count = restore._move_file, 0
+
+    def move_some(source: Path, target: Path) -> None:
+        nonlocal count
+        count += 1
+        if count > moves_before:
+            raise KeyboardInterrupt  # a kill: nothing is taken back
+        move(source, target)
+
+    monkeypatch.setattr(restore, "_move_file", move_some)
+    with pytest.raises(KeyboardInterrupt):
+        restore_backup(archive, new / "cell.toml", signed_by=key)
+    assert not (new / "cell.toml").exists()
+    monkeypatch.undo()
+    restore_backup(archive, new / "cell.toml", signed_by=key)
+    restore_backup(archive, tmp_path / "whole" / "cell.toml", signed_by=key)
+    assert folder_contents(new) == folder_contents(tmp_path / "whole")
+    with pytest.raises(BackupError, match="is in the way"):
+        restore_backup(archive, new / "cell.toml", signed_by=key)
 
 
 def test_keys_are_there_for_whom_they_are_for(tmp_path: Path) -> None:

@@ -20,7 +20,13 @@ from websockets.exceptions import ConnectionClosedError
 from cellcal.service.cli.app import run_command_line
 from cellcal.service.demo.fake_cell import write_cell_file
 from cellcal.service.exit_codes import ExitCode
-from cellcal.service.web.connections import ALL_OF_ADDRESS, HEADERS_S, WAITING_OF_ADDRESS, ServerConnections
+from cellcal.service.web.connections import (
+    ALL_OF_ADDRESS,
+    HEADERS_S,
+    LEAVE_S,
+    WAITING_OF_ADDRESS,
+    ServerConnections,
+)
 from tests.service.browser_pages import serve_app
 
 ANSWER = {"content-type": "application/json"}
@@ -37,16 +43,23 @@ class ManualClock:
 
 
 class FakeTransport:
-    """A transport that only knows whether it was aborted."""
+    """A transport that only knows whether it was aborted, or is being closed while its receiver takes nothing."""
 
     def __init__(self) -> None:
-        self.aborted = False
+        self.aborted = self.closed = False
 
     def abort(self) -> None:
         self.aborted = True
 
     def is_closing(self) -> bool:
-        return self.aborted
+        return self.aborted or self.closed
+
+    def get_extra_info(self, name: str, default: object = None) -> object:
+        assert name == "socket"
+        return default if self.aborted else self
+
+    def fileno(self) -> int:
+        return 7
 
 
 def test_of_too_many_from_one_address_the_oldest_idle_one_gives_way() -> None:
@@ -98,6 +111,20 @@ def test_a_request_that_never_ends_its_headers_is_closed() -> None:
     connections.close_stale()
     connections.release_spares()
     assert (slow.aborted, screen.aborted) == (True, False)
+
+
+def test_a_connection_whose_receiver_takes_no_last_bytes_is_counted_and_cut() -> None:
+    clock = ManualClock()
+    connections = ServerConnections(most=100, clock=clock)
+    deaf = FakeTransport()
+    connections.set_state(connections.add_connection("10.0.0.1", deaf), "screen")
+    deaf.closed = True
+    connections.close_stale()
+    assert (len(connections), deaf.aborted) == (1, False)
+    clock.now_s += LEAVE_S + 0.1
+    connections.close_stale()
+    connections.release_spares()
+    assert (len(connections), deaf.aborted) == (0, True)
 
 
 def test_errors_of_accept_are_logged_once_a_second(caplog: pytest.LogCaptureFixture) -> None:

@@ -181,5 +181,18 @@ def test_a_cell_that_floods_the_monitor_takes_no_room_of_others(tmp_path: Path) 
     said = [str(flaw["what"]) for flaw in hall.fleet.flaws]
     assert {flaw["cell"] for flaw in hall.fleet.flaws} == {bad}
     assert sum("sends more than the monitor keeps" in what for what in said) == 1
-    assert sum("more alarms" in what for what in said) == 50
+    assert sum("more alarms" in what for what in said) == 1  # what is repeated stands once
+    assert hall.fleet.flaw_count >= 51
     assert all(what.isprintable() and len(what) < 1100 for what in said)
+
+
+def test_flaws_of_a_cell_that_floods_leave_those_of_others_visible(tmp_path: Path) -> None:
+    hall = PlayedFleet(tmp_path, 2)
+    quiet, loud = hall.names
+    hall.fleet.name_flaw(quiet, "its chain is broken")
+    for number in range(500):
+        hall.fleet.name_flaw(loud, f"flaw {number}")
+        hall.fleet.name_flaw(loud, "the same again")
+    assert {flaw["cell"] for flaw in hall.fleet.flaws} == {quiet, loud}
+    assert len(hall.fleet.flaws) == 51
+    assert hall.fleet.flaw_count == 1001

@@ -84,7 +84,10 @@ async def read_numbers(screen: ClientConnection, received: list[int]) -> None:
             received.append(message["content"]["n"])
 
 
-async def test_a_screen_that_never_reads_is_dropped_and_the_others_go_on_hearing(tmp_path: Path) -> None:
+async def test_a_screen_that_never_reads_is_dropped_and_the_others_go_on_hearing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(rules, "SLOW_S", 0.5)
     received: list[int] = []
     async with a_hall(tmp_path) as hall, hall.connect_screen() as screen:
         hearing = asyncio.create_task(read_numbers(screen, received))

@@ -249,7 +249,7 @@ def test_the_monitors_threads_come_back(tmp_path: Path) -> None:
         site.start_router(),
         FleetListener(site.monitor_folder, tmp_path / "s.sqlite", patience_s=PATIENCE_S) as listener,
     ):
-        for name in ("monitor: hearing", "monitor: asking"):
+        for name in ("monitor: receiving", "monitor: hearing", "monitor: asking"):
             before = SUPERVISOR.failure_counts().get(name, 0)
             wait_until(lambda: raise_in(name))  # noqa: B023
             wait_until(lambda: is_back(name, before, lambda: True))  # noqa: B023
@@ -448,7 +448,7 @@ async def poll_until(true: Callable[[], object]) -> None:
 
 TRIED = {
     "devices of the cell", "news of other robots", "watch of {}", "CAN receiver of {}", "process of the cell",
-    "words for {}", "{}", "webhook: delivery", "cell process tap", "monitor: hearing", "monitor: asking",
+    "words for {}", "{}", "webhook: delivery", "cell process tap", "monitor: receiving", "monitor: hearing", "monitor: asking",
     "monitor: view of the cells", "web server: accepting", "web server: idle connections", "time of {}",
     "time of the control box", "motions of {}", "ports of {}", "programs of {}", "port of {}",
     # in test_long_lived_processes

@@ -53,6 +53,21 @@ def test_a_listing_that_trickles_is_given_up(
 ) -> None:
     monkeypatch.setattr(ReadOnlyFtp, "voidcmd", lambda *_: "200 OK.")
     monkeypatch.setattr(ReadOnlyFtp, "transfercmd", lambda *_: connection)
+    with pytest.raises(
+        DeviceTimeoutError, match="of the list of its files less than 1000 bytes arrived in 10 s"
+    ):
+        FtpSource(ControllerAddress("127.0.0.1"), LOGIN).list_names()
+    assert connection.now_s <= 2 * LOGIN.timeout_s
+
+
+def test_a_file_that_is_slow_but_comes_is_given_up_at_its_own_limit(
+    connection: TricklingConnection, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(ReadOnlyFtp, "voidcmd", lambda *_: "200 OK.")
+    monkeypatch.setattr(ReadOnlyFtp, "transfercmd", lambda *_: connection)
+    monkeypatch.setattr(
+        connection, "recv", lambda size: b"x" * 600 if TricklingConnection.recv(connection, size) else b""
+    )
     with pytest.raises(DeviceTimeoutError, match="the list of its files did not arrive within 120 s"):
         FtpSource(ControllerAddress("127.0.0.1"), LOGIN).list_names()
     assert connection.now_s <= LOGIN.file_timeout_s + LOGIN.timeout_s

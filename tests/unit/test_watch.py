@@ -2,11 +2,12 @@
 
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from cellcal.calibration.mastering.counts import DriveTrain, MasteringRecord
-from cellcal.drivers.errors import UnreachableError
+from cellcal.drivers.errors import UnreachableError, WireProtocolError
 from cellcal.drivers.interfaces import (
     Alarm,
     AlarmKind,
@@ -365,3 +366,67 @@ async def test_a_fault_of_ours_with_one_robot_does_not_hide_the_look_at_the_othe
     assert (broken.state, other.state) == ("not read", "not read")
     assert "ZeroDivisionError: injected. The report is in " in broken.sentence
     assert other.sentence == "another cellcal works with it now."
+
+
+@pytest.mark.parametrize(
+    "damaged",
+    [
+        {"counts": (1000, 2000 + 524288 * 50)},
+        {"counts": (1000, 2000, 3000)},
+        {"epoch": 77},
+        {"readiness": Readiness.POSITION_LOST},
+    ],
+)
+async def test_one_damaged_answer_is_named_and_is_no_loss_and_a_loss_after_it_is_seen(
+    fake_arm: TwoAxisController, tmp_path: Path, damaged: dict[str, Any]
+) -> None:
+    @dataclass
+    class OnceDamaged(TwoAxisController):
+        reads_left: int = 0  # of the damaged answer
+
+        def healed(self) -> bool:
+            self.reads_left -= 1
+            return self.reads_left < 0
+
+        async def encoder_counts(self) -> tuple[int, ...]:
+            return self.counts if "counts" not in damaged or self.healed() else damaged["counts"]
+
+        async def encoder_epoch(self) -> int:
+            return self.epoch if "epoch" not in damaged or self.healed() else damaged["epoch"]
+
+        async def read_condition(self) -> Condition:
+            is_whole = "readiness" not in damaged or self.healed()
+            return Condition(self.readiness if is_whole else damaged["readiness"], "lost", "", self.alarms)
+
+    arm, memory = OnceDamaged(), LastHealthyCounts(tmp_path)
+    watch = RobotWatch(arm, memory, arm.on_loss, period_s=0.01)  # type: ignore[arg-type]
+    if "epoch" not in damaged:  # with counts kept from before, or at the first look after a connection
+        await watch.look_once()
+    for _ in range(3):
+        arm.reads_left = 1
+        with pytest.raises(WireProtocolError, match=r"contradict|told 2 encoder counts|asked again"):
+            await watch.look_once()
+        assert await watch.look_once() is None
+        watch.forget_motion()
+        assert await watch.look_once() is None
+    saved = memory.load_counts(arm.name)
+    assert saved is not None
+    assert (saved.counts, saved.epoch) == ((1000, 2000), 4)
+    assert arm.losses == []
+    arm.epoch = 5
+    assert await watch.look_once() is not None
+
+
+async def test_counts_after_a_connection_are_kept_only_where_two_readings_agree(
+    fake_arm: TwoAxisController, tmp_path: Path
+) -> None:
+    memory, answers = LastHealthyCounts(tmp_path), iter([(7, 8), (1000 + 524288 * 80, 2000)])
+
+    async def read_counts() -> tuple[int, ...]:
+        return next(answers)
+
+    fake_arm.encoder_counts = read_counts  # type: ignore[method-assign]
+    watch = RobotWatch(fake_arm, memory, fake_arm.on_loss, period_s=0.01)  # type: ignore[arg-type]
+    with pytest.raises(WireProtocolError, match="contradict"):
+        await watch.look_once()
+    assert memory.load_counts(fake_arm.name) is None

@@ -56,6 +56,30 @@ def test_a_file_that_is_missing_one_night_is_told(
     assert look(server, tmp_path, capsys)[:2] == (ExitCode.OUT_OF_TOLERANCE, "changed")
 
 
+def test_a_version_report_that_is_cut_tells_no_other_software(
+    server: FanucFtpServer, tmp_path: Path, capsys, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    take_record(address_of(server), tmp_path)
+    whole = FtpSource.read_file
+    cut_at = 0
+
+    def read_cut(source: FtpSource, name: str) -> bytes | None:
+        content = whole(source, name)
+        return content[:cut_at] if content is not None and name.lower() == "version.dg" else content
+
+    with FtpSource(parse_address(address_of(server)), FtpLogin()) as source:
+        content = source.read_file("version.dg")
+    assert content is not None
+    monkeypatch.setattr(FtpSource, "read_file", read_cut)
+    number = content.index(b"Software Edition No.: ") + len(b"Software Edition No.: ")
+    for cut_at in (number - 30, number, number + 4, number + 6):  # noqa: B007  read by the closure
+        assert look(server, tmp_path, capsys) == (
+            ExitCode.REFUSED,
+            "not compared",
+            ["software edition (not in VERSION.DG: it is not whole)"],
+        )
+
+
 def test_without_the_mastering_nothing_was_read(server: FanucFtpServer, tmp_path: Path, capsys) -> None:
     take_record(address_of(server), tmp_path)
     server.faults.missing = frozenset(["sysmast.va"])

@@ -1,5 +1,6 @@
 """Names of programs on controllers: in any case of letters, with the makers' own signs, and never out of a folder."""
 
+import os
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -13,6 +14,12 @@ from cellcal.drivers.errors import RefusedError, WireProtocolError
 from cellcal.service.engineering.delivery.comparison import fetch_programs
 from cellcal.service.engineering.delivery.deliveries import Approval, deliver_programs, restore_programs
 from cellcal.service.engineering.delivery.store_addresses import StoreLogin, store_at
+from cellcal.service.engineering.delivery.stored_copies import (
+    DeliveryState,
+    list_unended,
+    read_delivery,
+    store_copies,
+)
 from tests.wire.writable_ftp import PASSWORD, USER, writable_ftp
 
 STANDS = Approval("Eva", robot_stands=True)
@@ -30,6 +37,58 @@ async def test_a_program_is_replaced_whatever_the_case_of_its_name(tmp_path: Pat
     assert {entry.name: entry.read_bytes() for entry in share.iterdir()} == {"A.SRC": b"NEW"}
     await restore_programs(open_store, stored, STANDS)
     assert {entry.name: entry.read_bytes() for entry in share.iterdir()} == {"A.SRC": b"OLD"}
+
+
+@pytest.mark.parametrize("left", [b"NEW pro", b"", None])
+async def test_what_a_killed_delivery_left_is_put_back_by_one_command(
+    tmp_path: Path, left: bytes | None
+) -> None:
+    share, copies = tmp_path / "share", tmp_path / "copies"
+    share.mkdir()
+    (share / "A.SRC").write_bytes(b"OLD")
+    (share / "B.SRC").write_bytes(b"OLD B")
+    open_store = store_at(str(share), LOGIN)
+    new: dict[str, bytes | None] = {"A.SRC": b"NEW program", "B.SRC": b"NEW B"}
+    stored = store_copies(
+        copies, "share", "Eva", {"A.SRC": b"OLD", "B.SRC": b"OLD B"}, new
+    )  # and killed here
+    (share / "A.SRC").unlink() if left is None else (share / "A.SRC").write_bytes(left)
+    assert [each.folder for each in list_unended(copies, "share")] == [stored.folder]
+    assert list_unended(copies, "elsewhere") == ()
+    await restore_programs(open_store, read_delivery(stored.folder), STANDS)
+    assert {entry.name: entry.read_bytes() for entry in share.iterdir()} == {
+        "A.SRC": b"OLD",
+        "B.SRC": b"OLD B",
+    }
+    assert list_unended(copies, "share") == ()
+
+
+async def test_what_a_person_wrote_after_a_killed_delivery_is_not_replaced(tmp_path: Path) -> None:
+    share = tmp_path / "share"
+    share.mkdir()
+    stored = store_copies(tmp_path / "copies", "share", "Eva", {"A.SRC": b"OLD"}, {"A.SRC": b"NEW program"})
+    (share / "A.SRC").write_bytes(b"NEW by hand")
+    with pytest.raises(CellError, match=r"A\.SRC: changed on the controller"):
+        await restore_programs(store_at(str(share), LOGIN), stored, STANDS)
+
+
+async def test_where_the_copies_are_is_said_before_the_first_write(tmp_path: Path) -> None:
+    share = tmp_path / "share"
+    share.mkdir()
+    (share / "A.SRC").write_bytes(b"OLD")
+    old_draft = share / ".cellcalabcd_012"  # of a delivery that was killed long ago
+    old_draft.write_bytes(b"NE")
+    os.utime(old_draft, (0, 0))
+    seen: list[tuple[bytes, bytes | None]] = []
+    stored = await deliver_programs(
+        store_at(str(share), LOGIN), {"A.SRC": b"NEW"}, tmp_path / "copies", STANDS, "share",
+        on_copies=lambda copied: seen.append(
+            ((share / "A.SRC").read_bytes(), copied.old_content(copied.delivery.files[0]))
+        ),
+    )  # fmt: skip
+    assert seen == [(b"OLD", b"OLD")]
+    assert stored.delivery.state is DeliveryState.DELIVERED
+    assert [entry.name for entry in share.iterdir()] == ["A.SRC"]
 
 
 async def test_two_names_that_differ_in_case_only_are_refused(tmp_path: Path) -> None:

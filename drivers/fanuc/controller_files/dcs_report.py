@@ -29,7 +29,7 @@ def read_dcs_signatures(data: bytes, file: str = "dcsvrfy.dg") -> Mapping[str, i
     ProgramFileError
         It is empty or no text.
     """
-    lines = decode_report(file, data)
+    lines = decode_report(file, data)[:-1]  # a last line without an end may be cut inside a number
     start = next((at for at, line in enumerate(lines) if _SIGNATURES.match(line)), len(lines))
     found = (_NUMBER.match(line) for line in lines[start:])
     return {match[1]: int(match[2]) for match in found if match is not None}

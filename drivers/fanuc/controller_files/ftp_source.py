@@ -29,6 +29,7 @@ READING_COMMANDS = frozenset(("USER", "PASS", "TYPE", "CWD", "PASV", "EPSV", "NL
 _CHUNK = 65_536
 _FAILURES = (OSError, EOFError, ValueError, OverflowError)  # the last two of a port that is none
 _MOST_REPLY_LINES = 500
+_LEAST_BYTES = 1000  # of a file within the time of an answer: a controller brings a hundred times as much
 _CABLE = "Check the cable and the address, and that the controller's FTP server is on (SETUP > Host Comm)."
 _AGAIN = "Read it once more; if it happens again, look at the network."
 _TRIES, _PAUSE_S = 3, 0.5  # of a file that is refused for now
@@ -260,8 +261,9 @@ class FtpSource:
         return content
 
     def _receive_content(self, connection: object, name: str) -> bytes:
-        pieces, size = [], 0
-        limit_s = time.monotonic() + self._login.file_timeout_s
+        pieces, size, login = [], 0, self._login
+        limit_s = time.monotonic() + login.file_timeout_s
+        look_s, look_size = time.monotonic() + login.timeout_s, _LEAST_BYTES
         while piece := connection.recv(_CHUNK):  # type: ignore[attr-defined]
             pieces.append(piece)
             size += len(piece)
@@ -275,16 +277,24 @@ class FtpSource:
                     ),
                     remedy=_CABLE,
                 )
-            if time.monotonic() > limit_s:
-                raise DeviceTimeoutError(
-                    self.device,
-                    make_message(
-                        "{name} did not arrive within {file_timeout_s:g} s.",
-                        name=name,
-                        file_timeout_s=self._login.file_timeout_s,
-                    ),
-                    remedy=_AGAIN,
+            now_s = time.monotonic()
+            if now_s > limit_s:
+                text = make_message(
+                    "{name} did not arrive within {file_timeout_s:g} s.",
+                    name=name,
+                    file_timeout_s=login.file_timeout_s,
                 )
+                raise DeviceTimeoutError(self.device, text, remedy=_AGAIN)
+            if now_s > look_s and size < look_size:
+                text = make_message(
+                    "of {name} less than {least_byte_count} bytes arrived in {timeout_s:g} s.",
+                    name=name,
+                    least_byte_count=_LEAST_BYTES,
+                    timeout_s=login.timeout_s,
+                )
+                raise DeviceTimeoutError(self.device, text, remedy=_AGAIN)
+            if now_s > look_s:
+                look_s, look_size = now_s + login.timeout_s, size + _LEAST_BYTES
         return b"".join(pieces)
 
     @contextmanager

@@ -13,6 +13,11 @@ _SECTION = re.compile(r"\s*[A-Z][A-Z0-9 ]*::\s*\Z", re.IGNORECASE)
 _MAKES = re.compile(r"(?:[A-Z]{1,3}-\d|CRX|SR-|DR-|LR\s?MATE|ARC\s?MATE)", re.IGNORECASE)
 
 
+def is_edition(software: str) -> bool:
+    """Whether a text is a software edition (V9.40P/26) and not the version of a report's heading (V9.40526)."""
+    return "/" in software
+
+
 @dataclass(frozen=True, slots=True)
 class VersionReport:
     """The identity that the controller reports; texts are empty where it does not."""
@@ -37,7 +42,7 @@ def read_version_report(data: bytes, file: str = "version.dg") -> VersionReport:
     The line of the robot may name another motion group (``Independent Axes  V8.20P/A2``): then the robots are those
     of the list of options (seen in five public backups).
     """
-    lines = decode_report(file, data)
+    lines = decode_report(file, data)[:-1]  # a last line without an end may be cut inside a number
     fields: dict[str, str] = {}
     robots: list[str] = []
     options: dict[str, str] = {}  # order number by name

@@ -19,6 +19,7 @@ _HEADER, _LENGTH = struct.Struct(">HH"), struct.Struct(">H")
 _READ, _WRITE = 0, 1
 _MOST_TEXT = 2000
 _CABLE = "Check that the controller is on, its variable server runs, and port 7000 is open in its network."
+_NO_SERVER = "Check that the address is that of a KUKA variable server."
 _PROXY_VERSION, _SERIAL = "@PROXY_VERSION", "$KR_SERIALNO"
 
 
@@ -126,7 +127,12 @@ class VariableLink:
     async def read_answer(self, reader: asyncio.StreamReader, kind: int, variable: str) -> str:
         """Return the value of the answer to a question; answers to earlier ones are passed over."""
         while True:
-            tag, length = _HEADER.unpack(await reader.readexactly(_HEADER.size))
+            header = await reader.readexactly(_HEADER.size)
+            tag, length = _HEADER.unpack(header)
+            if (
+                not 0 < tag <= self._tag
+            ):  # no question had it: the length is none either, and is not waited for
+                raise self._no_protocol(header)
             body = await reader.readexactly(length)
             self.trace.add_frame("<", f"{tag:04x}{length:04x}{body.hex()}")
             if tag == self._tag:
@@ -163,11 +169,19 @@ class VariableLink:
             remedy="Check that the variable exists in this version of the controller's software.",
         )
 
+    def _no_protocol(self, header: bytes) -> WireProtocolError:
+        return WireProtocolError(
+            self.device,
+            "what answers does not speak the protocol of a KUKA variable server.",
+            remedy=_NO_SERVER,
+            frame=header.hex(),
+        )
+
     def _unreadable(self, body: bytes) -> WireProtocolError:
         return WireProtocolError(
             self.device,
             "an answer cannot be read: its lengths do not fit.",
-            remedy="Check that the address is that of a KUKA variable server.",
+            remedy=_NO_SERVER,
             frame=body[:200].hex(),
         )
 

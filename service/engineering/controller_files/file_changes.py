@@ -10,6 +10,7 @@ from cellcal.calibration.mastering.shown_joints import list_conventions
 from cellcal.calibration.message import make_message
 from cellcal.drivers.fanuc.controller_files.controller_files import ControllerFiles
 from cellcal.drivers.fanuc.controller_files.program_digests import UNREAD_DIGEST
+from cellcal.drivers.fanuc.controller_files.version_report import is_edition
 from cellcal.drivers.fanuc.program_files.va_backup import DRIVES, FRAMES, MASTERING
 from cellcal.drivers.fanuc.program_files.va_mastering import GroupMastering
 from cellcal.service.engineering.controller_files.file_change import ChangeKind, FileChange, list_some
@@ -238,7 +239,8 @@ def _compare_programs(before: Mapping[str, str] | None, now: Mapping[str, str] |
 
 def _compare_rest(before: ControllerContent, now: ControllerContent) -> list[FileChange]:
     found = []
-    if before.software and now.software and before.software != now.software:
+    comparable = is_edition(before.software) == is_edition(now.software)  # a cut report tells no edition
+    if comparable and before.software and now.software and before.software != now.software:
         found.append(FileChange(ChangeKind.SOFTWARE, f"software {before.software} is {now.software} now"))
     if before.written and now.written:
         earlier = datetime.fromisoformat(now.written) < datetime.fromisoformat(before.written)

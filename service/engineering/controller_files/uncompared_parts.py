@@ -9,6 +9,7 @@ from cellcal.drivers.fanuc.controller_files.controller_files import (
     ControllerFiles,
 )
 from cellcal.drivers.fanuc.controller_files.program_digests import UNREAD_DIGEST
+from cellcal.drivers.fanuc.controller_files.version_report import is_edition
 from cellcal.drivers.fanuc.program_files.va_backup import DRIVES, FRAMES
 from cellcal.service.engineering.controller_files.file_change import list_some
 from cellcal.service.engineering.controller_files.stored_records import StoredRecord
@@ -38,6 +39,9 @@ def list_absent_parts(files: ControllerFiles, last: StoredRecord) -> tuple[str, 
         parts.append(f"DCS signatures of {list_some(sorted(unsigned))}")
     if last.controller.programs and files.lists_nothing:
         parts.append("programs (no list of files)")
+    edition = files.version.software if files.version is not None else ""
+    if files.version is not None and is_edition(last.controller.software) and not is_edition(edition):
+        parts.append(f"software edition (not in {VERSION}: it is not whole)")
     if not files.serial:
         parts.append("which controller it is (no F number)")
     return tuple(parts)

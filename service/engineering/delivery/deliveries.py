@@ -7,7 +7,7 @@ it fails, what was there before is put back over a new connection and compared.
 import asyncio
 import logging
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -94,9 +94,17 @@ def check_each_once(names: Sequence[str]) -> None:
 
 
 async def deliver_programs(
-    open_store: OpenStore, new: Mapping[str, bytes], copies: Path, approval: Approval, address: str
+    open_store: OpenStore,
+    new: Mapping[str, bytes],
+    copies: Path,
+    approval: Approval,
+    address: str,
+    *,
+    on_copies: Callable[[StoredDelivery], None] | None = None,
 ) -> StoredDelivery:
     """Deliver programs; files that are there already are left as they are.
+
+    ``on_copies`` learns where the copies are before the first write: a process that is killed names nothing later.
 
     Raises
     ------
@@ -117,6 +125,8 @@ async def deliver_programs(
             await store.refuse_while_running()
             old = {name: await store.read_file(name) for name in new}
             stored = store_copies(copies, address, approval.approved_by, old, new)
+            if on_copies is not None:
+                on_copies(stored)
             for name, content in new.items():
                 if old[name] != content:
                     await store.refuse_while_running()
@@ -189,14 +199,19 @@ async def _put_back_after_copy(
 def _changed_since(
     store: ProgramStore, stored: StoredDelivery, found: Mapping[str, bytes | None]
 ) -> list[str]:
-    """Return the programs that are neither the old nor the delivered ones, or no old ones once they were put back."""
-    was_put_back = stored.delivery.state is DeliveryState.PUT_BACK
-    return [
-        file.name
-        for file in stored.delivery.files
-        if not is_same_program(store, stored.old_content(file), found[file.name])
-        and (was_put_back or not is_same_program(store, stored.new_content(file), found[file.name]))
-    ]
+    """Return the programs that are neither the old nor the delivered ones, or no old ones once they were put back.
+
+    A delivery that never ended may have left a beginning of what was sent, or nothing: that is no change of a person.
+    """
+    state = stored.delivery.state
+    changed = []
+    for file in stored.delivery.files:
+        now, new = found[file.name], stored.new_content(file)
+        is_sent = state is not DeliveryState.PUT_BACK and is_same_program(store, new, now)
+        is_part = state is DeliveryState.BEGUN and new is not None and new.startswith(now or b"")
+        if not (is_sent or is_part or is_same_program(store, stored.old_content(file), now)):
+            changed.append(file.name)
+    return changed
 
 
 def is_same_program(store: ProgramStore, sent: bytes | None, found: bytes | None) -> bool:

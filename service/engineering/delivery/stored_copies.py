@@ -7,6 +7,7 @@ and how far the delivery came; it is written anew at each of these points.
 import hashlib
 import json
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from enum import StrEnum
@@ -176,6 +177,21 @@ def read_delivery(folder: Path) -> StoredDelivery:
         return StoredDelivery(folder, Delivery.model_validate_json(json.dumps(checked.content)))
     except ValidationError as error:
         raise _unreadable(folder, "it is no delivery") from error
+
+
+def list_unended(copies: Path, address: str) -> tuple[StoredDelivery, ...]:
+    """Return the deliveries to an address that began and never ended, oldest first, as far as they can be read."""
+    found = []
+    try:
+        folders = sorted(each.parent for each in copies.glob(f"*/{DOCUMENT}"))
+    except OSError:
+        return ()
+    for folder in folders:
+        with suppress(CellError):
+            stored = read_delivery(folder)
+            if stored.delivery.state is DeliveryState.BEGUN and stored.delivery.address == address:
+                found.append(stored)
+    return tuple(found)
 
 
 def _write_document(folder: Path, delivery: Delivery) -> None:

@@ -27,7 +27,7 @@ from cellcal.drivers.program_registry import (
 from cellcal.drivers.programs.brands import DeclaringProgram
 from cellcal.drivers.programs.cross_file_uses import BatchDeclarations
 from cellcal.drivers.programs.errors import ProgramFileError
-from cellcal.service.engineering.programs.drafts import draft_beside, remove_left_behind
+from cellcal.service.draft_files import draft_beside, remove_left_behind
 from cellcal.service.files import name_new_file
 
 LARGEST_BYTES = 64 << 20  # no controller keeps a program of this size: what is larger is not one
