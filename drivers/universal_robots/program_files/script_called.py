@@ -1,12 +1,13 @@
-"""Functions that a URScript calls as statements."""
+"""Functions that a URScript calls: as statements, and in expressions where the name tells of motion."""
 
 import re
 
-from cellcal.drivers.programs.called_routines import CalledRoutine, LineNumbers, RoutineNames
+from cellcal.drivers.programs.called_routines import CalledRoutine, LineNumbers, RoutineNames, function_moves
 from cellcal.drivers.universal_robots.program_files.script_calls import MOVES, NUMBER_TAKERS
 
 _HIDDEN = re.compile(r'"[^"\n]*"|\'[^\'\n]*\'|#[^\n]*')
 _STATEMENT = re.compile(r"^[ \t]*(?:run[ \t]+|join[ \t]+)?([A-Za-z_]\w*)[ \t]*\(", re.MULTILINE)
+_IN_EXPRESSION = re.compile(r"(?<![\w.])(?<!def )(?<!thread )(?<!sec )([A-Za-z_]\w*)[ \t]*\(")
 _FUNCTION = re.compile(r"^[ \t]*(?:def|thread|sec)[ \t]+([A-Za-z_]\w*)", re.MULTILINE)
 _PREFIXES = (
     "set_", "get_", "is_", "write_", "read_", "modbus_", "socket_", "rtde_", "tool_", "force_mode", "freedrive_",
@@ -30,11 +31,13 @@ def called_functions(data: bytes) -> tuple[CalledRoutine, ...]:
         return ()  # a program of PolyScope holds the subprograms that it calls
     text = _HIDDEN.sub(lambda each: " " * len(each[0]), data.decode("latin-1"))
     lines = LineNumbers(text)
+    stated = {each.start(1): each[1] for each in _STATEMENT.finditer(text)}
+    used = {each.start(1): each[1] for each in _IN_EXPRESSION.finditer(text) if function_moves(each[1])}
     return tuple(
-        CalledRoutine(lines.line_at(each.start(1)), each[1])
-        for each in _STATEMENT.finditer(text)
-        if each[1] not in MOVES and each[1] not in NUMBER_TAKERS and each[1] not in _WORDS
-        and not each[1].startswith(_PREFIXES)
+        CalledRoutine(lines.line_at(start), name)
+        for start, name in sorted({**used, **stated}.items())
+        if name not in MOVES and name not in NUMBER_TAKERS and name not in _WORDS
+        and not name.startswith(_PREFIXES)
     )  # fmt: skip
 
 

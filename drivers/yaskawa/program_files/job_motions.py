@@ -205,7 +205,7 @@ def _turn_of(rest: str, rows: dict[Key, JobRow]) -> Quaternion | None:
     row = rows.get(("P", int(found[2]))) if found is not None and found[2] and not found[1] else None
     if row is None or row.state.mode != "RECTAN":
         return NO_TURN
-    return None if any(float(text) for text in row.text.split(",")[3:6]) else NO_TURN
+    return None if row.broken or any(float(text) for text in row.text.split(",")[3:6]) else NO_TURN
 
 
 def _take_motion(

@@ -44,6 +44,9 @@ _LINE = re.compile(
     rf"(?:(C|P|BC|EC|BP|EP|EX)(\d{{1,6}})[ \t]*=[ \t]*({_NUMBER}(?:[ \t]*,[ \t]*{_NUMBER}){{0,11}})"
     r"|(/[^\r\n]*)|(?:'[^\r\n]*)?|[ \t]+(?:'[^\r\n]*)?)[ \t]*\r?(?:\n|\Z)"
 )
+_BROKEN_ROW = re.compile(r"([CP])(\d{1,6})[ \t]*=([^\r\n=]*)\r?(?:\n|\Z)")  # of a robot: no number, too few
+_POSE_COMMAS = 5
+_ZEROS = ",".join("0" * 6)
 _END_OF_FILE = "\x1a"  # which tools of DOS put behind a text
 _WORD = re.compile(r"(/{1,4})([A-Z]\w*)(?:[ \t]+(.*?))?[ \t]*\Z")
 _SLASHED = re.compile(r"^/[^\r\n]*", re.MULTILINE)
@@ -83,6 +86,7 @@ class JobRow:
     text: str  # "1.000,2.000,…"
     line: int
     state: RowState
+    broken: bool = False  # a coordinate is no number, and zeros stand in `text`
 
 
 @dataclass(slots=True)
@@ -149,9 +153,8 @@ class _JobReader:
         while at < end:
             found = _LINE.match(self.text, at)
             if found is None:
-                rest = self.text[at : at + 40].partition("\n")[0]
-                raise self.error_at(line, 1, make_message("{full_name!r} is not understood.", full_name=rest))
-            if found[1] is not None:
+                found = self._take_broken_row(line, at)
+            elif found[1] is not None:
                 self._take_row(line, found)
             elif found[4] is not None:
                 self._take_word(line, found[4])
@@ -162,6 +165,15 @@ class _JobReader:
             raise ProgramFileError(self.file, "there is no /JOB in it.", remedy="Give a job saved as .JBI.")
         if self.part or not self.jobs[-1].first_line:
             raise self.error_at(self.jobs[-1].line, 1, "the job ends before its instructions (//INST).")
+
+    def _take_broken_row(self, line: int, at: int) -> re.Match[str]:
+        """Take a position of a robot whose numbers are not understood; return its line."""
+        found = _BROKEN_ROW.match(self.text, at) if self.part == "POS" else None
+        if found is None:
+            rest = self.text[at : at + 40].partition("\n")[0]
+            raise self.error_at(line, 1, make_message("{full_name!r} is not understood.", full_name=rest))
+        self._take_row(line, found, broken=True)
+        return found
 
     def _pass_arguments(self, start: int, line: int) -> tuple[int, int]:
         """Pass what a job says of its arguments; return where its instructions are announced."""
@@ -299,7 +311,7 @@ class _JobReader:
                 ),
             )
 
-    def _take_row(self, line: int, found: re.Match[str]) -> None:
+    def _take_row(self, line: int, found: re.Match[str], *, broken: bool = False) -> None:
         row_state = self.row_state
         if self.part != "POS":
             raise self.error_at(
@@ -335,7 +347,14 @@ class _JobReader:
                 ),
             )
         job.row_keys.add(key)
-        job.rows.append(JobRow(found[1], found[2], found.start(3), found[3], line, row_state))
+        broken = broken or _has_too_few(found, row_state)
+        text = _ZEROS if broken else found[3]
+        job.rows.append(JobRow(found[1], found[2], found.start(3), text, line, row_state, broken))
+
+
+def _has_too_few(found: re.Match[str], state: RowState) -> bool:
+    """Return whether a row of a robot lacks numbers of a pose."""
+    return found[1] in ROBOT_ROWS and state.mode == "RECTAN" and found[3].count(",") < _POSE_COMMAS
 
 
 def split_instruction(line: str) -> tuple[str, str]:
