@@ -8,7 +8,7 @@ from cellcal.drivers.abb.program_files.rapid_called import called_procedures
 from cellcal.drivers.fanuc.program_files.ls_called import called_programs
 from cellcal.drivers.kuka.program_files.krl_called import called_routines
 from cellcal.drivers.programs.called_routines import moves_no_robot
-from cellcal.drivers.universal_robots.program_files.script_called import called_functions
+from cellcal.drivers.universal_robots.program_files.script_called import called_functions, own_functions
 from cellcal.drivers.yaskawa.program_files.job_called import called_jobs
 from cellcal.service.cli.app import run_command_line
 from cellcal.service.exit_codes import ExitCode
@@ -108,6 +108,13 @@ def test_a_given_program_and_one_that_the_project_names_are_no_findings(tmp_path
 )  # fmt: skip
 def test_calls_are_found_where_they_stand(find, text, names):
     assert [one.name for one in find(text.encode())] == names
+
+
+def test_script_nodes_of_a_program_of_polyscope_call_what_it_does_not_hold():
+    node = "<Script><cachedContents>def own():&#xD;\nend\nown()\npick_part(3)\ntextmsg(&quot;drop(1)&quot;)</cachedContents></Script>"
+    data = f"<URProgram>\n{node}<Wait name='pick(2)'/>\n</URProgram>".encode()
+    assert [(one.line, one.name) for one in called_functions(data)] == [(4, "own"), (5, "pick_part")]
+    assert own_functions(data) == {"OWN"}
 
 
 @pytest.mark.parametrize(

@@ -429,8 +429,11 @@ def test_nodes_that_move_nothing_are_no_findings():
 @pytest.mark.parametrize(
     "value", ["p[0.1,-0.2,0.3,0,3.14,0]", "0.1, -0.2, 0.3, 0, 3.14, 0", "{q: [1,2,3,-1,0.5,0]}"]
 )
-def test_a_position_in_a_node_of_a_urcap_is_left_and_named(value):
-    node = f"<Contributed><dataModel><data key='at' value='{value}'/><data key='f' value='[9]'/></dataModel></Contributed>"
+@pytest.mark.parametrize("form", ["<data key='at' value='{}'/>", "<pose>{}</pose>"])
+def test_a_position_in_a_node_of_a_urcap_is_left_and_named(value, form):
+    node = (
+        f"<Contributed><dataModel>{form.format(value)}<data key='f' value='[9]'/></dataModel></Contributed>"
+    )
     program = read_urp("a.urp", _urp_bytes(f"{_waypoint_xml()}</children></Move>{node}<Move><children>"))
     assert program.positions.kinds[1:] == (UNREAD,)
     assert "URCap" in program.positions.barred[1]
