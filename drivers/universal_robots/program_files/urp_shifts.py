@@ -3,6 +3,7 @@
 import re
 from collections.abc import Iterator
 
+from cellcal.drivers.programs.positions import NO_NUMBER
 from cellcal.drivers.programs.shifts import NO_TURN, UNREADABLE, ProgramShift, ShiftAxes
 from cellcal.drivers.universal_robots.program_files.feature_variables import FEATURE_VARIABLE
 from cellcal.drivers.universal_robots.program_files.script_text import SIX, SIX_NUMBERS
@@ -102,6 +103,9 @@ def unread_positions_of(xml: XmlText, reader: WaypointReader) -> list[tuple[str,
         for i in _inside_urcaps(xml, reader)
         for _ in _LITERAL.finditer(_data_text(xml, i))
     ]
+    for i in reader.broken:
+        line = xml.line_of(xml.elements[i].offset)
+        found.append((xml.attribute_value(i, "name") or f"line {line}", line, NO_NUMBER))
     return found + [
         (f"line {xml.line_of(xml.elements[i].offset)}", xml.line_of(xml.elements[i].offset), STRAY)
         for i in reader.stray_joints()
