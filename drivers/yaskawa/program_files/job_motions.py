@@ -59,7 +59,7 @@ _MADE = re.compile(r"\b(UF|TL)#\((\d{1,3}|[A-Z])")
 _JUMPS = re.compile(r"^[ \t]*(?:JUMP\b|\*)", re.MULTILINE)
 _SPECIAL = re.compile(
     r"\b(?:SFTON|MFRAME|SETTOOL|SETUF|SETUFRM|GETS|GETPOS|SYSTART|[A-Z]+MOV[A-Z]*)\b|\bL?PX?\["
-    r"|\bMOV[JLCS][ \t]++L?P\d"
+    r"|\b(?:MOV[JLCS]|REFP)[ \t]++(?:\d++[ \t]++)?+L?PX?\d"
 )
 _CAUSE_OF_INSTRUCTION = (
     ("IMOV", _INCREMENT),
