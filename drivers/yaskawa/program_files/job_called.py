@@ -3,7 +3,7 @@
 import re
 
 from cellcal.drivers.programs.called_routines import CalledRoutine, LineNumbers, RoutineNames
-from cellcal.drivers.yaskawa.program_files.job_text import in_capitals
+from cellcal.drivers.yaskawa.program_files.job_capitals import in_capitals
 
 _COMPUTED = re.compile(  # which job, a signal or a variable tells, or the controller's table of macros
     r"^[ \t]*(?:(?:CALL|JUMP|PSTART)[ \t]+(IG#\([^)\n]*\)|L?[BIDS]\[?\d+\]?(?!\w))|(MACRO\d*[ \t]+MJ#\([^)\n]*\)))",

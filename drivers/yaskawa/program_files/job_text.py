@@ -29,10 +29,10 @@ What a pseudo instruction says holds until the next one of its kind. A file may 
 import re
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
-from string import ascii_lowercase, ascii_uppercase
 
 from cellcal.calibration.message import make_message
 from cellcal.drivers.programs.errors import ProgramFileError
+from cellcal.drivers.yaskawa.program_files.job_capitals import in_capitals
 
 ROBOT_ROWS = ("C", "P")
 COUNTED = ("C", "BC", "EC", "P", "BP", "EX")  # in the order of ///NPOS
@@ -52,11 +52,6 @@ _WORD = re.compile(r"(/{1,4})([A-Z]\w*)(?:[ \t]+(.*?))?[ \t]*\Z")
 _SLASHED = re.compile(r"^/[^\r\n]*", re.MULTILINE)
 _WHOLE = re.compile(r"\d{1,9}\Z")
 BLOCK_BEGINS, BLOCK_ENDS = r"IFTHEN\w*|SWITCH\w*|WHILE\w*|FOR", "ENDIF|ENDSWITCH|ENDWHILE|NEXT"
-_SMALL_LETTERS = re.compile(r"^(?:[^\na-z/']|/(?!/))*+[a-z][^\n]*+", re.MULTILINE)  # before a comment
-_KEPT = re.compile(
-    r"//|'|(?<=job:)[ \t]*+[^\s,]++", re.IGNORECASE
-)  # a comment begins, or a job's name stands
-_CAPITALS = str.maketrans(ascii_lowercase, ascii_uppercase)
 _OPENS = re.compile(BLOCK_BEGINS)
 _CLOSES = frozenset(BLOCK_ENDS.split("|"))
 _REMARK = re.compile(r"[ \t]*(?:'|//).*", re.DOTALL)
@@ -385,24 +380,6 @@ def shifts_in_blocks(words: Iterable[str]) -> bool:
         elif depth > 0 and word in ("SFTON", "SFTOF"):
             return True
     return False
-
-
-def in_capitals(instructions: str) -> str:
-    """Return instructions in capitals where an editor wrote some in small letters; the file keeps its own."""
-    return _SMALL_LETTERS.sub(_line_in_capitals, instructions)
-
-
-def _line_in_capitals(line: re.Match[str]) -> str:
-    """Return a line in capitals but for the names of jobs and its comment."""
-    text, pieces, at = line[0], list[str](), 0
-    for kept in _KEPT.finditer(text):
-        pieces.append(text[at : kept.start()].translate(_CAPITALS))
-        at = kept.start()
-        if kept[0] in ("'", "//"):
-            return "".join([*pieces, text[at:]])
-        pieces.append(kept[0])
-        at = kept.end()
-    return "".join([*pieces, text[at:].translate(_CAPITALS)])
 
 
 def _last_instruction(instructions: str) -> str:
