@@ -5,9 +5,8 @@ import re
 from cellcal.drivers.programs.called_routines import CalledRoutine, LineNumbers, RoutineNames
 from cellcal.drivers.yaskawa.program_files.job_capitals import in_capitals
 
-_COMPUTED = re.compile(  # which job, a signal or a variable tells, or the controller's table of macros
-    r"^[ \t]*(?:(?:CALL|JUMP|PSTART)[ \t]+(IG#\([^)\n]*\)|L?[BIDS]\[?\d+\]?(?!\w))|(MACRO\d*[ \t]+MJ#\([^)\n]*\)))",
-    re.MULTILINE,
+_COMPUTED = re.compile(  # which job, a signal or a variable tells
+    r"^[ \t]*(?:CALL|JUMP|PSTART)[ \t]+(IG#\([^)\n]*\)|L?[BIDS]\[?\d+\]?(?!\w))", re.MULTILINE
 )
 _CALLED = re.compile(r"^[ \t]*(?:CALL|JUMP|PSTART)\b[^\n']*?\bJOB:[ \t]*(\S+)", re.MULTILINE)
 _NAMED = re.compile(r"^//NAME[ \t]+(\S+)", re.MULTILINE)
@@ -18,10 +17,7 @@ def called_jobs(data: bytes) -> tuple[CalledRoutine, ...]:
     text = in_capitals(data.decode("latin-1"))
     lines = LineNumbers(text)
     found = [CalledRoutine(lines.line_at(each.start(1)), each[1]) for each in _CALLED.finditer(text)]
-    computed = (
-        CalledRoutine(lines.line_at(each.end()), each[1] or each[2], "*" if each[1] else "")
-        for each in _COMPUTED.finditer(text)
-    )
+    computed = (CalledRoutine(lines.line_at(each.end()), each[1], "*") for each in _COMPUTED.finditer(text))
     return tuple(sorted((*found, *computed)))
 
 
