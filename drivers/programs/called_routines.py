@@ -37,6 +37,14 @@ _STILL_WITHIN = ("gripper", "greifer", "vacuum", "message", "handshake")  # also
 _WORK_WITHIN = ("pick", "place", "drop", "move", "weld", "approach")
 
 
+_ASKS = frozenset(
+    ("get", "is", "has", "calc", "compute", "read", "find", "check", "count", "eval", "convert", "to")
+)
+_NO_WORK_ALONE = frozenset(
+    ["pos", "position", "positions", "path", "main", "process", "weg", "change", "appr"]
+)
+
+
 class LineNumbers:
     """The lines of a text, found once: a large program has a hundred thousand calls."""
 
@@ -62,6 +70,7 @@ class RoutineNames:
 
     find_calls: Callable[[bytes], tuple[CalledRoutine, ...]]  # that may move the robot
     find_routines: Callable[[bytes], frozenset[str]]  # of the file, in capitals
+    calls_itself: bool = True  # a computed name may mean a routine of its own file, which holds several
 
 
 def moves_no_robot(name: str) -> bool:
@@ -79,6 +88,17 @@ def moves_no_robot(name: str) -> bool:
     if words & _PROCESS or any(word in name.lower() for word in _WORK_WITHIN):
         return bool(words & _SWITCHED)
     return bool(words & (_STILL | _SWITCHED)) or any(word in name.lower() for word in _STILL_WITHIN)
+
+
+def function_moves(name: str) -> bool:
+    """Return whether the name of a function whose value is used says that it moves the robot before it returns.
+
+    Other functions compute, as most do; what they return is judged where a move goes to it.
+    """
+    words = [word.lower() for word in _WORD.findall(name)]
+    if not words or words[0] in _ASKS or _AT_REST.intersection(words):
+        return False
+    return bool(((_WORK | _TRAVEL) - _NO_WORK_ALONE).intersection(words))
 
 
 def tells_of_motion(name: str) -> bool:

@@ -18,6 +18,7 @@ from cellcal.drivers.programs.shifts import ProgramShift
 
 Kind = str
 CARTESIAN, JOINTS, UNTAUGHT = "cartesian", "joints", "untaught"
+NO_NUMBER = "a coordinate of it is no number, and it is not read"
 UNREAD = "unread"  # numbers of a position that stand in the file and are not changed; `barred` says why
 
 

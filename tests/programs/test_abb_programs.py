@@ -8,7 +8,7 @@ from cellcal.calibration.geometry import homogeneous_matrix, quaternion_from_rot
 from cellcal.drivers.abb.program_files.configuration import AbbConfigurations
 from cellcal.drivers.abb.program_files.programs import BRAND, writes_program
 from cellcal.drivers.programs.errors import ProgramFileError
-from cellcal.drivers.programs.positions import CARTESIAN, JOINTS, UNREAD, UNTAUGHT, PositionChange
+from cellcal.drivers.programs.positions import CARTESIAN, JOINTS, NO_NUMBER, UNREAD, UNTAUGHT, PositionChange
 
 E = "[9E9,9E+09,9E+9,9E9,9E9,9E9]"
 
@@ -113,9 +113,8 @@ def test_a_routines_own_target_hides_the_modules():
 @pytest.mark.parametrize(
     ("line", "column", "problem"),
     [
-        (target_line("p", place="1,2"), 25, "here should be ','"),
-        (target_line("p", place="1,2,3,4"), 27, "here should be ']'"),
-        (target_line("p", place="1,2.3.4,3"), 24, "a number"),
+        (target_line("p", place="1,2.3.4,3").replace("]];", "];"), 24, "a number"),
+        (target_line("p", place="1,2").replace("]]", "]\n]"), 25, "here should be ','"),
         (target_line("p", turn="0.8,0.8,0,0"), 36, "quaternion has the length 1.1314"),
         (target_line("p", place="1,2,1E400"), 26, "no robot"),
         (f"CONST robtarget p{{{'9' * 5000}}}:=[[1,2,3]];", 19, "more elements"),
@@ -126,6 +125,17 @@ def test_what_is_not_understood_inside_a_position_is_refused_with_its_place(line
     with pytest.raises(ProgramFileError, match=problem) as caught:
         read_module(line)
     assert (caught.value.line, caught.value.column) == (2, column)
+
+
+@pytest.mark.parametrize(
+    "place", ["1,2", "1,2,3,4", "1,2.3.4,3", "1 2,3", "nan,2,3", ",2,3", "1.#QNAN,2,3", "3x0,2,3"]
+)
+def test_a_target_with_a_number_that_is_none_leaves_the_others(place):
+    broken = target_line("p", place=place)
+    inline = "MoveL " + broken.partition(":=")[2].rstrip(";") + ",v1,z1,tool0;"
+    file = read_module(broken, target_line("q"), inline, "MoveL q,v1,z1,tool0;")
+    assert file.positions.names == ("p", "q", "MoveL@4")
+    assert {row for row, why in file.positions.barred.items() if why == NO_NUMBER} == {0, 2}
 
 
 @pytest.mark.parametrize(

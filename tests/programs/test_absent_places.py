@@ -56,6 +56,8 @@ def yaskawa(*lines: str) -> str:
             "XELSE",
         ),
         ("yaskawa", "one_point_refuses_all.JBI", yaskawa("MOVL P010 V=50.0"), "P010"),
+        ("yaskawa", "one_point_refuses_all.JBI", yaskawa("REFP 1 P010"), "P010"),
+        ("yaskawa", "one_point_refuses_all.JBI", yaskawa("MOVJ PX010 VJ=5.00"), "PX010"),
     ],
 )
 def test_a_motion_to_a_place_of_the_controller_is_a_finding(brand, file, text, point, tmp_path: Path):

@@ -8,7 +8,7 @@ from cellcal.drivers.abb.program_files.rapid_called import called_procedures
 from cellcal.drivers.fanuc.program_files.ls_called import called_programs
 from cellcal.drivers.kuka.program_files.krl_called import called_routines
 from cellcal.drivers.programs.called_routines import moves_no_robot
-from cellcal.drivers.universal_robots.program_files.script_called import called_functions
+from cellcal.drivers.universal_robots.program_files.script_called import called_functions, own_functions
 from cellcal.drivers.yaskawa.program_files.job_called import called_jobs
 from cellcal.service.cli.app import run_command_line
 from cellcal.service.exit_codes import ExitCode
@@ -49,6 +49,15 @@ FILES = {
         ("ur", "set_digital_out(1, True)", ""),
         ("yaskawa", "CALL JOB:PICK", "PICK"),
         ("yaskawa", "CALL JOB:MSG-SHOW", ""),
+        ("fanuc", "CALL SR[1]", "SR[1]"),
+        ("abb", "ok:=DoPick(3);", "DoPick"),
+        ("abb", "MoveExtJ jx,v100,fine;", ""),
+        ("kuka", "IF pick_ok(3) THEN\nENDIF", "pick_ok"),
+        ("kuka", "n = norm(3)", ""),
+        ("ur", "x = 1 + pick_part(3)", "pick_part"),
+        ("ur", "x = get_pick(3)", ""),
+        ("yaskawa", "MACRO1 MJ#(1) ARGF2", ""),
+        ("yaskawa", "CALL IG#(2)", "IG#(2)"),
     ],
 )
 def test_a_call_of_what_may_move_the_robot_is_a_finding(brand, line, name, tmp_path: Path):
@@ -93,12 +102,19 @@ def test_a_given_program_and_one_that_the_project_names_are_no_findings(tmp_path
         (called_programs, "/PROG A\n/MN\n 1: !CALL NO ;\n 2: IF R[1]=1,CALL P2 ;\n 3: Pick Tool ;\n 4: Hand Open ;\n/POS\n", ["P2", "Pick Tool"]),
         (called_procedures, 'MODULE M\nRECORD r\nnum a;\nENDRECORD\nPROC main()\nCASE 1: rA\\Fast,3;\nIF di1=1 rB;\nx:=3;\nIF a GOTO l1;\nl1:\nTPWrite "5% of 7%";\n%"rC"+s%;\nENDPROC\nENDMODULE\n', ["rA", "rB", '%"rC"+s%']),
         (called_routines, "DEF a()\n;FOLD SET GRP;%{PE}%MKUKATPGRP\nH51(1)\n;ENDFOLD\nINTERRUPT DECL 3 WHEN $IN[1] DO hit()\ngo_on(1)\nx[2]=f(3)\nEND\n", ["hit", "go_on"]),
-        (called_functions, 'def a():\n  textmsg("p()") # q()\n  if (x): do_it() end\n  pick()\nend\n', ["pick"]),
+        (called_functions, 'def a():\n  textmsg("p()") # q()\n  if (x): do_it() end\n  pick()\n  y = drop(2) + cam.move(1)\nend\n', ["pick", "drop"]),
         (called_jobs, "/JOB\n//INST\nNOP\n'CALL JOB:NO\nCALL JOB:A IF IN#(1)=ON\nPSTART JOB:B SUB1\nEND\n", ["A", "B"]),
     ],
 )  # fmt: skip
 def test_calls_are_found_where_they_stand(find, text, names):
     assert [one.name for one in find(text.encode())] == names
+
+
+def test_script_nodes_of_a_program_of_polyscope_call_what_it_does_not_hold():
+    node = "<Script><cachedContents>def own():&#xD;\nend\nown()\npick_part(3)\ntextmsg(&quot;drop(1)&quot;)</cachedContents></Script>"
+    data = f"<URProgram>\n{node}<Wait name='pick(2)'/>\n</URProgram>".encode()
+    assert [(one.line, one.name) for one in called_functions(data)] == [(4, "own"), (5, "pick_part")]
+    assert own_functions(data) == {"OWN"}
 
 
 @pytest.mark.parametrize(

@@ -75,6 +75,12 @@ COMPUTED = [
         fanuc("L P[1] 100mm/sec FINE", "PR[9]=LPOS", "PR[9,3]=120", "L PR[9] 100mm/sec FINE"),
         15,
     ),
+    (
+        "fanuc",
+        "A.LS",
+        fanuc("L P[1] 100mm/sec FINE", "PR[9]=P[1]", "PR[9,R[2]]=R[5]", "L PR[9] 100mm/sec FINE"),
+        15,
+    ),
     ("yaskawa", "A.JBI", yaskawa("GETS PX010 $PX001", "SETE P010 (3) D001", "MOVL P010 V=50.0"), 0),
 ]
 

@@ -11,7 +11,7 @@ from cellcal.drivers.fanuc.program_files.ls_program import LsProgram, read_ls
 from cellcal.drivers.fanuc.program_files.programs import BRAND
 from cellcal.drivers.program_registry import brand_of
 from cellcal.drivers.programs.errors import ProgramFileError
-from cellcal.drivers.programs.positions import PositionChange
+from cellcal.drivers.programs.positions import NO_NUMBER, UNREAD, PositionChange
 from tests.programs import generate_fanuc
 
 HEAD = '/PROG  PICK\t  Macro\n/ATTR\nCOMMENT\t\t= "Gr\x94\xe1e";\n/MN\n'
@@ -159,12 +159,32 @@ def test_another_file_s_style_is_kept():
 
 
 @pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ("Y =     -.154  mm", "Y =     -.1 54  mm"),
+        ("X =  1605.421", "X =  1e3"),
+        ("R =   -90.000", "R =       nan"),
+        ("R =   -90.000", "R =          "),
+        ("J2=   -90.500 deg", "J2= 1.#QNAN deg"),
+        ("E1= -1290.489", "E1=       nan"),
+    ],
+)
+def test_a_position_with_a_number_that_is_none_leaves_the_others(old: str, new: str):
+    whole = read_ls("pick.ls", listing_bytes()).positions
+    data = listing_bytes().decode("latin-1").replace(old, new, 1).encode("latin-1")
+    positions = read_ls("pick.ls", data).positions
+    (row,) = [row for row, why in positions.barred.items() if why == NO_NUMBER]
+    assert positions.kinds[row] == UNREAD
+    assert np.isnan(positions.frame_tip[row]).all()
+    assert positions.names == whole.names
+    others = [at for at in range(len(whole)) if at != row]
+    assert np.array_equal(positions.frame_tip[others], whole.frame_tip[others], equal_nan=True)
+
+
+@pytest.mark.parametrize(
     ("old", "new", "at", "message"),
     [
-        ("Y =     -.154  mm", "Y =     -.1 54  mm", "Y =     -.1 5", "expected is Y = number mm"),
         ("Z =     0.000  mm", "Z =     0.000  in", "Z =     0.000  in", "expected is Z = number mm"),
-        ("X =  1605.421", "X =  1e3", "X =  1e3", "expected is X = number mm"),
-        ("R =   -90.000", "R =       nan", "R =       nan", "expected is R = number deg"),
         ("UF : 1, UT : 2,\t\tC", "UF : x, UT : 2,\t\tC", "UF : x", "expected is UF"),
         ("N U T, 0, 0, 0", "N X T, 0, 0, 0", "N X T", "not a configuration"),
         ("E2=", "E3=", "E1=", "not numbered"),

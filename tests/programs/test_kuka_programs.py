@@ -81,7 +81,7 @@ def test_an_exponent_never_costs_resolution():
 @pytest.mark.parametrize(
     ("line", "column", "problem"),
     [
-        ("DECL E6POS XP1={X 1.2.3,Y 0,Z 3.0,A 0,B 0,C 0}", 18, "value of X"),
+        ("DECL E6POS XP1={X 1.2.3,Y 0,Z 3.0,A 0,B 0,C 0", 18, "value of X"),
         ("DECL E6POS XP1={X 1.0,X 2.0,Z 3.0,A 0,B 0,C 0}", 23, "twice"),
         ("DECL E6POS XP1={X 1.0,Y 2.0,Z 3.0,A 0,B 0,C 0", 44, "does not end"),
         ("DECL E6POS XP1={X 1.0,Y 2.0,Z 3.0,A 0,B 0,C 0,Q 7}", 49, "no field"),
@@ -99,7 +99,7 @@ def test_what_is_not_understood_inside_a_position_is_refused_with_its_place(line
     assert (caught.value.line, caught.value.column) == (2, column)
 
 
-@pytest.mark.parametrize("number", ["abc", "NaN", "1.#QNAN", "-1.#IND", "1.#INF00"])
+@pytest.mark.parametrize("number", ["abc", "NaN", "1.#QNAN", "-1.#IND", "1.#INF00", "1.2.3", "2.0 Z", ""])
 def test_a_point_with_a_number_that_is_none_leaves_the_others(number):
     whole = "{X 1.0,Y 2.0,Z 3.0,A 0,B 0,C 0}"
     line = f"DECL E6POS XP1={{X 1.0,Y {number},Z 3.0,A 0,B 0,C 0}},XP2={whole}"

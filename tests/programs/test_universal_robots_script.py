@@ -7,7 +7,7 @@ from cellcal.calibration.arm.kinematics import load_model
 from cellcal.calibration.geometry import exp_rotation, homogeneous_matrix
 from cellcal.drivers.program_registry import read_program
 from cellcal.drivers.programs.errors import ProgramFileError
-from cellcal.drivers.programs.positions import CARTESIAN, JOINTS, UNREAD, PositionChange
+from cellcal.drivers.programs.positions import CARTESIAN, JOINTS, NO_NUMBER, UNREAD, PositionChange
 from cellcal.drivers.universal_robots.program_files.script_numbers import (
     java_text,
     poses_of,
@@ -194,10 +194,18 @@ def test_what_a_place_cannot_hold_is_refused():
 
 
 @pytest.mark.parametrize(
+    "numbers", [".1, .2, .3, 0, 3.14", "nan, .2, .3, 0, 3.14, 0", ".1 .2, .3, 0, 3.14, 0"]
+)
+@pytest.mark.parametrize("text", ["movel(p[{}], a=1)", "movej([{}], a=1)", "pick = p[{}]\nmovel(pick)"])
+def test_a_pose_with_a_number_that_is_none_leaves_the_others(text: str, numbers: str):
+    positions = _read_script(*text.format(numbers).split("\n"), f"movel({_POSE})").positions
+    assert positions.kinds == (UNREAD, CARTESIAN)
+    assert positions.barred == {0: NO_NUMBER}
+
+
+@pytest.mark.parametrize(
     ("text", "line", "column"),
     [
-        ("x = 1\nmovel(p[.1, .2, .3, 0, 3.14], a=1)", 2, 8),
-        ("movej([0, 0, 0, 0, 0], a=1)", 1, 7),
         ("movel(p[.1, .2, 1.2.3, 0, 3.14, 0])", 1, 9),
         ("y = 3\n  movel(p[.1, 0, 0, 0, 0, 0], a=1", 2, 8),
         ("movel p[.1, 0, 0, 0, 0, 0])", 1, 27),

@@ -16,7 +16,7 @@ import pytest
 from cellcal.calibration.arm.kinematics import DhTable
 from cellcal.calibration.geometry import Array, exp_rotation, homogeneous_matrix
 from cellcal.drivers.programs.errors import ProgramFileError
-from cellcal.drivers.programs.positions import CARTESIAN, JOINTS, UNREAD, PositionChange
+from cellcal.drivers.programs.positions import CARTESIAN, JOINTS, NO_NUMBER, UNREAD, PositionChange
 from cellcal.drivers.universal_robots.program_files.programs import BRAND
 from cellcal.drivers.universal_robots.program_files.script_program import read_script
 from cellcal.drivers.universal_robots.program_files.urp_archive import MOST_XML_BYTES
@@ -276,9 +276,8 @@ _ENTITY = '<!DOCTYPE x [<!ENTITY a "aaaa"><!ENTITY b "&a;&a;">]>'
         ),
         (packed(b"<Installation/>"), "no URProgram"),
         (packed(b"<URProgram><a></URProgram>"), "damaged"),
-        (_urp_bytes(_waypoint_xml().replace("1.99", "1.9.9")), "six numbers"),
         (_urp_bytes(_waypoint_xml().replace("1.99", "199e9")), "beyond"),
-        (_urp_bytes(_waypoint_xml().replace("-0.27", "nan")), "six numbers"),
+        (_urp_bytes(_waypoint_xml().replace('<deltaTheta value="', '<deltaTheta value="nan')), "six numbers"),
         (
             _urp_bytes(_waypoint_xml().replace("<position>", _waypoint_xml() + "<position>", 1)),
             "inside another",
@@ -292,12 +291,23 @@ def test_what_is_damaged_or_dangerous_is_refused_with_a_cure(data: bytes, says: 
     assert refused.value.remedy
 
 
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [("1.99", "1.9.9"), ("-0.27", "nan"), ('"0, 0, 0,', '"0, 0 0,'), ("1.9942498207092285,", "")],
+)
+def test_a_waypoint_with_a_number_that_is_none_leaves_the_others(old: str, new: str):
+    broken = _waypoint_xml("A").replace(old, new, 1)
+    positions = read_urp("cell.urp", _urp_bytes(broken, _waypoint_xml("B"))).positions
+    assert (positions.names, positions.kinds[1]) == (("B", "A"), UNREAD)
+    assert positions.barred == {1: NO_NUMBER}
+
+
 def test_an_error_names_line_and_column():
     with pytest.raises(ProgramFileError) as refused:
         read_urp(
             "cell.urp",
             packed(
-                b'<URProgram>\n<Waypoint><position>\n<JointAngles angles="1, 2"/></position></Waypoint></URProgram>'
+                b'<URProgram>\n<Waypoint><position>\n<JointAngles angles="1, 2, 3, 4, 5, 600"/></position></Waypoint></URProgram>'
             ),
         )
     assert (refused.value.line, refused.value.column) == (3, 22)
@@ -429,8 +439,11 @@ def test_nodes_that_move_nothing_are_no_findings():
 @pytest.mark.parametrize(
     "value", ["p[0.1,-0.2,0.3,0,3.14,0]", "0.1, -0.2, 0.3, 0, 3.14, 0", "{q: [1,2,3,-1,0.5,0]}"]
 )
-def test_a_position_in_a_node_of_a_urcap_is_left_and_named(value):
-    node = f"<Contributed><dataModel><data key='at' value='{value}'/><data key='f' value='[9]'/></dataModel></Contributed>"
+@pytest.mark.parametrize("form", ["<data key='at' value='{}'/>", "<pose>{}</pose>"])
+def test_a_position_in_a_node_of_a_urcap_is_left_and_named(value, form):
+    node = (
+        f"<Contributed><dataModel>{form.format(value)}<data key='f' value='[9]'/></dataModel></Contributed>"
+    )
     program = read_urp("a.urp", _urp_bytes(f"{_waypoint_xml()}</children></Move>{node}<Move><children>"))
     assert program.positions.kinds[1:] == (UNREAD,)
     assert "URCap" in program.positions.barred[1]

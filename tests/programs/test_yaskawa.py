@@ -8,7 +8,7 @@ import pytest
 from cellcal.calibration.arm.kinematics import load_model
 from cellcal.calibration.geometry import homogeneous_matrix
 from cellcal.drivers.programs.errors import ProgramFileError
-from cellcal.drivers.programs.positions import CARTESIAN, JOINTS, PositionChange
+from cellcal.drivers.programs.positions import CARTESIAN, JOINTS, NO_NUMBER, UNREAD, PositionChange
 from cellcal.drivers.yaskawa.program_files.programs import BRAND, read
 from tests.programs.fuzz import check_mutants, check_roundtrip, token_invariant
 from tests.programs.generate_yaskawa import generate
@@ -254,14 +254,33 @@ def test_free_numbers_take_what_is_asked(old: bytes, new: bytes) -> None:
 
 
 @pytest.mark.parametrize(
+    ("old", "new", "row"),
+    [
+        (b"C00001=76697,-73189", b"C00001=76697;-73189", 1),
+        (b"C00002=410.000,", b"C00002=", 2),
+        (b"410.000", b"1e3", 2),
+        (b"410.000", b"nan", 2),
+        (b"410.000,", b"410.000 ", 2),
+        (b"410.000", b"", 2),
+    ],
+)
+def test_a_position_with_a_number_that_is_none_leaves_the_others(old: bytes, new: bytes, row: int) -> None:
+    whole = BRAND.read("a.jbi", JOB).positions
+    job = BRAND.read("a.jbi", JOB.replace(old, new, 1))
+    assert job.to_bytes() == JOB.replace(old, new, 1)
+    assert job.positions.kinds[row] == UNREAD
+    assert job.positions.barred[row] == NO_NUMBER
+    assert job.positions.names == whole.names
+    others = [at for at in range(len(whole)) if at != row]
+    assert [job.positions.kinds[at] for at in others] == [whole.kinds[at] for at in others]
+
+
+@pytest.mark.parametrize(
     ("old", "new", "line", "words"),
     [
         (b"NPOS 3,1,1", b"NPOS 4,1,1", 1, "says 4 C positions, 3 are there"),
         (b"NPOS 3,1,1", b"NPOS 3\x1d,1,1", 4, "does not give six counts"),
-        (b"C00001=76697,-73189", b"C00001=76697;-73189", 10, "not understood"),
         (b"C00001=76697,", b"C00001=7669.7,", 10, "no ///PULSE position"),
-        (b"C00002=410.000,", b"C00002=", 16, "no ///RECTAN position"),
-        (b"410.000", b"1e3", 16, "not understood"),
         (b"///PULSE\r\nC00000", b"///PULSES\r\nC00000", 7, "not understood among positions"),
         (b"///POSTYPE USER\r\n", b"", 15, "is not said"),
         (b"///USER 8\r\n", b"", 15, "///USER does not say which"),

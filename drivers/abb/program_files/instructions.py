@@ -18,6 +18,7 @@ from cellcal.drivers.programs.spans import ProgramText
 # Where the tool stands, from the end of the arguments that are not optional.
 _LAST = "movel movej movec moveabsj triggl triggj triggc triggabsj arcl arcc arclstart arclend arcl1 arcl2 arccstart"
 _LAST += " arcmovel arcmovej arcmovec arcmoveabsj contactl fcpressl fcpressc search_1d search_part"
+_LAST += " trigglios triggjios egmmovel egmmovec fcpress1lstart fcpressend nutl nutj"
 _LAST += " arccend arcc1 arcc2 spotl spotj spotml spotmj searchl searchc displ dispc paintl paintc capl capc"
 MOVES = {
     **dict.fromkeys(_LAST.split(), -1),
@@ -45,12 +46,15 @@ _PLACES_OF_SEARCH = {  # behind the signal: what is found, a point of the circle
     "searchc": range(1, 4),
     "search_1d": range(1, 3),  # behind the result: where the search starts, and where it ends
     "search_part": range(1, 3),
+    "egmmovel": range(1, 2),  # behind the process
+    "egmmovec": range(1, 3),
 }
 FINDS = frozenset(("searchl", "searchj", "searchc"))  # the first target gets what was found
 _MANY_SIGNS = re.compile(r'[\[({"!]')
 _MOST_ARGUMENTS = 40
 _SHIFTED = ("offset", "This target is shifted while the program runs.")
 COMPUTED = ("computed", "The target of this move is computed.")
+BROKEN = ("computed", "A coordinate of this target is no number; it is not read.")
 STAR = ("computed", "The target of this move is '*': its coordinates are not in the file.")
 
 
@@ -174,8 +178,8 @@ def _match_literal(source: ProgramText, place: int, *, axes: bool) -> re.Match[s
         return AGGREGATES[kind].match_at(source.text, place)
     except AggregateError as error:
         second = after_blanks(source.text, place + 1)
-        if error.computed or source.text[second : second + 1] != "[":
-            return None  # a speed or zone in numbers, or a target that is computed
+        if error.computed or error.broken or source.text[second : second + 1] != "[":
+            return None  # a speed or zone in numbers, or a target that is computed or broken
         raise source.error_at(error.place, str(error), remedy="Correct it on the controller.") from None
 
 
@@ -202,10 +206,12 @@ def _target_of(source: ProgramText, word: str, k: int, argument: MoveArgument) -
     if argument.literal is not None:
         return MoveTarget(argument.start, literal=argument.literal, axes=_is_axis_move(word))
     head = _HEAD.match(source.text, argument.start, argument.end)
-    first = k == 0 and not word.startswith("search")
+    first = k == 0 and word not in _PLACES_OF_SEARCH
     if head is None:
         sign = source.text[argument.start : argument.start + 1]
         star = STAR if sign == "*" else COMPUTED
+        if sign == "[" and AGGREGATES["robtarget"].error_at(source.text, argument.start).broken:
+            star = BROKEN
         return MoveTarget(argument.start, remark=star) if first or sign == "*" else None
     if head[3]:
         return (

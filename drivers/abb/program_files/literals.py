@@ -19,6 +19,9 @@ _BLANK = re.compile(W)
 _BETWEEN = re.compile(r'![^\n]*+|"(?:[^"\n]++|"")*+"?+|[\[\](){},;]')
 _COMPUTED = re.compile(r"[A-Za-z(]|[+-]\s*[A-Za-z(]|[*/+-]", re.ASCII)
 
+_NO_NUMBER = re.compile(r"[+-]?(?:\d*\.?#)?(?:[QS]?NAN|IND|INF)\b", re.ASCII | re.IGNORECASE)
+_ONE_LINE = re.compile(r'[^!";\n]*+')  # of an aggregate whose brackets say where it ends
+
 POSE = "[nnn][nnnn]"
 ROBTARGET = f"[{POSE}[nnnn][nnnnnn]]"
 JOINTTARGET = "[[nnnnnn][nnnnnn]]"
@@ -27,12 +30,16 @@ WOBJDATA = f"[bbs[{POSE}][{POSE}]]"
 
 
 class AggregateError(ValueError):
-    """The text is not the aggregate that is expected; ``computed`` where only the controller knows a value."""
+    """The text is not the aggregate that is expected.
 
-    def __init__(self, place: int, message: str, *, computed: bool) -> None:
+    ``computed`` where only the controller knows a value, ``broken`` where one of a whole aggregate is no number.
+    """
+
+    def __init__(self, place: int, message: str, *, computed: bool, broken: bool = False) -> None:
         super().__init__(message)
         self.place = place
         self.computed = computed
+        self.broken = broken
 
 
 def tokens_of(shape: str) -> list[str]:
@@ -74,6 +81,7 @@ class RapidAggregate:
 
     def error_at(self, text: str, place: int) -> AggregateError:
         """Return what is wrong with an aggregate that does not stand at a place."""
+        begin = place
         for token in self.tokens:
             blank = _BLANK.match(text, place)
             place = blank.end() if blank else place
@@ -81,11 +89,12 @@ class RapidAggregate:
             fitting = re.compile(pattern or re.escape(token), re.ASCII | re.IGNORECASE).match(text, place)
             if fitting is None:
                 expected = _NAMES.get(token, f"'{token}'")
-                computed = _COMPUTED.match(text, place) is not None
+                computed = _COMPUTED.match(text, place) is not None and _NO_NUMBER.match(text, place) is None
                 return AggregateError(
                     place,
                     make_message("here should be {expected} of the position.", expected=expected),
                     computed=computed,
+                    broken=not computed and _is_whole(text, begin),
                 )
             place = fitting.end()
         return AggregateError(place, "this position is not understood.", computed=False)
@@ -98,6 +107,16 @@ AGGREGATES = {
     "wobjdata": RapidAggregate.from_shape(WOBJDATA),
 }
 TARGETS = ("robtarget", "jointtarget")
+
+
+def _is_whole(text: str, place: int) -> bool:
+    """Return whether brackets open at a place and close again on its line."""
+    depth, line = 0, _ONE_LINE.match(text, place)
+    for sign in line[0] if line is not None else "":
+        depth += (sign == "[") - (sign == "]")
+        if depth <= 0:
+            return sign == "]"
+    return False
 
 
 def after_blanks(text: str, place: int) -> int:

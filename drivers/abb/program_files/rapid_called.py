@@ -4,13 +4,13 @@ import re
 
 from cellcal.drivers.abb.program_files.displacements import WORDS
 from cellcal.drivers.abb.program_files.instructions import MOVES
-from cellcal.drivers.programs.called_routines import CalledRoutine, LineNumbers, RoutineNames
+from cellcal.drivers.programs.called_routines import CalledRoutine, LineNumbers, RoutineNames, function_moves
 
 _HIDDEN = re.compile(r'![^\n]*|"(?:[^"\n]|"")*"')
 _LATE = re.compile(r'^(?:[^\n";]*;)*+[ \t]*%[ \t]*("(?:[^"\n]|"")*")?([^%;\n]*)%(?=[^%;\n]*;)', re.MULTILINE)
 # What stands before a statement without a semicolon of its own.
 _BEFORE = re.compile(
-    r"\b(?:THEN|ELSE|DO|DEFAULT[ \t]*:|ERROR\b|UNDO\b|BACKWARD\b)"
+    r"\b(?:THEN\b|ELSE\b|DO\b|DEFAULT[ \t]*:|ERROR\b|UNDO\b|BACKWARD\b)"
     r"|\bEND(?:IF|FOR|WHILE|TEST|PROC|FUNC|TRAP|MODULE|RECORD)\b"
     r"|\bCASE\b[^:;]{0,400}:|^[ \t]*[A-Za-z]\w*[ \t]*:(?!=)"
     r"|\b(?:PROC|TRAP)\b[^\n(]{0,200}(?:\([^)]{0,2000}\))?"
@@ -19,7 +19,9 @@ _BEFORE = re.compile(
     re.IGNORECASE | re.MULTILINE,
 )
 _CALL = re.compile(r"([A-Za-z]\w*)\s*(?=\Z|\\|\s[\s]*[A-Za-z0-9\[\-+\"\\?(])(?!\s*(?:\{|\.|:=))")
+_IN_EXPRESSION = re.compile(r"(?<![\w.\\])([A-Za-z]\w*)[ \t]*\(", re.ASCII)
 _COMPACT = re.compile(r"IF\b.*?[\w)\]]\s+([A-Za-z]\w*)\s*\Z", re.IGNORECASE | re.DOTALL)
+_DECLARES = re.compile(r"(?:LOCAL\s+)?(?:PROC|FUNC|TRAP)\b", re.IGNORECASE)
 _OPERATORS = frozenset(["and", "or", "not", "xor", "div", "mod"])
 _ENDS_WITH_OPERATOR = re.compile(
     r"(?:\b(?:AND|OR|NOT|XOR|DIV|MOD|GOTO|RETURN)|[=<>+\-*/(,])\s*\Z", re.IGNORECASE
@@ -55,7 +57,15 @@ _LANGUAGE_TEXT = (
     "egmreset egmgetid egmsetupuc egmsetupai egmsetupao egmstop egmstreamstart egmstreamstop egmactpose "
     "egmactjoint fcact fcdeact fccalib fccondforce fccondpos fccondwaitwhile fcrefforce fcrefstart fcrefstop "
     "fcsupforce arcrefresh arckill setleads spcheckrun accsetmax pdispoff eoffsoff uimessagebox reserve release "
-    "limconfsupp contactdef safetycontrollerstate wait setupsuppress "
+    "limconfsupp contactdef safetycontrollerstate wait setupsuppress acteventbuffer aliascamera capaptrsetup "
+    "caplatrsetup capnoprocess caprefresh capweavesync deacteventbuffer ditheract ditherdeact egmactmove egmrunjoint "
+    "egmrunpose egmsetupgi egmsetupltapp erasemodule fitcircle fricidevaluate fricidsetfriclevels getdataval "
+    "getgroupsignalinfo manloadidproc matrixsolve matrixsolveqr matrixsvd motionprocessmodeset moveextj "
+    "mtoolrotcalib mtooltcpcalib pathlengthreset pathlengthstart pathlengthstop pathrecmovebwd pathrecmovefwd "
+    "prxactivandstorerecord prxactivrecord prxresetpos prxstartrecord prxusefilerecord raisetouser "
+    "removeallcyclicbool removecyclicbool resetaxismovetime searchextj sendevice setalldataval setdataval "
+    "setleadthrough setupcyclicbool setupsuperv spystart spystop stcalib stepbwdpath stindgun stoolrotcalib "
+    "stooltcpcalib sttune tryint warmstart workobjact setmechunit "
 )
 _OF_LANGUAGE = frozenset(_LANGUAGE_TEXT.split())
 
@@ -76,6 +86,11 @@ def called_procedures(data: bytes) -> tuple[CalledRoutine, ...]:
         start = line + piece[: len(piece) - len(piece.lstrip())].count("\n")
         line += piece.count("\n")
         name = _called_in(body)
+        found += [
+            CalledRoutine(start + body.count("\n", 0, each.start()), each[1])
+            for each in _IN_EXPRESSION.finditer(body)
+            if function_moves(each[1]) and each[1].lower() not in MOVES and not _DECLARES.match(body)
+        ]
         if name:
             found.append(CalledRoutine(start + (body.count("\n")), name))
     return tuple(sorted(found))

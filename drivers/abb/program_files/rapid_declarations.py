@@ -20,6 +20,7 @@ from cellcal.drivers.abb.program_files.literals import (
 from cellcal.drivers.abb.program_files.measured_places import measured_inside, measured_name
 from cellcal.drivers.abb.program_files.target_uses import TargetUses
 from cellcal.drivers.abb.program_files.unread import INSIDE
+from cellcal.drivers.programs.positions import NO_NUMBER
 
 _DECLARED = re.compile(rf"{W}([A-Za-z]\w*+){W}({NAME}){W}(?:\{{([^{{}};]*+)\}})?+{W}(:=)?+{W}", re.ASCII)
 _COPIED = re.compile(
@@ -34,6 +35,7 @@ _SIZES = re.compile(r"\s*\d+\s*")
 _MOST_DIGITS = 9  # of an array's size
 _FILLED_TEXT = "{} is an array without values: it is filled while the program runs."
 _COMPUTED_TEXT = "{} is computed; it is not read."
+_BROKEN_TEXT = "A coordinate of {} is no number; it is not read."
 
 
 @dataclass
@@ -137,17 +139,19 @@ class RapidDeclarations:
         return found.end()
 
     def _refuse_or_bar(self, name: str, place: int, error: AggregateError) -> int:
-        if not error.computed:
+        if not (error.computed or error.broken):
             raise self.found.source.error_at(
                 error.place, str(error), remedy="Correct it on the controller, or leave this program out."
             ) from None
         if self.found.source.text.startswith("[", place):  # what other data hold does not move with the work
-            self._declare_target(name, lambda: self.found.add_unread(name, place, INSIDE))
-        return max(self._take_computed(name, place), error.place)
+            why = NO_NUMBER if error.broken else INSIDE
+            self._declare_target(name, lambda: self.found.add_unread(name, place, why))
+        text = _BROKEN_TEXT if error.broken else _COMPUTED_TEXT
+        return max(self._take_computed(name, place, text), error.place)
 
-    def _take_computed(self, name: str, place: int) -> int:
+    def _take_computed(self, name: str, place: int, text: str = _COMPUTED_TEXT) -> int:
         """Take a target whose value only the controller knows, or another target has."""
-        self.found.add_remark(place, "computed", make_message(_COMPUTED_TEXT, name))
+        self.found.add_remark(place, "computed", make_message(text, name))
         self.uses.declare_without_row(name)
         self.note_copy(self.found.source.text, place, name)
         return place

@@ -11,6 +11,7 @@ from cellcal.drivers.abb.program_files.declared_frames import DeclaredFrames
 from cellcal.drivers.abb.program_files.displacements import USED, WORDS, Displacements, TargetMove
 from cellcal.drivers.abb.program_files.found_shifts import FoundShifts
 from cellcal.drivers.abb.program_files.instructions import (
+    BROKEN,
     COMPUTED,
     FINDS,
     MOVES,
@@ -38,6 +39,7 @@ from cellcal.drivers.abb.program_files.unread import INSIDE, LIKE_A_POSITION, un
 from cellcal.drivers.abb.program_files.usual import USUAL
 from cellcal.drivers.abb.program_files.written_arguments import find_written
 from cellcal.drivers.abb.program_files.written_numbers import WrittenTargets
+from cellcal.drivers.programs.positions import NO_NUMBER
 from cellcal.drivers.programs.spans import ProgramText
 
 _BYTE_ORDER_MARK = "\xef\xbb\xbf"  # of UTF-8, byte by byte
@@ -272,8 +274,9 @@ class RapidModule(RapidDeclarations):
             self.uses.note_use(target.name, instruction.tool, instruction.frame)
         elif measured:
             self.uses.note_use(measured, instruction.tool, instruction.frame)
-        elif target.remark == STAR:
-            self.found.add_unread(name, target.place, _STAR_UNKNOWN)
+        elif target.remark in (STAR, BROKEN):
+            why = NO_NUMBER if target.remark == BROKEN else _STAR_UNKNOWN
+            self.found.add_unread(name, target.place, why)
         if self.displaced:
             self._note_move(start, target.name, row, instruction.frame)
         if not (measured and target.remark == COMPUTED):

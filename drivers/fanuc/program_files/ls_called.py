@@ -41,4 +41,4 @@ def own_programs(data: bytes) -> frozenset[str]:
     return frozenset((name, name.replace("_", " ")))
 
 
-NAMES = RoutineNames(called_programs, own_programs)
+NAMES = RoutineNames(called_programs, own_programs, calls_itself=False)

@@ -32,6 +32,7 @@ _BRANCHES = re.compile(
 )
 ANY_PLACE, ADDED, TURNED = "PR[...]", "+", "~"
 _MM = 1e-3
+_ELEMENTS = range(1, 7)
 _LENGTHS = 3  # elements X, Y and Z; W, P and R come after
 
 
@@ -153,6 +154,8 @@ def _assign_element(found: ComputedRegisters, match: re.Match[bytes], line: int)
     if not match[2].isdigit():  # a register chooses the element: any of them, with any value
         found.altered_whole.add(number)
         found.turned.add(number)
+        if match[2].join((b",", b"]")) not in value.replace(b" ", b""):  # and not one that is added to
+            found.set_to.setdefault(number, set()).update(_ELEMENTS)
         return
     element = int(match[2])
     adds = _adds_to(value, number, element)

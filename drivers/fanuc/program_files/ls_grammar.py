@@ -64,14 +64,17 @@ def _join_pieces(pieces: tuple[tuple[str, bytes], ...]) -> re.Pattern[bytes]:
 
 
 _EITHER = NUMBER + rb"|" + _STARS
+# What stands where a number belongs after a computation or an editor: nan, 1.2.3, 1e3, or nothing before the unit.
+_PIECE = rb"(?!(?:mm|deg)\b)[^\s,=:;'{}]{1,24}+"
+_BROKEN = _EITHER + rb"|" + _PIECE + rb"(?:[ \t]++" + _PIECE + rb"){0,2}+|"
 HEAD = _join_pieces(_HEAD_PIECES)
 HEAD_ALONE = re.compile(_GAP.join(pattern for _, pattern in _HEAD_PIECES))  # to be searched for
 CARTESIAN = _join_pieces(
     _cartesian_pieces(NUMBER)
 )  # groups: GP, UF, UT, CONFIG, X, Y, Z, W, P, R, extended axes
 JOINTS = _join_pieces(_joint_pieces(NUMBER))  # groups: GP, UF, UT, CONFIG, joints, extended axes
-UNTAUGHT_CARTESIAN = _join_pieces(_cartesian_pieces(_EITHER))
-UNTAUGHT_JOINTS = _join_pieces(_joint_pieces(_EITHER))
+UNTAUGHT_CARTESIAN = _join_pieces(_cartesian_pieces(_BROKEN))
+UNTAUGHT_JOINTS = _join_pieces(_joint_pieces(_BROKEN))
 REMOTE = _join_pieces(_cartesian_pieces(_EITHER, "R"))  # RX RY RZ RW RP RR: of a tool that stands in the cell
 _CLOSE = _GAP + rb"\}" + _GAP + rb";?+"
 CLOSE = re.compile(_CLOSE)
@@ -98,8 +101,9 @@ def _split_pattern() -> bytes:
 # Groups: P[, number, name, frames (in it GP, UF, UT), CONFIG, then text and value in turn for X to R, and the rest.
 SPLIT = re.compile(_split_pattern())
 GAP = re.compile(_GAP)
+WHOLE_NUMBER = re.compile(rb"[ \t]*+(?:" + NUMBER + rb")")
 FIELD = re.compile(
-    rb"([JE])([1-9])" + _GAP + rb"=([ \t]*+(?:" + _EITHER + rb"))" + _GAP + rb"(mm|deg)"
+    rb"([JE])([1-9])" + _GAP + rb"=([ \t]*+(?:" + _BROKEN + rb"))" + _GAP + rb"(mm|deg)"
 )  # axis, its number, text, unit
 
 CONFIGURATION = re.compile(r" *(?:[FNLRUDTB] *){0,4}(?:, *-?\d{0,3} *){0,9}")

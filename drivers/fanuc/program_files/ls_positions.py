@@ -17,10 +17,11 @@ from cellcal.drivers.fanuc.program_files.ls_records import (
     CoordinateForm,
     ListingFile,
     PositionRecord,
+    is_number,
     read_records,
 )
 from cellcal.drivers.fanuc.program_files.ls_usual import usual_records
-from cellcal.drivers.programs.positions import CARTESIAN, JOINTS, UNTAUGHT, Positions
+from cellcal.drivers.programs.positions import CARTESIAN, JOINTS, NO_NUMBER, UNREAD, UNTAUGHT, Positions
 
 _BLOCK = 20_000
 _SCALE = {b"mm": 1e-3, b"deg": np.pi / 180.0}
@@ -29,14 +30,15 @@ _KIND = {
     CoordinateForm.CARTESIAN: CARTESIAN,
     CoordinateForm.JOINTS: JOINTS,
     CoordinateForm.UNTAUGHT: UNTAUGHT,
+    CoordinateForm.BROKEN: UNREAD,
     CoordinateForm.REMOTE: REMOTE,
 }
 _DIGITS_UNSAID = 3  # $LUPS_DIGIT as it leaves the factory
 
 
 def axis_value_si(axis: AxisText) -> float:
-    """Return an axis' value [rad or m], NaN where it is not taught."""
-    return float("nan") if b"*" in axis.text else float(axis.text) * _SCALE[axis.unit]
+    """Return an axis' value [rad or m], NaN where it is not taught or no number."""
+    return float(axis.text) * _SCALE[axis.unit] if is_number(axis.text) else float("nan")
 
 
 @dataclass
@@ -156,7 +158,7 @@ def _axis_values(block: Sequence[PositionRecord], letter: bytes) -> Array:
     found = [(i, axis) for i, record in enumerate(block) for axis in record.axes if axis.letter == letter]
     values = np.full((len(block), max((axis.number for _, axis in found), default=0)), np.nan)
     for i, axis in found:
-        if block[i].form is not CoordinateForm.UNTAUGHT:
+        if block[i].form not in (CoordinateForm.UNTAUGHT, CoordinateForm.BROKEN):
             values[i, axis.number - 1] = axis_value_si(axis)
     return values
 
@@ -207,6 +209,7 @@ def _assemble_positions(columns: _RecordColumns) -> Positions:
         configurations=tuple(columns.configurations),
         resolution_m=resolution[:, 0],
         resolution_rad=resolution[:, 1],
+        barred={row: NO_NUMBER for row, kind in enumerate(columns.kinds) if kind == UNREAD},
     )
     return with_external_columns(positions, columns.units)
 

@@ -1,7 +1,7 @@
 """The records of /POS, one after the other; what is not understood is refused where it stands."""
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from enum import Enum
 from typing import NamedTuple
@@ -18,6 +18,7 @@ from cellcal.drivers.fanuc.program_files.ls_grammar import (
     REMOTE,
     UNTAUGHT_CARTESIAN,
     UNTAUGHT_JOINTS,
+    WHOLE_NUMBER,
     furthest_match,
 )
 from cellcal.drivers.programs.errors import ProgramFileError
@@ -29,6 +30,7 @@ class CoordinateForm(Enum):
     CARTESIAN = "cartesian"
     JOINTS = "joints"
     UNTAUGHT = "untaught"
+    BROKEN = "broken"  # a coordinate is no number
     REMOTE = "remote"
 
 
@@ -111,16 +113,25 @@ def _match_group(data: bytes, at: int, end: int) -> tuple[CoordinateForm, re.Mat
         return CoordinateForm.JOINTS, found
     if found := UNTAUGHT_CARTESIAN.match(data, at, end) or UNTAUGHT_JOINTS.match(data, at, end):
         # Stars in an extended axis only leave the arm's own coordinates what they are.
-        main = found.groups()[4:-1]
-        return (_form_of(main), found)
+        *main, extended = found.groups(b"")[4:]
+        return (_form_of(main, extended), found)
     found = REMOTE.match(data, at, end)
     return (CoordinateForm.REMOTE, found) if found else None
 
 
-def _form_of(main: tuple[bytes, ...]) -> CoordinateForm:
-    if any(b"*" in text for text in main):
+def _form_of(main: Sequence[bytes], extended: bytes) -> CoordinateForm:
+    texts = main if len(main) == 6 else [found[3] for found in FIELD.finditer(main[0])]
+    if any(b"*" in text for text in texts):
         return CoordinateForm.UNTAUGHT
+    beside = [found[3] for found in FIELD.finditer(extended)]
+    if not all(is_number(text) or b"*" in text for text in (*texts, *beside)):
+        return CoordinateForm.BROKEN
     return CoordinateForm.CARTESIAN if len(main) == 6 else CoordinateForm.JOINTS
+
+
+def is_number(text: bytes) -> bool:
+    """Return whether a value is written as controllers write numbers."""
+    return WHOLE_NUMBER.fullmatch(text) is not None
 
 
 def _make_record(

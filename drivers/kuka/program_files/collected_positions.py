@@ -28,11 +28,22 @@ from cellcal.drivers.kuka.program_files.written_numbers import (
 from cellcal.drivers.programs.columns import widths_and_decimals
 from cellcal.drivers.programs.conditions import ConditionalBar, ExternalColumn, ProjectNeed
 from cellcal.drivers.programs.errors import ProgramFileError
-from cellcal.drivers.programs.positions import CARTESIAN, JOINTS, UNREAD, UNTAUGHT, Positions, Remark
+from cellcal.drivers.programs.positions import (
+    CARTESIAN,
+    JOINTS,
+    NO_NUMBER,
+    UNREAD,
+    UNTAUGHT,
+    Positions,
+    Remark,
+)
 from cellcal.drivers.programs.shifts import ProgramShift, renumber_shifts
 from cellcal.drivers.programs.spans import ProgramText, finest_decimals, unique_names
 
 NO_VALUE = "it has no coordinates"
+INSIDE = "it stands inside other data, or is computed in part, and is not read"
+_COMPUTED = "The coordinates of this position are computed; it is not changed."
+_BROKEN = "A coordinate of this position is no number; it is not changed."
 _NOTHING = (np.nan,) * 6
 _NO_EXTERNAL = (None,) * 6
 _EXTERNAL_COLUMNS = tuple(ExternalColumn(name) for name in EXTERNAL_FIELDS)
@@ -73,7 +84,7 @@ class KrlPositions:
     known_axes: dict[str, "array[float]"] = field(default_factory=dict)  # most points have the same
 
     def read_literal(self, start: int, end: int) -> KrlLiteral | None:
-        """Read the struct at a place; None where it is computed, which is remarked.
+        """Read the struct at a place; None where it is computed or broken, which is remarked.
 
         Raises
         ------
@@ -83,13 +94,11 @@ class KrlPositions:
         try:
             return read_literal(self.source.text, start, end)
         except KrlLiteralError as error:
-            if not error.computed:
+            if not (error.computed or error.broken):
                 raise self.source.error_at(
                     error.place, str(error), remedy="Correct it on the controller, or leave this program out."
                 ) from None
-            self.add_remark(
-                start, "computed", "The coordinates of this position are computed; it is not changed."
-            )
+            self.add_remark(start, "computed", _BROKEN if error.broken else _COMPUTED)
             return None
 
     def add_position(
@@ -142,6 +151,14 @@ class KrlPositions:
             return read_literal(self.source.text, start, end)
         except KrlLiteralError:
             return None
+
+    def why_unread(self, start: int, end: int) -> str:
+        """Return why the struct at a place is not read."""
+        try:
+            read_literal(self.source.text, start, end)
+        except KrlLiteralError as error:
+            return NO_NUMBER if error.broken else INSIDE
+        return INSIDE
 
     def add_unread(self, name: str, place: int, why: str) -> None:
         """Take a position that stands in the file and is not changed."""

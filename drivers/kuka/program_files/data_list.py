@@ -6,7 +6,7 @@ from functools import lru_cache
 
 from cellcal.calibration.geometry import Pose
 from cellcal.calibration.message import make_message
-from cellcal.drivers.kuka.program_files.collected_positions import KrlPositions
+from cellcal.drivers.kuka.program_files.collected_positions import INSIDE, KrlPositions
 from cellcal.drivers.kuka.program_files.lines import (
     DECLARING,
     KrlLine,
@@ -19,7 +19,7 @@ from cellcal.drivers.kuka.program_files.lines import (
 )
 from cellcal.drivers.kuka.program_files.literals import AXIS_TYPES, KrlLiteral
 from cellcal.drivers.kuka.program_files.usual import DATA_LINE, DECLARATION
-from cellcal.drivers.programs.positions import ProgramFrames
+from cellcal.drivers.programs.positions import NO_NUMBER, ProgramFrames
 from cellcal.drivers.programs.spans import ProgramText
 
 _FDAT = re.compile(r"\{[^{}]*\}[ \t\r]*")
@@ -36,8 +36,6 @@ _NULL_FRAME = Pose((0.0, 0.0, 0.0))
 _FRAME_TEXT = "{} is a FRAME: base, offset or point, this file does not tell. It is not read as a position."
 FRAME_ALONE = "it is a FRAME: base, offset or point, this file does not tell"
 FRAME_SET = "it is a FRAME without status and turn that the program sets while it runs"
-NO_NUMBER = "a coordinate of it is no number, and it is not read"
-INSIDE = "it stands inside other data, or is computed in part, and is not read"
 _TCP_TEXT = (
     "{} is moved with an external tool (IPO_FRAME #TCP): its base is at the flange. "
     "It needs [held_work] in the project."

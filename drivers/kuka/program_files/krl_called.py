@@ -4,14 +4,18 @@ Calls inside the folds of inline forms are those of KUKA's own packages, which m
 """
 
 import re
+from collections.abc import Iterator
 
 from cellcal.drivers.kuka.program_files import patterns
-from cellcal.drivers.programs.called_routines import CalledRoutine, RoutineNames
+from cellcal.drivers.programs.called_routines import CalledRoutine, RoutineNames, function_moves
 
 _STATEMENT = re.compile(r"[ \t\r]*([A-Za-z_]\w*)[ \t]*\([^;\n]*", re.ASCII)
 _HANDLER = re.compile(
     r"[^;\n]*\bINTERRUPT[ \t]+DECL\b[^;\n]*\bDO[ \t]+([A-Za-z_]\w*)", re.IGNORECASE | re.ASCII
 )
+_IN_EXPRESSION = re.compile(r"(?<![\w.$#])([A-Za-z_]\w*)[ \t]*\(", re.ASCII)
+_DECLARES = re.compile(r"[ \t]*(?:GLOBAL[ \t]+)?(?:DEF|DEFFCT|DECL|EXT|EXTFCT|SIGNAL)\b", re.IGNORECASE)
+_STRING = re.compile(r'"[^"\n]*"')
 _ROUTINE = re.compile(
     r"^[ \t]*(?:GLOBAL[ \t]+)?(?:DEF|DEFFCT[ \t]+\w+(?:[ \t]*\[[^\]\n]*\])?)[ \t]+([A-Za-z_]\w*)",
     re.IGNORECASE | re.MULTILINE | re.ASCII,
@@ -27,7 +31,7 @@ _OF_LANGUAGE_TEXT = (
     "STRTOPOS STRTOE3POS STRTOE6POS STRTOAXIS STRTOE3AXIS STRTOE6AXIS TIMER_LIMIT USER_GRP USERSPOT A10 A10_INI "
     "A20 A50 H50 H70 GRP MAXIMIZE_USED_SPEED SET_TORQUE_LIMITS RESET_TORQUE_LIMITS TRIGGER WAIT RETURN ANIN ANOUT "
     "SIGNAL RESUME BRAKE HALT CONFIRM NAT_LANG TOUCHDOWN RSI_CREATE RSI_DELETE RSI_ON RSI_OFF RSI_ENABLE "
-    "RSI_DISABLE RSI_RESET ST_ON1 CONVEYOR GRIPPERTECH SPOT "
+    "MSGNOTIFY MSGQUIT MSGDIALOG MSGLOOP LOAD_DATA VARSTATE RSI_DISABLE RSI_RESET ST_ON1 CONVEYOR GRIPPERTECH SPOT "
 )
 _OF_LANGUAGE = frozenset(_OF_LANGUAGE_TEXT.split())
 
@@ -46,6 +50,7 @@ def called_routines(data: bytes) -> tuple[CalledRoutine, ...]:
             continue
         if any(folds) or "(" not in line:
             continue
+        found += [CalledRoutine(number, name) for name in _functions_in(line)]
         called = _STATEMENT.match(line) or _HANDLER.match(line)
         if called is None or _is_of_language(called[1]) or "=" in line[called.end() :].partition(";")[0]:
             continue
@@ -53,6 +58,18 @@ def called_routines(data: bytes) -> tuple[CalledRoutine, ...]:
             continue
         found.append(CalledRoutine(number, called[1]))
     return tuple(found)
+
+
+def _functions_in(line: str) -> Iterator[str]:
+    """Yield the functions whose value a line uses, and whose names tell of motion."""
+    if _DECLARES.match(line):
+        return
+    code = _STRING.sub('""', line).partition(";")[0]
+    stated = _STATEMENT.match(code)
+    for each in _IN_EXPRESSION.finditer(code):
+        is_stated = stated is not None and stated.start(1) == each.start(1)
+        if not is_stated and function_moves(each[1]) and not _is_of_language(each[1]):
+            yield each[1]
 
 
 def _is_of_language(name: str) -> bool:

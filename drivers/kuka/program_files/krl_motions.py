@@ -5,8 +5,7 @@ from dataclasses import dataclass, field
 
 from cellcal.calibration.message import make_message
 from cellcal.drivers.kuka.program_files import patterns
-from cellcal.drivers.kuka.program_files.collected_positions import KrlPositions
-from cellcal.drivers.kuka.program_files.data_list import INSIDE
+from cellcal.drivers.kuka.program_files.collected_positions import INSIDE, KrlPositions
 from cellcal.drivers.kuka.program_files.found_shifts import ShiftNotes
 from cellcal.drivers.kuka.program_files.frame_data import FramesInForce, data_taken
 from cellcal.drivers.kuka.program_files.frame_uses import (
@@ -59,7 +58,7 @@ class KrlMotions:
             if text[place] == "{":
                 literal = self.found.read_literal(place, end)
                 if literal is None:
-                    self._note_unread(motion[1], place, line)
+                    self._note_unread(motion[1], place, line, self.found.why_unread(place, end))
                     return
                 part += 1
                 place = self._take_target(motion[1].upper(), part, literal, end, is_constant=not own_frames)
@@ -118,8 +117,8 @@ class KrlMotions:
             self._written_inside(code[: colon - literal.start], literal.start)
         self._use_point(name, literal.start, "")
 
-    def _note_unread(self, keyword: str, place: int, line: KrlLine) -> None:
-        self.found.add_unread(f"{keyword.upper()}@{self.found.source.line_of(line.start)}", place, INSIDE)
+    def _note_unread(self, keyword: str, place: int, line: KrlLine, why: str) -> None:
+        self.found.add_unread(f"{keyword.upper()}@{self.found.source.line_of(line.start)}", place, why)
 
     def _pass_named(self, code: str, place: int, begin: int, own: str) -> int:
         """Pass a target that is named or computed; return where it ends, all of the rest for a computed one."""

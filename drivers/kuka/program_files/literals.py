@@ -41,12 +41,16 @@ _CANONICAL_FIELDS = (*POSE_FIELDS, *STATE_FIELDS, *EXTERNAL_FIELDS)
 
 
 class KrlLiteralError(ValueError):
-    """The text is no position that this program states; ``computed`` where only the controller knows it."""
+    """The text is no position that this program states.
 
-    def __init__(self, place: int, message: str, *, computed: bool = False) -> None:
+    ``computed`` where only the controller knows it, ``broken`` where a value of a whole struct is no number.
+    """
+
+    def __init__(self, place: int, message: str, *, computed: bool = False, broken: bool = False) -> None:
         super().__init__(message)
         self.place = place
         self.computed = computed
+        self.broken = broken
 
 
 class KrlLiteral(NamedTuple):
@@ -148,16 +152,19 @@ def state_text(like: str, value: int) -> str:
 
 
 _NO_NUMBER = re.compile(
-    r"[ \t\r]+[+-]?\d*\.?#?(?:[QS]?NAN|IND|INF)", re.IGNORECASE
+    r"[ \t\r]+[+-]?\d*\.?#?(?:[QS]?NAN|IND|INF)\b", re.IGNORECASE
 )  # 1.#QNAN of a computation
+_REST_OF_STRUCT = re.compile(r"[^{}\n;]*+\}")
 
 
 def _value_error(text: str, name: re.Match[str], end: int) -> KrlLiteralError:
-    if _EXPRESSION.match(text, name.end(), end) or _NO_NUMBER.match(text, name.end(), end):
+    no_number = _NO_NUMBER.match(text, name.end(), end) is not None
+    if not no_number and _EXPRESSION.match(text, name.end(), end):
         return KrlLiteralError(name.end(), make_message("{name} is computed.", name=name[1]), computed=True)
     return KrlLiteralError(
         name.end(),
         make_message("the value of {name} is not understood, or the position does not end.", name=name[1]),
+        broken=no_number or _REST_OF_STRUCT.match(text, name.end(), end) is not None,
     )
 
 

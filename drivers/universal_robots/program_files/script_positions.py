@@ -16,6 +16,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from cellcal.drivers.programs.positions import NO_NUMBER
 from cellcal.drivers.universal_robots.program_files.script_arguments import PassedArguments
 from cellcal.drivers.universal_robots.program_files.script_calls import NUMBER_TAKERS
 from cellcal.drivers.universal_robots.program_files.script_frames import settle_assigned_frames
@@ -53,12 +54,13 @@ class ScriptPlace(NamedTuple):
     used: tuple[int, ...]  # offsets of the moves to it
     unread: str = ""  # why it is not changed; "" where it may be
     is_hint: bool = False  # its joints may only choose the posture: qnear of get_inverse_kin
+    offset: int = 0  # where it stands, if it has no numbers
 
     @property
     def start_offset(self) -> int:
         """Return where its first numbers stand."""
         literal = self.pose or self.joints
-        return literal.start if literal else 0
+        return literal.start if literal else self.offset
 
     @property
     def reached_offset(self) -> int:
@@ -136,6 +138,10 @@ class PositionFinder:
                 found.append(place)
             i += 1
         found += [self._unread_place(literal) for literal in self._not_read()]
+        found += [
+            ScriptPlace(name or f"line {self.line_of(at)}", None, None, BASE, (), NO_NUMBER, offset=at)
+            for at, name in self.found.broken
+        ]
         return self._unique_places(sorted(found, key=lambda place: place.reached_offset))
 
     def _not_read(self) -> Iterator[ScriptLiteral]:

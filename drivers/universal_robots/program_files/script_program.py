@@ -27,6 +27,7 @@ from cellcal.drivers.universal_robots.program_files.feature_variables import (
     declare_features,
 )
 from cellcal.drivers.universal_robots.program_files.script_numbers import (
+    DOUBLE_STEP,
     kept_steps,
     number_spans,
     poses_of,
@@ -228,7 +229,7 @@ def _position_columns(
     source: ScriptText, finder: PositionFinder, places: Sequence[ScriptPlace], tools: ScriptTools
 ) -> dict[str, Any]:
     """Return the columns of `Positions` but for the poses and the joints."""
-    starts = [each.start for place in places if (each := place.pose or place.joints)]
+    starts = [place.start_offset for place in places]
     count = len(places)
     lines = np.searchsorted(np.array(finder.lines), np.array(starts, dtype=np.int64), side="left") + 1
     steps = _number_steps(source.text, places)
@@ -278,7 +279,7 @@ def _number_steps(text: str, places: Sequence[ScriptPlace]) -> Array:
         if rows:
             found = kept_steps([without_comments(text[each.start : each.end]) for each in literals if each])
             steps[rows] = np.maximum(steps[rows], found)
-    return steps
+    return np.where(steps > 0.0, steps, DOUBLE_STEP)  # what is no number has no decimals
 
 
 def _line_feeds(text: str) -> NDArray[np.intp]:

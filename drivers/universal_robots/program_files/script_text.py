@@ -56,6 +56,7 @@ _BAD = re.compile(r"[\0-\x08\x0b\x0c\x0e-\x1f\x7f]|\r(?!\n)")
 _FINE = bytes([9, 10, 13, *range(32, 127), *range(128, 256)])
 _BLOCKS = ("def", "thread", "sec", "while", "if", "for", "switch")
 _DEEPEST = 100  # no program opens so many brackets in one statement
+_NO_NUMBER = re.compile(r"\b(?:nan|inf)\b", re.IGNORECASE)
 _PAIRS = {"(": ")", "[": "]", "{": "}"}
 _ENCODING = "Save it as plain text, UTF-8 without zeros, with line feeds; or fetch it from the robot again."
 
@@ -90,6 +91,7 @@ class ScriptStatements:
     elements: list[ElementSet] = field(default_factory=list)
     calls: dict[str, list[int]] = field(default_factory=dict)  # offsets of calls, by function
     computed: list[tuple[int, str]] = field(default_factory=list)  # moves whose target is an expression
+    broken: list[tuple[int, str]] = field(default_factory=list)  # poses with what is no number; the variable
     computed_near: list[int] = field(default_factory=list)  # where joints that qnear gets are expressions
 
     def note_use(self, name: str, offset: int, role: Role, where: str = "") -> None:
@@ -360,17 +362,20 @@ class _StatementReader:
         call = self.stack.pop()
         outer = role_in(self.stack)[0]
         posed = call.opens == "[" and not call.index
-        if posed and call.argument != 5 and (call.function == "p" or outer == "target"):
-            cure = "Correct it on the robot, and save the program again."
-            raise self.source.error_at(
-                call.offset, "a pose or a posture has six numbers, this one has not.", cure
-            )
+        if posed and (call.function == "p" or outer == "target") and self._is_broken(call, token):
+            self.found.broken.append((call.offset, "" if self.stack else self.assigns))
+            if self.stack:
+                self.stack[-1].reached.add(self.stack[-1].argument)  # not computed: its place is named
         if posed and outer == "near":
             self.found.computed_near.append(call.offset)
         if call.function in ("pose_trans", "get_inverse_kin") and call.reached and outer == "target":
             self.stack[-1].reached.add(self.stack[-1].argument)
         elif call.function in MOVES and not call.is_understood:
             self.found.computed.append((call.offset, call.function))
+
+    def _is_broken(self, call: OpenCall, close: Token) -> bool:
+        """Return whether a pose or a posture has not six numbers, or one that a computation spoiled."""
+        return call.argument != 5 or _NO_NUMBER.search(self.source.text, call.offset, close.start) is not None
 
     def _finish_statement(self) -> None:
         if self.stack:

@@ -3,6 +3,7 @@
 import re
 from collections.abc import Iterator
 
+from cellcal.drivers.programs.positions import NO_NUMBER
 from cellcal.drivers.programs.shifts import NO_TURN, UNREADABLE, ProgramShift, ShiftAxes
 from cellcal.drivers.universal_robots.program_files.feature_variables import FEATURE_VARIABLE
 from cellcal.drivers.universal_robots.program_files.script_text import SIX, SIX_NUMBERS
@@ -25,6 +26,7 @@ _KNOWN_NODES = frozenset(  # those of public programs: read here, or they move n
         "InitVariablesNode", "Contributed", "Until",
     )
 )  # fmt: skip
+_READ_ELSEWHERE = frozenset(("Waypoint", "Script"))
 _DIRECTED = re.compile(r"Force|Direction")  # along axes: a shift of the work changes nothing
 
 
@@ -98,19 +100,33 @@ def unread_positions_of(xml: XmlText, reader: WaypointReader) -> list[tuple[str,
     ]
     found += [
         (f"line {xml.line_of(xml.elements[i].offset)}", xml.line_of(xml.elements[i].offset), IN_URCAP)
-        for i in reader.tags.get("data", ())
-        if xml.find_above(i, "Contributed") is not None
+        for i in _inside_urcaps(xml, reader)
         for _ in _LITERAL.finditer(_data_text(xml, i))
     ]
+    for i in reader.broken:
+        line = xml.line_of(xml.elements[i].offset)
+        found.append((xml.attribute_value(i, "name") or f"line {line}", line, NO_NUMBER))
     return found + [
         (f"line {xml.line_of(xml.elements[i].offset)}", xml.line_of(xml.elements[i].offset), STRAY)
         for i in reader.stray_joints()
     ]
 
 
+def _inside_urcaps(xml: XmlText, reader: WaypointReader) -> Iterator[int]:
+    """Yield the elements in which nodes of URCaps store values; waypoints and scripts inside are read as such."""
+    if "Contributed" not in reader.tags:
+        return
+    for i, element in enumerate(xml.elements):
+        around = (element.tag, *(tag for tag in _READ_ELSEWHERE if xml.find_above(i, tag) is not None))
+        if not _READ_ELSEWHERE.intersection(around) and xml.find_above(i, "Contributed") is not None:
+            yield i
+
+
 def _data_text(xml: XmlText, data: int) -> str:
     """Return what a node of a URCap stores, with the brackets of a list around bare numbers."""
     text = xml.attribute_value(data, "value").replace("&quot;", '"')
+    begin = xml.text.find(">", xml.elements[data].offset) + 1
+    text = text or xml.text[begin : xml.text.find("<", begin)].strip()
     return f"[{text}]" if SIX_NUMBERS.fullmatch(text) else text
 
 

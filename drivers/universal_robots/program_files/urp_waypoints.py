@@ -58,6 +58,9 @@ class Waypoint:
     flange: SixNumbers | None = None
 
 
+_POSES_BESIDE = ("BaseToFeature", "poseInFeatureCoordinates", "outputFlangePose")
+
+
 class WaypointReader:
     """Reads waypoints and kinematics out of the XML."""
 
@@ -73,6 +76,7 @@ class WaypointReader:
         root = xml.find_child(0, "kinematics")
         self.own = self.kinematics[root] if root is not None else None
         self.read: set[int] = set()  # position elements that are waypoints of ours
+        self.broken: list[int] = []  # waypoints with what is no number
 
     def read_waypoints(self) -> Iterator[Waypoint]:
         """Yield the fixed waypoints in the order of the file.
@@ -91,6 +95,9 @@ class WaypointReader:
                             self.xml.elements[i].offset, "this waypoint stands inside another one."
                         )
                     self.read.add(position)
+                    if self._is_broken(i, position):
+                        self.broken.append(i)
+                        continue
                     yield self._read_waypoint(i, position)
 
     def list_remarks(self, waypoints: list[Waypoint]) -> Iterator[Remark]:
@@ -182,6 +189,19 @@ class WaypointReader:
             self.xml.find_child(position, "JointAngles") is not None
             or "joints" in self.xml.elements[position].attributes
         )
+
+    def _is_broken(self, element: int, position: int) -> bool:
+        """Return whether joints or a pose of a waypoint are not six numbers."""
+        xml = self.xml
+        parts = (
+            (position, "joints"),
+            (position, "pose"),
+            (xml.find_child(position, "JointAngles"), "angles"),
+            (xml.find_child(position, "TCPOffset"), "pose"),
+            *((xml.find_child(element, tag), "pose") for tag in _POSES_BESIDE),
+        )
+        spans = (xml.elements[part].attributes.get(name) for part, name in parts if part is not None)
+        return any(span is not None and not SIX_NUMBERS.fullmatch(xml.text[slice(*span)]) for span in spans)
 
     def _read_waypoint(self, element: int, position: int) -> Waypoint:
         xml = self.xml

@@ -3,8 +3,11 @@
 import re
 
 from cellcal.drivers.programs.called_routines import CalledRoutine, LineNumbers, RoutineNames
-from cellcal.drivers.yaskawa.program_files.job_text import in_capitals
+from cellcal.drivers.yaskawa.program_files.job_capitals import in_capitals
 
+_COMPUTED = re.compile(  # which job, a signal or a variable tells
+    r"^[ \t]*(?:CALL|JUMP|PSTART)[ \t]+(IG#\([^)\n]*\)|L?[BIDS]\[?\d+\]?(?!\w))", re.MULTILINE
+)
 _CALLED = re.compile(r"^[ \t]*(?:CALL|JUMP|PSTART)\b[^\n']*?\bJOB:[ \t]*(\S+)", re.MULTILINE)
 _NAMED = re.compile(r"^//NAME[ \t]+(\S+)", re.MULTILINE)
 
@@ -13,7 +16,9 @@ def called_jobs(data: bytes) -> tuple[CalledRoutine, ...]:
     """Return the calls of all jobs of a file."""
     text = in_capitals(data.decode("latin-1"))
     lines = LineNumbers(text)
-    return tuple(CalledRoutine(lines.line_at(each.start(1)), each[1]) for each in _CALLED.finditer(text))
+    found = [CalledRoutine(lines.line_at(each.start(1)), each[1]) for each in _CALLED.finditer(text)]
+    computed = (CalledRoutine(lines.line_at(each.end()), each[1], "*") for each in _COMPUTED.finditer(text))
+    return tuple(sorted((*found, *computed)))
 
 
 def own_jobs(data: bytes) -> frozenset[str]:
@@ -21,4 +26,4 @@ def own_jobs(data: bytes) -> frozenset[str]:
     return frozenset(name.upper() for name in _NAMED.findall(data.decode("latin-1")))
 
 
-NAMES = RoutineNames(called_jobs, own_jobs)
+NAMES = RoutineNames(called_jobs, own_jobs, calls_itself=False)

@@ -8,11 +8,11 @@ from pathlib import PurePath
 
 from cellcal.calibration.message import make_message
 from cellcal.drivers.programs.file_declarations import BatchReasons, FileDeclarations
+from cellcal.drivers.yaskawa.program_files.job_capitals import in_capitals
 from cellcal.drivers.yaskawa.program_files.job_shared_variables import variable_marks
 from cellcal.drivers.yaskawa.program_files.job_text import (
     BLOCK_BEGINS,
     BLOCK_ENDS,
-    in_capitals,
     shifts_in_blocks,
 )
 

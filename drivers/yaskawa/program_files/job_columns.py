@@ -10,7 +10,7 @@ from cellcal.calibration.geometry import Array, homogeneous_matrix
 from cellcal.calibration.message import make_message
 from cellcal.calibration.orientation import rotation_from
 from cellcal.drivers.programs.errors import ProgramFileError
-from cellcal.drivers.programs.positions import CARTESIAN, JOINTS, Positions
+from cellcal.drivers.programs.positions import CARTESIAN, JOINTS, UNREAD, Positions
 from cellcal.drivers.yaskawa.program_files.job_external import external_columns
 from cellcal.drivers.yaskawa.program_files.job_text import JobRow, YaskawaJob
 
@@ -25,6 +25,8 @@ _LEAST_MM, _LEAST_DEG = 3, 4  # decimals of numbers that are not all written ali
 
 def kind_of(row: JobRow, ratios: Array | None, shifts: frozenset[int], points: frozenset[int]) -> str:
     """Return what a row is: a variable that no move of this job goes to, or that anything else uses, is no point."""
+    if row.broken:
+        return UNREAD
     if row.kind == "P" and (int(row.number) in shifts or int(row.number) not in points):
         return SHIFT
     if row.state.mode == "RECTAN":

@@ -59,7 +59,7 @@ _MADE = re.compile(r"\b(UF|TL)#\((\d{1,3}|[A-Z])")
 _JUMPS = re.compile(r"^[ \t]*(?:JUMP\b|\*)", re.MULTILINE)
 _SPECIAL = re.compile(
     r"\b(?:SFTON|MFRAME|SETTOOL|SETUF|SETUFRM|GETS|GETPOS|SYSTART|[A-Z]+MOV[A-Z]*)\b|\bL?PX?\["
-    r"|\bMOV[JLCS][ \t]++L?P\d"
+    r"|\b(?:MOV[JLCS]|REFP)[ \t]++(?:\d++[ \t]++)?+L?PX?\d"
 )
 _CAUSE_OF_INSTRUCTION = (
     ("IMOV", _INCREMENT),
@@ -205,7 +205,7 @@ def _turn_of(rest: str, rows: dict[Key, JobRow]) -> Quaternion | None:
     row = rows.get(("P", int(found[2]))) if found is not None and found[2] and not found[1] else None
     if row is None or row.state.mode != "RECTAN":
         return NO_TURN
-    return None if any(float(text) for text in row.text.split(",")[3:6]) else NO_TURN
+    return None if row.broken or any(float(text) for text in row.text.split(",")[3:6]) else NO_TURN
 
 
 def _take_motion(

@@ -13,6 +13,7 @@ from cellcal.drivers.programs.file_declarations import BatchReasons, ExternalUse
 from cellcal.drivers.programs.positions import (
     CARTESIAN,
     JOINTS,
+    NO_NUMBER,
     PositionChange,
     Positions,
     ProgramFrames,
@@ -208,10 +209,14 @@ def read_job(
     groups = [1 if one == robot else max(one, 2) for one in robots]
     positions = positions_of(name, jobs, rows, kinds, groups, ratios)
     barred, shifts = motions_in(jobs, positions)
+    broken = {i: NO_NUMBER for i, row in enumerate(rows) if row.broken}
     others = {i: make_message(_OTHER_ROBOT, one, robot) for i, one in enumerate(robots) if one != robot}
     beside = rows_beside(jobs, rows)
     positions = replace(
-        positions, barred={**barred, **others}, shifts=shifts, shared_external=rows_that_share(beside)
+        positions,
+        barred={**barred, **broken, **others},
+        shifts=shifts,
+        shared_external=rows_that_share(beside),
     )
     remarks = [remark for notes, _ in remarks_by_job for remark in notes] + _kind_remarks(positions)
     return JobProgram(

@@ -29,10 +29,10 @@ What a pseudo instruction says holds until the next one of its kind. A file may 
 import re
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
-from string import ascii_lowercase, ascii_uppercase
 
 from cellcal.calibration.message import make_message
 from cellcal.drivers.programs.errors import ProgramFileError
+from cellcal.drivers.yaskawa.program_files.job_capitals import in_capitals
 
 ROBOT_ROWS = ("C", "P")
 COUNTED = ("C", "BC", "EC", "P", "BP", "EX")  # in the order of ///NPOS
@@ -44,16 +44,14 @@ _LINE = re.compile(
     rf"(?:(C|P|BC|EC|BP|EP|EX)(\d{{1,6}})[ \t]*=[ \t]*({_NUMBER}(?:[ \t]*,[ \t]*{_NUMBER}){{0,11}})"
     r"|(/[^\r\n]*)|(?:'[^\r\n]*)?|[ \t]+(?:'[^\r\n]*)?)[ \t]*\r?(?:\n|\Z)"
 )
+_BROKEN_ROW = re.compile(r"([CP])(\d{1,6})[ \t]*=([^\r\n=]*)\r?(?:\n|\Z)")  # of a robot: no number, too few
+_POSE_COMMAS = 5
+_ZEROS = ",".join("0" * 6)
 _END_OF_FILE = "\x1a"  # which tools of DOS put behind a text
 _WORD = re.compile(r"(/{1,4})([A-Z]\w*)(?:[ \t]+(.*?))?[ \t]*\Z")
 _SLASHED = re.compile(r"^/[^\r\n]*", re.MULTILINE)
 _WHOLE = re.compile(r"\d{1,9}\Z")
 BLOCK_BEGINS, BLOCK_ENDS = r"IFTHEN\w*|SWITCH\w*|WHILE\w*|FOR", "ENDIF|ENDSWITCH|ENDWHILE|NEXT"
-_SMALL_LETTERS = re.compile(r"^(?:[^\na-z/']|/(?!/))*+[a-z][^\n]*+", re.MULTILINE)  # before a comment
-_KEPT = re.compile(
-    r"//|'|(?<=job:)[ \t]*+[^\s,]++", re.IGNORECASE
-)  # a comment begins, or a job's name stands
-_CAPITALS = str.maketrans(ascii_lowercase, ascii_uppercase)
 _OPENS = re.compile(BLOCK_BEGINS)
 _CLOSES = frozenset(BLOCK_ENDS.split("|"))
 _REMARK = re.compile(r"[ \t]*(?:'|//).*", re.DOTALL)
@@ -83,6 +81,7 @@ class JobRow:
     text: str  # "1.000,2.000,…"
     line: int
     state: RowState
+    broken: bool = False  # a coordinate is no number, and zeros stand in `text`
 
 
 @dataclass(slots=True)
@@ -149,9 +148,8 @@ class _JobReader:
         while at < end:
             found = _LINE.match(self.text, at)
             if found is None:
-                rest = self.text[at : at + 40].partition("\n")[0]
-                raise self.error_at(line, 1, make_message("{full_name!r} is not understood.", full_name=rest))
-            if found[1] is not None:
+                found = self._take_broken_row(line, at)
+            elif found[1] is not None:
                 self._take_row(line, found)
             elif found[4] is not None:
                 self._take_word(line, found[4])
@@ -162,6 +160,15 @@ class _JobReader:
             raise ProgramFileError(self.file, "there is no /JOB in it.", remedy="Give a job saved as .JBI.")
         if self.part or not self.jobs[-1].first_line:
             raise self.error_at(self.jobs[-1].line, 1, "the job ends before its instructions (//INST).")
+
+    def _take_broken_row(self, line: int, at: int) -> re.Match[str]:
+        """Take a position of a robot whose numbers are not understood; return its line."""
+        found = _BROKEN_ROW.match(self.text, at) if self.part == "POS" else None
+        if found is None:
+            rest = self.text[at : at + 40].partition("\n")[0]
+            raise self.error_at(line, 1, make_message("{full_name!r} is not understood.", full_name=rest))
+        self._take_row(line, found, broken=True)
+        return found
 
     def _pass_arguments(self, start: int, line: int) -> tuple[int, int]:
         """Pass what a job says of its arguments; return where its instructions are announced."""
@@ -299,7 +306,7 @@ class _JobReader:
                 ),
             )
 
-    def _take_row(self, line: int, found: re.Match[str]) -> None:
+    def _take_row(self, line: int, found: re.Match[str], *, broken: bool = False) -> None:
         row_state = self.row_state
         if self.part != "POS":
             raise self.error_at(
@@ -335,7 +342,14 @@ class _JobReader:
                 ),
             )
         job.row_keys.add(key)
-        job.rows.append(JobRow(found[1], found[2], found.start(3), found[3], line, row_state))
+        broken = broken or _has_too_few(found, row_state)
+        text = _ZEROS if broken else found[3]
+        job.rows.append(JobRow(found[1], found[2], found.start(3), text, line, row_state, broken))
+
+
+def _has_too_few(found: re.Match[str], state: RowState) -> bool:
+    """Return whether a row of a robot lacks numbers of a pose."""
+    return found[1] in ROBOT_ROWS and state.mode == "RECTAN" and found[3].count(",") < _POSE_COMMAS
 
 
 def split_instruction(line: str) -> tuple[str, str]:
@@ -366,24 +380,6 @@ def shifts_in_blocks(words: Iterable[str]) -> bool:
         elif depth > 0 and word in ("SFTON", "SFTOF"):
             return True
     return False
-
-
-def in_capitals(instructions: str) -> str:
-    """Return instructions in capitals where an editor wrote some in small letters; the file keeps its own."""
-    return _SMALL_LETTERS.sub(_line_in_capitals, instructions)
-
-
-def _line_in_capitals(line: re.Match[str]) -> str:
-    """Return a line in capitals but for the names of jobs and its comment."""
-    text, pieces, at = line[0], list[str](), 0
-    for kept in _KEPT.finditer(text):
-        pieces.append(text[at : kept.start()].translate(_CAPITALS))
-        at = kept.start()
-        if kept[0] in ("'", "//"):
-            return "".join([*pieces, text[at:]])
-        pieces.append(kept[0])
-        at = kept.end()
-    return "".join([*pieces, text[at:].translate(_CAPITALS)])
 
 
 def _last_instruction(instructions: str) -> str:

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from fnmatch import fnmatchcase
 
 import numpy as np
@@ -14,7 +14,7 @@ from cellcal.drivers.programs.called_routines import CalledRoutine, moves_no_rob
 from cellcal.drivers.programs.errors import ProgramFileError
 from cellcal.service.engineering.programs.batches import ReadProgram
 from cellcal.service.engineering.programs.files import ProgramSource, read_bytes
-from cellcal.service.engineering.programs.result import PointFinding, ProgramResult
+from cellcal.service.engineering.programs.result import PointFinding, ProgramResult, with_further_findings
 
 _LEAST_M, _LEAST_RAD = 1e-5, math.radians(0.005)  # as of shifts: what a pendant shows
 _CURE = "Give its file, too, or name it under programs_without_motion in the project."
@@ -85,14 +85,15 @@ class CallsNotGiven:
         if not first_calls:
             return result
         given = _names_given(read.source, read.program.brand, read.data)
+        own = frozenset[str]() if names is None or names.calls_itself else names.find_routines(read.data)
         found = [
             PointFinding(
                 call.line, call.name, "CALL", self.angle_rad, math.nan, math.nan, self.write_text(call.name)
             )
             for name, call in first_calls.items()
-            if not _is_given(name, call, given)
+            if not _is_given(name, call, given, own)
         ]
-        return replace(result, findings=(*result.findings, *found)) if found else result
+        return with_further_findings(result, found)
 
     def _is_without_motion(self, name: str) -> bool:
         return any(fnmatchcase(name.upper(), pattern) for pattern in self.without_motion)
@@ -102,10 +103,11 @@ def _in_capitals(patterns: Sequence[str]) -> tuple[str, ...]:
     return tuple(pattern.upper() for pattern in patterns)
 
 
-def _is_given(name: str, call: CalledRoutine, given: frozenset[str]) -> bool:
+def _is_given(name: str, call: CalledRoutine, given: frozenset[str], own: frozenset[str]) -> bool:
+    """Return whether a call's routine is given; a computed name means none of ``own``."""
     if not call.pattern:
         return name in given
-    return any(fnmatchcase(each, call.pattern) for each in given)
+    return any(fnmatchcase(each, call.pattern) for each in given - own)
 
 
 def _names_given(source: ProgramSource, brand: str, data: bytes) -> frozenset[str]:

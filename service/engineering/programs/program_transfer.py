@@ -39,7 +39,7 @@ from cellcal.service.engineering.programs.external.carried_points import (
     rows_of_poses,
 )
 from cellcal.service.engineering.programs.external.point_groups import carry_group
-from cellcal.service.engineering.programs.external.unconfirmed import unconfirmed_meanings
+from cellcal.service.engineering.programs.external.unconfirmed import led_findings, unconfirmed_meanings
 from cellcal.service.engineering.programs.held_frames import warn_of_held_frames
 from cellcal.service.engineering.programs.other_arm_checks import (
     check_tilts,
@@ -59,7 +59,7 @@ from cellcal.service.engineering.programs.program_points import (
     points_of,
 )
 from cellcal.service.engineering.programs.project_pulses import read_for_robot
-from cellcal.service.engineering.programs.result import ProgramResult
+from cellcal.service.engineering.programs.result import ProgramResult, with_further_findings
 from cellcal.service.engineering.programs.transfer_route import FramePair, TransferRoute
 from cellcal.service.engineering.programs.turned_shifts import find_turned_shifts
 from cellcal.service.engineering.programs.written_tools import ambiguous_tool, unmeasured_tools
@@ -110,8 +110,7 @@ class ProgramTransfer:
         result.target_axes = self._route.target.axes
         warnings = [
             *self._judge.unchecked_shapes(points),
-            *unconfirmed_meanings(points),
-            *unmeasured_tools(points, (source, self._route.target)),
+            *unconfirmed_meanings(points, source.axes),
         ]
         for group in groups_of(points, bring_their_own(programs) or self._rule is None):
             self._transfer_group(points, group, result, warnings)
@@ -120,10 +119,27 @@ class ProgramTransfer:
             *rods_left_out(self._route.source, self._route.target),
         ]
         findings = find_turned_shifts(points, self._route, result.carried)
-        results = results_of(points, result, warnings, findings, source=self._route.source)
+        results = self._with_doubts(
+            points, results_of(points, result, warnings, findings, source=self._route.source)
+        )
         if self._route.target is self._route.source:
             return results
         return tuple(warn_of_held_frames(each, self._route.target) for each in results)
+
+    def _with_doubts(
+        self, points: ProgramPoints, results: tuple[ProgramResult, ...]
+    ) -> tuple[ProgramResult, ...]:
+        """Return results with findings for points that rest on what nothing here confirms."""
+        source, target = self._route.source, self._route.target
+        starts = np.searchsorted(points.of, np.arange(len(results))).tolist()
+        needs_tips = source is not target or self._route.real_ends != (True, True)
+        found = []
+        for start, result in zip(starts, results, strict=True):
+            doubts = list(led_findings(points, start, result, source.axes))
+            if needs_tips:
+                doubts += unmeasured_tools(points, start, result, (source, target))
+            found.append(with_further_findings(result, doubts))
+        return tuple(found)
 
     def _transfer_group(
         self, points: ProgramPoints, group: PointGroup, result: PointOutcomes, warnings: list[str]

@@ -1,9 +1,11 @@
 """What moving, cloning or compensating one program file gives: the new file, and what became of every point."""
 
 from collections import Counter
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 from cellcal.calibration.geometry import Array
+from cellcal.calibration.message import make_message
 from cellcal.drivers.programs.positions import ProgramFile
 from cellcal.service.exit_codes import ExitCode
 
@@ -73,3 +75,11 @@ class ProgramResult:
         """Return name and reason of every point that was left."""
         found = zip(self.before.positions.names, self.status, self.reason, strict=True)
         return tuple((name, reason) for name, status, reason in found if status == LEFT)
+
+
+def with_further_findings(result: ProgramResult, found: Sequence[PointFinding]) -> ProgramResult:
+    """Return a result with more findings, each of them also a sentence about the program."""
+    if not found:
+        return result
+    texts = tuple(make_message("line {line}: {text}", line=one.line, text=one.text) for one in found)
+    return replace(result, findings=(*result.findings, *found), warnings=(*texts, *result.warnings))

@@ -5,6 +5,7 @@ The measured tip of that tool is in the project under the name that a person gav
 the controller of the program's own cell has. In a clone's cell it is the tool of the same name.
 """
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
@@ -18,6 +19,7 @@ from cellcal.service.engineering.programs.named_entries import brought_frames, e
 from cellcal.service.engineering.programs.program_points import ProgramPoints
 from cellcal.service.engineering.programs.project import Project
 from cellcal.service.engineering.programs.project_poses import ProjectTool
+from cellcal.service.engineering.programs.result import LEFT, PointFinding, ProgramResult
 
 ALIKE_M, ALIKE_RAD = 1e-5, np.radians(0.01)  # what a pendant shows of one pose and another
 _NAMELESS = frozenset(("universal_robots",))  # brands whose programs write poses in place of names
@@ -66,30 +68,38 @@ def ambiguous_tool(project: Project, home: Project, program: ProgramFile, name: 
     )
 
 
-def unmeasured_tools(points: ProgramPoints, cells: Sequence[Project]) -> Iterator[str]:
-    """Yield a warning for each tool of the programs that is none of a cell, where any cell's tools were measured.
+def unmeasured_tools(
+    points: ProgramPoints, start: int, result: ProgramResult, cells: Sequence[Project]
+) -> Iterator[PointFinding]:
+    """Yield a finding for each tool of a program that is none of a cell, where any cell's tools were measured.
 
-    The first of the cells is that of the programs.
+    Nothing says where the tip of such a tool really is, so that its points may be off by as much as others' are. A
+    move needs no tip: the flange goes along with the work. The rows of the program begin at ``start``; the first of
+    the cells is that of the programs.
     """
     if not any(tool.measured for cell in cells for tool in cell.tools.values()):
         return
-    some = np.flatnonzero(~points.held).tolist()
-    used = dict.fromkeys((points.tools[i], int(points.of[i])) for i in some)
+    program = result.before
+    used: dict[str | None, int] = {}
+    for row, status in enumerate(result.status):
+        if status != LEFT and not points.held[start + row]:
+            used.setdefault(points.tools[start + row], row)
     for cell in dict.fromkeys(cells):
-        for name, which in used:
-            program = points.programs[which]
+        for name, row in used.items():
             flange_tip = _written_pose(cell, program, name, at_home=cell is cells[0])
             if name is None or flange_tip is None:
                 continue
             if _names_at(cell, cells[0], program.brand, name, flange_tip):
                 continue
-            yield make_message(
+            text = make_message(
                 "tool {tool} of {program} is none of {project}: its tip is taken as the program writes it, and no "
                 "measured tip counts there",
                 tool=name,
                 program=program.name,
                 project=cell.file_name,
             )
+            line = int(program.positions.lines[row])
+            yield PointFinding(line, name, "TOOL", 0.0, math.nan, math.nan, text)
 
 
 def _written_pose(project: Project, program: ProgramFile, name: str | None, *, at_home: bool) -> Array | None:

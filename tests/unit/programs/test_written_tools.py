@@ -24,6 +24,7 @@ from cellcal.service.engineering.programs.compensate import compensation_transfe
 from cellcal.service.engineering.programs.files import find_programs
 from cellcal.service.engineering.programs.project import Project, read_project
 from cellcal.service.engineering.programs.result import ProgramResult
+from cellcal.service.exit_codes import ExitCode
 from tests.programs.external.hand_geometry import Array, apart, pose
 from tests.programs.external.test_clones_and_compensation import POINTS, write_parameters
 from tests.programs.test_universal_robots_urp import _urp_bytes, _waypoint_xml
@@ -96,7 +97,7 @@ def test_the_measured_tip_of_a_written_tool_counts(tmp_path: Path, setting: str,
     result = correct_programs(project, read_script(setting, before))
 
     assert_told(result, 1, np.linalg.inv(real_tip(0.8)) @ ENTERED)
-    assert not any("measured" in warning for warning in result.warnings)
+    assert not result.findings
 
 
 def test_the_controller_computes_with_a_tool_as_the_program_rounds_it(tmp_path: Path) -> None:
@@ -123,7 +124,8 @@ def test_a_written_tool_that_the_project_does_not_have_is_said(tmp_path: Path) -
     result = correct_programs(write_cell(tmp_path, "ur10e", [("gripper", 150.1, 0.8)]), read_script(LITERAL))
 
     assert result.status[1] == "unchanged"
-    assert any("no measured tip counts there" in warning for warning in result.warnings)
+    assert any("no measured tip counts there" in one.text for one in result.findings)
+    assert result.exit_code is ExitCode.REFUSED
 
 
 @pytest.mark.parametrize(
@@ -169,7 +171,7 @@ def test_a_clone_has_its_own_measured_tip_of_the_written_tool(
         pose((0.005, 0, 0)) @ before @ np.linalg.inv(ENTERED) @ real_tip(0.8) @ np.linalg.inv(clone_tip)
     )
     assert apart(expected @ ENTERED, after)[0] < 1e-3
-    assert any("no measured tip" in warning for warning in result.warnings) == (clone_tip is ENTERED)
+    assert any("no measured tip" in one.text for one in result.findings) == (clone_tip is ENTERED)
 
 
 @pytest.mark.parametrize(("length", "status"), [(150.0, "changed"), (151.0, "left")])
@@ -215,7 +217,7 @@ def test_the_measured_tip_of_a_tool_that_krl_writes_out_counts(tmp_path: Path) -
     result = correct_programs(project, krl("A", GRIP, POINT))
 
     assert_told(result, 0, np.linalg.inv(real_tip(0.8)) @ ENTERED)
-    assert not any("measured" in warning for warning in result.warnings)
+    assert not result.findings
 
 
 def test_each_routine_has_the_tool_that_it_writes_out_and_not_what_holds_where_none_is_said(
@@ -257,9 +259,7 @@ def test_a_tool_of_another_file_that_the_project_does_not_have_is_said(tmp_path:
     result = correct_programs(project, read_together(tmp_path / "in", files)["A"])
 
     assert result.status[0] == "unchanged"
-    assert any(
-        f"tool 3 of A is none of {tmp_path.name}/project.toml" in warning for warning in result.warnings
-    )
+    assert any(f"tool 3 of A is none of {tmp_path.name}/project.toml" in one.text for one in result.findings)
 
 
 def test_a_name_in_another_case_is_the_projects_tool(tmp_path: Path) -> None:
@@ -272,7 +272,7 @@ def test_a_name_in_another_case_is_the_projects_tool(tmp_path: Path) -> None:
     result = correct_programs(project, brand_named("abb").read("A.mod", text.encode()))
 
     assert_told(result, 0, np.linalg.inv(real_tip(0.8)) @ ENTERED)
-    assert not any("measured" in warning for warning in result.warnings)
+    assert not result.findings
 
 
 def test_a_tip_that_was_measured_without_a_turn_has_that_of_the_entered_tool(tmp_path: Path) -> None:
