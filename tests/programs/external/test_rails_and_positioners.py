@@ -44,10 +44,12 @@ def expected_tips(cell: HandCell, points: list[WrittenPoint], change: Array) -> 
     return found
 
 
-def assert_moved(cell: HandCell, result: ProgramResult, before: list[WrittenPoint]) -> None:
+def assert_moved(
+    cell: HandCell, result: ProgramResult, before: list[WrittenPoint], exit_code: ExitCode = ExitCode.PASS
+) -> None:
     after = moved_points(result, cell.spelling)
     assert not result.excluded_points
-    assert result.findings or result.exit_code is ExitCode.PASS
+    assert result.exit_code is exit_code
     assert len(after) == len(before)
     for old, new, tip in zip(before, after, expected_tips(cell, before, CHANGE), strict=True):
         assert new.axes == old.axes
@@ -152,10 +154,9 @@ def test_a_led_motion_goes_along_where_the_project_states_the_leader(tmp_path: P
     cell = HandCell(spelling, (table(spelling, coordinated=False),))
     text = write_fanuc(cell.points([{spelling.table: 20.0 * k} for k in range(5)]), spelling.frame, "COORD")
     result = move(cell.project(tmp_path), spelling, text)
-    assert_moved(cell, result, spelling.read(text))
+    assert_moved(cell, result, spelling.read(text), ExitCode.REFUSED)
     assert [one.row for one in result.findings] == [0, 2, 4, 6, 8]  # of the robot, and not of the table
     assert all("(COORD)" in one.text for one in result.findings)
-    assert result.exit_code is ExitCode.REFUSED
     unstated = move(HandCell(spelling, ()).project(tmp_path / "other"), spelling, text)
     assert unstated.after.to_bytes() == text.encode()
     assert unstated.exit_code is ExitCode.REFUSED
