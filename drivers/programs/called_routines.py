@@ -1,7 +1,6 @@
 """Routines that a file calls by name, and whether the name says that they move no robot."""
 
 import re
-from bisect import bisect_left
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -43,17 +42,6 @@ _ASKS = frozenset(
 _NO_WORK_ALONE = frozenset(
     ["pos", "position", "positions", "path", "main", "process", "weg", "change", "appr"]
 )
-
-
-class LineNumbers:
-    """The lines of a text, found once: a large program has a hundred thousand calls."""
-
-    def __init__(self, text: str) -> None:
-        self._breaks = [found.start() for found in re.finditer("\n", text)]
-
-    def line_at(self, place: int) -> int:
-        """Return the line of a place, from 1."""
-        return bisect_left(self._breaks, place) + 1
 
 
 class CalledRoutine(NamedTuple):

@@ -1,7 +1,6 @@
 """Text of a program with the places of its numbers: new numbers go in, every other byte stays."""
 
 import re
-from bisect import bisect_left
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -13,6 +12,7 @@ from numpy.typing import NDArray
 
 from cellcal.calibration.message import make_message
 from cellcal.drivers.programs.errors import ProgramFileError
+from cellcal.drivers.programs.line_numbers import LineNumbers
 from cellcal.drivers.programs.numbers import NumberFormat
 from cellcal.drivers.programs.positions import PositionChange, Positions
 
@@ -37,22 +37,18 @@ class ProgramText:
         self.text = data.decode("latin-1")
 
     @cached_property
-    def _line_breaks(self) -> NDArray[np.int64]:
-        return np.flatnonzero(np.frombuffer(self.data, dtype=np.uint8) == 10)
-
-    def lines_of(self, places: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Return the lines, from 1, of places in the text."""
-        return np.searchsorted(self._line_breaks, places) + 1
+    def lines(self) -> LineNumbers:
+        """The lines of the text."""
+        return LineNumbers(self.text)
 
     def line_of(self, place: int) -> int:
         """Return the line, from 1, of a place in the text."""
-        return bisect_left(self._line_breaks, place) + 1
+        return self.lines.line_of(place)
 
     def error_at(self, place: int, message: str, *, remedy: str = "") -> ProgramFileError:
         """Return an error that says where in the file."""
-        line = self.line_of(place)
-        start = int(self._line_breaks[line - 2]) + 1 if line > 1 else 0
-        return ProgramFileError(self.name, message, line=line, column=place - start + 1, remedy=remedy)
+        line, column = self.line_of(place), self.lines.column_of(place)
+        return ProgramFileError(self.name, message, line=line, column=column, remedy=remedy)
 
     def parse_number(self, place: int, text: str) -> float:
         """Return a number's value.

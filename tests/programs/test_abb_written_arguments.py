@@ -130,7 +130,7 @@ IN_PROJECT = "[frames.wBox]\nposition_mm = [{}, 0, 300]\n"
     [
         "MoveL p10,v100,fine,tLoc\\WObj:=wBox;",
         "Pick p10;",
-        "NutL p10,v100,tLoc\\WObj:=wBox;",
+        "StudL p10,v100,tLoc\\WObj:=wBox;",
         "Give p10,wBox;",
     ],
 )
@@ -172,7 +172,7 @@ def test_a_work_object_of_the_moving_module_is_the_one_that_it_declares(
 
 @pytest.mark.parametrize("elsewhere", [False, True])
 @pytest.mark.parametrize(
-    "statement", ["NutL p10,v100,gun1,tool1\\WObj:={};", "j1:=CalcJointT(p10,tool1\\WObj:={});"]
+    "statement", ["StudL p10,v100,gun1,tool1\\WObj:={};", "j1:=CalcJointT(p10,tool1\\WObj:={});"]
 )
 @pytest.mark.parametrize(("frame", "status"), [("wobj2", "left"), ("wobj1", "changed")])
 def test_an_instruction_that_is_not_known_names_its_work_object(
@@ -197,8 +197,8 @@ GUN = "PERS tooldata tGun:=[TRUE,[[0,0,300],[1,0,0,0]],[1,[0,0,10],[1,0,0,0],0,0
         ("PlaceIt p20,p10\\WObj:=wobj1;", "", "changed"),
         ("Grip p10,50\\WObj:=wobj2;", "", "left"),
         ("PlaceIt p10\\WObj:=wobj2,tool1;", "", "left"),
-        ("NutL p10,v100,tGun\\WObj:=wobj1;", GUN, "left"),
-        ("NutL p10,v100,tGun\\WObj:=wobj2;", "", "left"),
+        ("StudL p10,v100,tGun\\WObj:=wobj1;", GUN, "left"),
+        ("StudL p10,v100,tGun\\WObj:=wobj2;", "", "left"),
     ],
 )
 def test_only_a_tool_before_the_work_object_of_a_call_is_one(
@@ -213,11 +213,11 @@ def test_only_a_tool_before_the_work_object_of_a_call_is_one(
 @pytest.mark.parametrize(
     ("parameters", "call", "status"),
     [
-        ("PERS tooldata t", "NutL pOwn,v100,t\\WObj:=wobj1;", "left"),
+        ("PERS tooldata t", "StudL pOwn,v100,t\\WObj:=wobj1;", "left"),
         ("num h", "Grip pOwn,h\\WObj:=wobj1;", "changed"),
         ("PERS wobjdata w", "Grip pOwn,50\\WObj:=w;", "left"),
-        ("", "NutL pOwn,v100,tGun\\WObj:=wobj1;", "left"),
-        ("", "NutL pOwn,v100,nGun\\WObj:=wobj1;", "changed"),
+        ("", "StudL pOwn,v100,tGun\\WObj:=wobj1;", "left"),
+        ("", "StudL pOwn,v100,nGun\\WObj:=wobj1;", "changed"),
     ],
 )
 def test_a_call_in_a_routine_may_name_its_parameters(

@@ -169,7 +169,7 @@ class RapidPositions:
     ) -> Positions:
         """Return the columns in the order of the file; barred rows and shifts are counted as they were read."""
         reasons = {**self.fixed, **barred}
-        lines = self.source.lines_of(np.array(self.starts, dtype=np.int64)[order])
+        lines = self.source.lines.lines_of(np.array(self.starts, dtype=np.int64)[order])
         kinds = _take_rows(self.kinds, order)
         values = np.array(self.values).reshape(-1, 7)[order]
         external = np.array(self.external).reshape(-1, 6)[order] * 1e-3

@@ -4,7 +4,8 @@ import re
 
 from cellcal.drivers.abb.program_files.displacements import WORDS
 from cellcal.drivers.abb.program_files.instructions import MOVES
-from cellcal.drivers.programs.called_routines import CalledRoutine, LineNumbers, RoutineNames, function_moves
+from cellcal.drivers.programs.called_routines import CalledRoutine, RoutineNames, function_moves
+from cellcal.drivers.programs.line_numbers import LineNumbers
 
 _HIDDEN = re.compile(r'![^\n]*|"(?:[^"\n]|"")*"')
 _LATE = re.compile(r'^(?:[^\n";]*;)*+[ \t]*%[ \t]*("(?:[^"\n]|"")*")?([^%;\n]*)%(?=[^%;\n]*;)', re.MULTILINE)
@@ -75,7 +76,7 @@ def called_procedures(data: bytes) -> tuple[CalledRoutine, ...]:
     source = data.decode("latin-1")
     lines = LineNumbers(source)
     late = [
-        CalledRoutine(lines.line_at(each.end()), f"%{each[1] or ''}{each[2]}%", _late_pattern(each))
+        CalledRoutine(lines.line_of(each.end()), f"%{each[1] or ''}{each[2]}%", _late_pattern(each))
         for each in _LATE.finditer(_without_comments(source))
     ]
     text = _HIDDEN.sub(_blank, source)

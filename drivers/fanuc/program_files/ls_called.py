@@ -4,7 +4,8 @@ import re
 
 from cellcal.drivers.fanuc.program_files.ls_remarks import statements_of
 from cellcal.drivers.fanuc.program_files.ls_statements import macro_of, read_statements
-from cellcal.drivers.programs.called_routines import CalledRoutine, LineNumbers, RoutineNames, tells_of_motion
+from cellcal.drivers.programs.called_routines import CalledRoutine, RoutineNames, tells_of_motion
+from cellcal.drivers.programs.line_numbers import LineNumbers
 
 _CALLED = re.compile(
     r"(?<![A-Za-z_])(?:CALL|AUFRUF|RUN)[ \t]++(?:([A-Za-z_][\w\-]*+)(?!\[)|(S?R\[[^\];]*+\]))", re.I
@@ -19,7 +20,7 @@ def called_programs(data: bytes) -> tuple[CalledRoutine, ...]:
     lines = LineNumbers(text)
     found = [
         CalledRoutine(
-            line + lines.line_at(each.start()) - 1,
+            line + lines.line_of(each.start()) - 1,
             each[1] or each[2],
             "" if each[1] else "*",
         )

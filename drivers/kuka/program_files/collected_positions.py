@@ -227,7 +227,7 @@ class KrlPositions:
     ) -> Positions:
         """Return the columns of some rows."""
         reasons = {**self.barred, **self.fixed}
-        lines = self.source.lines_of(written.starts)
+        lines = self.source.lines.lines_of(written.starts)
         kinds = tuple(np.array(self.kinds, dtype=object)[keep])
         main = written.values
         external = np.array(self.external).reshape(-1, 6)[keep] * 1e-3

@@ -2,8 +2,9 @@
 
 import re
 
-from cellcal.drivers.programs.called_routines import CalledRoutine, LineNumbers, RoutineNames, function_moves
+from cellcal.drivers.programs.called_routines import CalledRoutine, RoutineNames, function_moves
 from cellcal.drivers.programs.errors import ProgramFileError
+from cellcal.drivers.programs.line_numbers import LineNumbers
 from cellcal.drivers.universal_robots.program_files.script_calls import MOVES, NUMBER_TAKERS
 from cellcal.drivers.universal_robots.program_files.urp_archive import unpack_file
 
@@ -36,7 +37,7 @@ def called_functions(data: bytes) -> tuple[CalledRoutine, ...]:
     stated = {each.start(1): each[1] for each in _STATEMENT.finditer(text)}
     used = {each.start(1): each[1] for each in _IN_EXPRESSION.finditer(text) if function_moves(each[1])}
     return tuple(
-        CalledRoutine(lines.line_at(start), name)
+        CalledRoutine(lines.line_of(start), name)
         for start, name in sorted({**used, **stated}.items())
         if name not in MOVES and name not in NUMBER_TAKERS and name not in _WORDS
         and not name.startswith(_PREFIXES)

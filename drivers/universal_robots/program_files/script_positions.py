@@ -13,9 +13,7 @@ from collections.abc import Iterator
 from functools import cached_property
 from typing import NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
+from cellcal.drivers.programs.line_numbers import LineNumbers
 from cellcal.drivers.programs.positions import NO_NUMBER
 from cellcal.drivers.universal_robots.program_files.script_arguments import PassedArguments
 from cellcal.drivers.universal_robots.program_files.script_calls import NUMBER_TAKERS
@@ -71,10 +69,10 @@ class ScriptPlace(NamedTuple):
 class PositionFinder:
     """Sorts the literals of a program."""
 
-    def __init__(self, found: ScriptStatements, lines: NDArray[np.intp], text: str) -> None:
+    def __init__(self, found: ScriptStatements, text: str) -> None:
         self.moves_to = settle_assigned_frames(found, text)  # literals that another name stands for in moves
         self.found = found
-        self.lines = lines  # offsets of line feeds
+        self.lines = LineNumbers(text)
         self.functions = frozenset(_FUNCTION.findall(text))  # of the script itself
         self.parameters = {word for one in _PARAMETERS.finditer(text) for word in re.findall(r"\w+", one[1])}
         self.in_parts = frozenset(one.name for one in found.elements)
@@ -118,7 +116,7 @@ class PositionFinder:
 
     def line_of(self, offset: int) -> int:
         """Return the line of an offset, from 1."""
-        return int(np.searchsorted(self.lines, offset)) + 1
+        return self.lines.line_of(offset)
 
     def list_places(self) -> list[ScriptPlace]:
         """Return the recorded positions in the order in which the text goes to them."""

@@ -71,7 +71,7 @@ class ScriptProgram:
     def from_text(cls, file: str, text: str) -> Self:
         """Read a text with a character a byte; errors as `read_script`."""
         source = ScriptText(file, text)
-        finder = PositionFinder(source.read_statements(), _line_feeds(text), text)
+        finder = PositionFinder(source.read_statements(), text)
         places = finder.list_places()
         pose = numbers_of(source, [place.pose for place in places])
         joints = numbers_of(source, [place.joints for place in places])
@@ -231,12 +231,11 @@ def _position_columns(
     """Return the columns of `Positions` but for the poses and the joints."""
     starts = [place.start_offset for place in places]
     count = len(places)
-    lines = np.searchsorted(np.array(finder.lines), np.array(starts, dtype=np.int64), side="left") + 1
     steps = _number_steps(source.text, places)
     return {
         "names": tuple(place.name for place in places),
         "kinds": tuple(_kind_of(place) for place in places),
-        "lines": lines.astype(np.int64),
+        "lines": finder.lines.lines_of(np.array(starts, dtype=np.int64)),
         "groups": np.ones(count, dtype=np.int64),
         "external": np.empty((count, 0)),
         "user_frames": tuple(place.frame for place in places),
@@ -280,10 +279,6 @@ def _number_steps(text: str, places: Sequence[ScriptPlace]) -> Array:
             found = kept_steps([without_comments(text[each.start : each.end]) for each in literals if each])
             steps[rows] = np.maximum(steps[rows], found)
     return np.where(steps > 0.0, steps, DOUBLE_STEP)  # what is no number has no decimals
-
-
-def _line_feeds(text: str) -> NDArray[np.intp]:
-    return np.flatnonzero(np.frombuffer(text.encode("latin-1"), dtype=np.uint8) == 10)
 
 
 def _poses_or_nan(six: Array) -> Array:

@@ -10,12 +10,11 @@ from typing import NamedTuple
 from xml.etree.ElementTree import Element as TreeElement
 from xml.etree.ElementTree import ParseError
 
-import numpy as np
-
 from cellcal.calibration.documents import DocumentError
 from cellcal.calibration.documents.xml_text import parse_xml
 from cellcal.calibration.message import make_message
 from cellcal.drivers.programs.errors import ProgramFileError
+from cellcal.drivers.programs.line_numbers import LineNumbers
 
 _MARK = re.compile(
     r"""<!--.*?-->|<!\[CDATA\[.*?\]\]>|<\?.*?\?>
@@ -46,7 +45,7 @@ class XmlText:
         self.file = file
         self.text = xml.decode("latin-1")
         tree = _parse_tree(file, xml)
-        self._breaks = np.flatnonzero(np.frombuffer(xml, dtype=np.uint8) == 10)
+        self._lines = LineNumbers(self.text)
         self.elements = list(self._read_elements())
         self.children: list[list[int]] = [[] for _ in self.elements]
         for i, element in enumerate(self.elements):
@@ -57,13 +56,12 @@ class XmlText:
 
     def line_of(self, offset: int) -> int:
         """Return the line of an offset, from 1."""
-        return int(np.searchsorted(self._breaks, offset)) + 1
+        return self._lines.line_of(offset)
 
     def error_at(self, offset: int, what: str, remedy: str = _CURE) -> ProgramFileError:
         """Return the error for something at an offset of the XML."""
-        line = self.line_of(offset)
-        before = int(self._breaks[line - 2]) if line > 1 else -1
-        return ProgramFileError(self.file, what, line=line, column=offset - before, remedy=remedy)
+        line, column = self.line_of(offset), self._lines.column_of(offset)
+        return ProgramFileError(self.file, what, line=line, column=column, remedy=remedy)
 
     def attribute_value(self, element: int, name: str, default: str = "") -> str:
         """Return an attribute as a person reads it."""

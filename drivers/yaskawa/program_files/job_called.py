@@ -2,7 +2,8 @@
 
 import re
 
-from cellcal.drivers.programs.called_routines import CalledRoutine, LineNumbers, RoutineNames
+from cellcal.drivers.programs.called_routines import CalledRoutine, RoutineNames
+from cellcal.drivers.programs.line_numbers import LineNumbers
 from cellcal.drivers.yaskawa.program_files.job_capitals import in_capitals
 
 _COMPUTED = re.compile(  # which job, a signal or a variable tells
@@ -16,8 +17,8 @@ def called_jobs(data: bytes) -> tuple[CalledRoutine, ...]:
     """Return the calls of all jobs of a file."""
     text = in_capitals(data.decode("latin-1"))
     lines = LineNumbers(text)
-    found = [CalledRoutine(lines.line_at(each.start(1)), each[1]) for each in _CALLED.finditer(text)]
-    computed = (CalledRoutine(lines.line_at(each.end()), each[1], "*") for each in _COMPUTED.finditer(text))
+    found = [CalledRoutine(lines.line_of(each.start(1)), each[1]) for each in _CALLED.finditer(text)]
+    computed = (CalledRoutine(lines.line_of(each.end()), each[1], "*") for each in _COMPUTED.finditer(text))
     return tuple(sorted((*found, *computed)))
 
 
