@@ -3,7 +3,8 @@
 from collections.abc import Callable
 from dataclasses import replace
 
-from cellcal.drivers.errors import DeviceError
+from cellcal.drivers.errors import DeviceError, WireProtocolError
+from cellcal.drivers.supervision import SUPERVISOR
 from cellcal.procedures.cell import Cell
 from cellcal.service.configuration.cell_file import CellConfig
 from cellcal.service.session_documents import LossDocument
@@ -46,6 +47,9 @@ class LossWatch:
         try:
             await watch.look_once()
             await self.clear_mended_loss(cell.robot.name)
+        except WireProtocolError as error:  # readings that contradict each other: no session shows that otherwise
+            SUPERVISOR.note_failure(f"watch of {cell.robot.name}", error, running=True)
+            return None
         except DeviceError:
             return None
         return self._allowed
