@@ -182,7 +182,9 @@ class EmsconLink:
             ) from error
         self._writer = writer
         self._listener = start_link_task(
-            f"answers of {self.device}", partial(self._read_packets, reader, writer), self._drop_broken
+            make_message("answers of {device}", device=self.device),
+            partial(self._read_packets, reader, writer),
+            self._drop_broken,
         )
 
     async def _exchange_packets(self, number: TrackerCommand, parameters: bytes) -> tuple[int, bytes]:

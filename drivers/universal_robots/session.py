@@ -69,7 +69,9 @@ class MotionSession:
             await child.close()
             raise
         session = cls(child, options, link_stands)
-        session._keeper = start_link_task(f"control of {device}", session._keep_alive, session._end_broken)
+        session._keeper = start_link_task(
+            make_message("control of {device}", device=device), session._keep_alive, session._end_broken
+        )
         return session
 
     @property

@@ -93,7 +93,7 @@ class CanSession:
         self._node = self._network.add_node(canopen.RemoteNode(self._id, nothing_known))
         self._node.sdo.RESPONSE_TIMEOUT = self._answer_s
         self._reader = start_link_thread(
-            f"CAN receiver of {self.device}", self._read_frames, self._end_broken
+            make_message("CAN receiver of {device}", device=self.device), self._read_frames, self._end_broken
         )
 
     def close(self) -> None:

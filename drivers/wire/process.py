@@ -141,9 +141,13 @@ class ChildProcess:
         reader, self._writer = await asyncio.open_connection(sock=ours)
         self._tasks = (
             start_link_task(
-                f"answers of {self.device}", partial(self._read_answers, reader), self._end_broken
+                make_message("answers of {device}", device=self.device),
+                partial(self._read_answers, reader),
+                self._end_broken,
             ),
-            start_link_task(f"prints of {self.device}", self._collect_output, self._end_broken),
+            start_link_task(
+                make_message("prints of {device}", device=self.device), self._collect_output, self._end_broken
+            ),
         )
 
     async def _read_answers(self, reader: asyncio.StreamReader) -> None:

@@ -10,6 +10,7 @@ from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
 from typing import Any
 
+from cellcal.calibration.message import make_message
 from cellcal.drivers.errors import DeviceError, RefusedError
 from cellcal.drivers.interfaces import (
     Condition,
@@ -127,7 +128,7 @@ class LivePoller:
     def _finish_poll(self, role: str, task: asyncio.Task[None]) -> None:
         """Name what a look at an instrument raised, at that instrument alone: the run and the others go on."""
         shown = next(shown for shown in self.others if shown.role == role)
-        with log_failures(f"look at {shown.name}"):
+        with log_failures(make_message("look at {device}", device=shown.name)):
             try:
                 task.result()
             except Exception as error:

@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from dataclasses import replace
 
+from cellcal.calibration.message import make_message
 from cellcal.drivers.errors import DeviceError, WireProtocolError
 from cellcal.drivers.supervision import SUPERVISOR
 from cellcal.procedures.cell import Cell
@@ -47,8 +48,12 @@ class LossWatch:
         try:
             await watch.look_once()
             await self.clear_mended_loss(cell.robot.name)
-        except WireProtocolError as error:  # readings that contradict each other: no session shows that otherwise
-            SUPERVISOR.note_failure(f"watch of {cell.robot.name}", error, running=True)
+        except (
+            WireProtocolError
+        ) as error:  # readings that contradict each other: no session shows that otherwise
+            SUPERVISOR.note_failure(
+                make_message("watch of {robot}", robot=cell.robot.name), error, running=True
+            )
             return None
         except DeviceError:
             return None

@@ -10,6 +10,7 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any
 
+from cellcal.calibration.message import make_message
 from cellcal.drivers.errors import DeviceError
 from cellcal.drivers.interfaces import Condition, Robot
 from cellcal.drivers.supervision import start_task
@@ -45,7 +46,7 @@ class UnselectedRobots:
             if entry.name != selected and entry.name not in self._tasks:
                 self._shown[entry.name] = DeviceStatus(ROLE, entry.name, live=False)
                 self._tasks[entry.name] = start_task(
-                    f"watch of {entry.name}", partial(self._follow_entry, entry)
+                    make_message("watch of {robot}", robot=entry.name), partial(self._follow_entry, entry)
                 )
 
     async def stop_following(self) -> None:

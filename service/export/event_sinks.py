@@ -3,6 +3,7 @@
 import asyncio
 from pathlib import Path
 
+from cellcal.calibration.message import make_message
 from cellcal.drivers.supervision import log_failures
 from cellcal.service.configuration.cell_file import CellConfig
 from cellcal.service.export.cell_metrics import CellMetrics
@@ -27,7 +28,7 @@ class EventSinks:
         with log_failures("figures of the cell"):
             self.meter.on_event(kind, content)
         for feed in self._feeds:
-            with log_failures(f"words for {feed.title}"):
+            with log_failures(make_message("words for {receiver}", receiver=feed.title)):
                 feed.on_event(kind, content)
 
     def start_tasks(self) -> list[asyncio.Task[None]]:

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import orjson
 
+from cellcal.calibration.message import make_message
 from cellcal.calibration.message_table import with_messages
 from cellcal.drivers.supervision import start_task
 from cellcal.service.child_processes import ChildEndedError, StderrTail, end_child
@@ -26,7 +27,7 @@ class ForwardingProcess:
 
     def __init__(self, module: str, cell_file: Path) -> None:
         self.module, self._cell_file = module, cell_file
-        self.title = f"process {module}"
+        self.title = make_message("process {module}", module=module)
         self._process: asyncio.subprocess.Process | None = None
         self._session: bytes = b""
 
@@ -40,7 +41,7 @@ class ForwardingProcess:
     def start_tasks(self) -> list[asyncio.Task[None]]:
         """Begin to keep the process; it leaves when the tasks are cancelled."""
         return [
-            start_task(f"words for {self.title}", self._resend_session),
+            start_task(make_message("words for {receiver}", receiver=self.title), self._resend_session),
             start_task(self.title, self._run_once),
         ]
 

@@ -12,6 +12,7 @@ from zenoh.ext import (
     declare_advanced_publisher,
 )
 
+from cellcal.calibration.message import make_message
 from cellcal.drivers.supervision import SUPERVISOR
 from cellcal.service.site.answers import ASKABLE, CellAnswers, as_error
 from cellcal.service.site.keys import SiteError, StationKeys
@@ -124,7 +125,9 @@ class Station:
         except SiteError as error:
             query.reply_err(as_error(error))
         except Exception as error:  # noqa: BLE001  in zenoh's thread it would only be printed
-            SUPERVISOR.note_failure(f"answers to the site: {verb}", error, running=True)
+            SUPERVISOR.note_failure(
+                make_message("answers to the site: {verb}", verb=verb), error, running=True
+            )
             query.reply_err(as_error(SiteError(f"the cell cannot read its records: {error}.")))
 
     def _on_certificate_query(self, query: zenoh.Query) -> None:

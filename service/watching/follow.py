@@ -94,7 +94,7 @@ async def follow_robots(watches: RobotWatches, listener: RobotListener) -> None:
     async with asyncio.TaskGroup() as tasks:
         for entry in watches.config.robots:
             work = partial(follow_robot, watches, entry, listener)
-            tasks.create_task(supervise(f"watch of {entry.name}", work))
+            tasks.create_task(supervise(make_message("watch of {robot}", robot=entry.name), work))
 
 
 async def follow_robot(watches: RobotWatches, entry: Any, listener: RobotListener) -> None:

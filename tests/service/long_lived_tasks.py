@@ -37,15 +37,23 @@ def started_tasks() -> Iterator[tuple[str, str, str]]:
 
 def supervised_names() -> set[str]:
     """Return the names of all supervised tasks; "{}" where a name is filled in."""
-    found = set()
-    for path in source_files():
+    return set(_task_names(source_files(), SUPERVISED))
+
+
+def shown_task_names() -> set[str]:
+    """Return the names of tasks and works whose failures pages show; "{}" where a name is filled in."""
+    files = [file for file in source_files() if "fake_devices" not in file.parts]
+    return set(_task_names(files, SUPERVISED | {"log_failures", "note_failure"}))
+
+
+def _task_names(files: list[Path], calling: frozenset[str]) -> Iterator[str]:
+    for path in files:
         if path.relative_to(ROOT).as_posix() in SUPERVISION:
             continue
         constants = dict(named_texts(path))
         for _, call in calls_in(path):
-            if called_name(call) in SUPERVISED and call.args:
-                found.add(name_template(call.args[0], constants))
-    return found
+            if called_name(call) in calling and call.args:
+                yield name_template(call.args[0], constants)
 
 
 def source_files() -> list[Path]:
@@ -79,6 +87,8 @@ def named_texts(path: Path) -> Iterator[tuple[str, str]]:
 def name_template(name: ast.expr, constants: dict[str, str]) -> str:
     if isinstance(name, ast.Constant):
         return str(name.value)
+    if isinstance(name, ast.Call) and called_name(name) == "make_message":
+        return re.sub(r"\{\w+\}", "{}", name_template(name.args[0], constants))
     if isinstance(name, ast.JoinedStr):
         return "".join(str(part.value) if isinstance(part, ast.Constant) else "{}" for part in name.values)
     if isinstance(name, ast.Name) and name.id in constants:

@@ -5,6 +5,7 @@ import contextlib
 import json
 import logging
 import os
+import re
 import signal
 import threading
 from collections.abc import Callable
@@ -42,6 +43,7 @@ from tests.service.long_lived_tasks import (
     raise_in,
     raise_in_task,
     running_like,
+    shown_task_names,
     started_tasks,
     supervised_names,
 )
@@ -116,6 +118,17 @@ def test_whatever_goes_on_beside_its_caller_is_supervised_or_awaited() -> None:
 
 def test_every_supervised_task_is_made_to_raise_here() -> None:
     assert supervised_names() - TRIED == set(), "add it to a test below, and to TRIED"
+
+
+@pytest.mark.parametrize("locale", ["de", "es", "zh"])
+def test_names_of_tasks_are_shown_in_the_language_of_the_page(locale: str) -> None:
+    words = json.loads(
+        (Path(__file__).parents[2] / f"web/src/locales/refusals/{locale}.json").read_text(encoding="utf-8")
+    )
+    translated = {re.sub(r"\{\w+\}", "{}", key) for key in words}
+    names = shown_task_names()
+    assert len(names) > 30
+    assert names - translated - {"{}"} == set()
 
 
 async def failed_and_back(name: str, healthy: Callable[[], object] = lambda: True) -> None:

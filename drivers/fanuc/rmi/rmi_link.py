@@ -93,7 +93,9 @@ class RmiLink:
             self._due.clear()
             self.connections += 1
             self._reading = start_link_task(
-                f"answers of {self.device}", partial(self._read_packets, reader), self._end_broken
+                make_message("answers of {device}", device=self.device),
+                partial(self._read_packets, reader),
+                self._end_broken,
             )
 
     async def close(self) -> None:
