@@ -9,6 +9,7 @@ import pytest
 from cellcal.drivers.errors import DeviceError, WireProtocolError
 from cellcal.drivers.kuka.variables.variable_link import VariableLink
 from cellcal.drivers.wire.modbus import ModbusLink
+from cellcal.fake_devices.listening_port import ListeningPort
 from tests.machine_speed import stretched_s
 
 PAGE = b"HTTP/1.1 400 Bad Request\r\nContent-Length: 0\r\n\r\n"
@@ -19,15 +20,13 @@ async def foreign_server(answer: bytes) -> AsyncIterator[int]:
     """Answer every request with the same octets, and stay connected."""
 
     async def serve(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        with suppress(asyncio.CancelledError, ConnectionError):  # the server ends with the test
+        with suppress(ConnectionError):
             while await reader.read(1000):
                 writer.write(answer)
                 await writer.drain()
-        writer.close()
 
-    server = await asyncio.start_server(serve, "127.0.0.1", 0)
-    async with server:
-        yield server.sockets[0].getsockname()[1]
+    async with ListeningPort("127.0.0.1", 0, serve) as port:
+        yield port.port
 
 
 @pytest.mark.parametrize("answer", [PAGE, b"\xff" * 16, b"\x00\x00\x00\x06\x00\x00\x00\x00\x00\x01"])
@@ -50,7 +49,7 @@ async def test_what_is_no_modbus_answer_is_not_called_silence_and_prints_nothing
     answer: bytes, words: str, caplog: pytest.LogCaptureFixture
 ) -> None:
     async with foreign_server(answer) as port:
-        link = ModbusLink("fanuc", "127.0.0.1", port, deadline_s=0.3)
+        link = ModbusLink("fanuc", "127.0.0.1", port, deadline_s=stretched_s(0.5))
         with pytest.raises(DeviceError, match=words):
             await link.read(1, 2)
         await link.close()
