@@ -125,7 +125,9 @@ class DescribedApi:
             yield from self.schema_faults(schema, name, f"{at}, its name")
 
     def _first_items(self, schemas: list[Any], value: Any, at: str, _: Any) -> Iterator[str]:
-        for k, (schema, each) in enumerate(zip(schemas, value, strict=False)):
+        for k, (schema, each) in enumerate(
+            zip(schemas, value if isinstance(value, list) else (), strict=False)
+        ):
             yield from self.schema_faults(schema, each, f"{at}[{k}]")
 
     def _check_items(self, schema: Any, value: Any, at: str, beside: Mapping[str, Any]) -> Iterator[str]:

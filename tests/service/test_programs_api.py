@@ -208,7 +208,7 @@ async def test_points_that_fail_are_named_and_left_and_a_bad_file_says_where_it_
     tmp_path: Path,
 ) -> None:
     source = SOURCES["DOOR_SPOTS.LS"]
-    bad = SOURCES["RACK_PICK.LS"].replace(b"X =   600.000  mm", b"X =   6o0.000  mm", 1)
+    bad = SOURCES["RACK_PICK.LS"].replace(b"X =   600.000  mm", b"X =   {00.000  mm", 1)
     files = uploaded_files({"DOOR_SPOTS.LS": source, "RACK_PICK.LS": bad, "NOTES.TXT": b"not a program"})
     files += uploaded_files({"door_spots.ls": source, "../../etc/cron.d/HEM.LS": SOURCES["HEM_SEAL.LS"]})
     far = {**STILL, "position_m": [0.82, 0.0, 0.0]}
@@ -226,10 +226,10 @@ async def test_points_that_fail_are_named_and_left_and_a_bad_file_says_where_it_
     assert all(point["after_m"] == point["before_m"] for point in left_points)
     refused = {one["file"]: one for one in preview["refused"]}
     assert refused.keys() == {"RACK_PICK.LS", "NOTES.TXT", "door_spots.ls"}
-    line = bad[: bad.index(b"6o0")].count(b"\n") + 1
+    line = bad[: bad.index(b"{00")].count(b"\n") + 1
     assert refused["RACK_PICK.LS"]["line"] == line
     assert refused["RACK_PICK.LS"]["column"] > 0
-    assert "6o0" in refused["RACK_PICK.LS"]["message"]
+    assert "{00" in refused["RACK_PICK.LS"]["message"]
     assert all(one["remedy"] for one in preview["refused"])
     assert {path.rpartition("/")[2] for path in new if "/programs/" in path} == {"DOOR_SPOTS.LS", "HEM.LS"}
     assert any("PR[1]" in note for note in preview["notes"])
