@@ -64,7 +64,7 @@ async def tablet_service(tmp_path_factory: pytest.TempPathFactory) -> AsyncItera
 def tablet_files(tmp_path: Path) -> list[Path]:
     """Programs on the tablet, one of them damaged."""
     bad = tmp_path / "RACK_PICK.LS"
-    bad.write_bytes((PROGRAMS / bad.name).read_bytes().replace(b"X =   600.000  mm", b"X =   6o0.000  mm", 1))
+    bad.write_bytes((PROGRAMS / bad.name).read_bytes().replace(b"X =   600.000  mm", b"X =   {00.000  mm", 1))
     good = shutil.copy(PROGRAMS / "DOOR_SPOTS.LS", tmp_path)
     return [Path(good), bad]
 
