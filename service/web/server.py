@@ -18,9 +18,8 @@ _BACKLOG = 2048
 _LONGEST_WORD = 4096  # bytes of what a screen may say, which is only whether its button is held
 _LOOK_S = 1.0
 _PAUSE_S = 0.05  # after an accept that failed where nothing could be given up
-_UNSENT = (
-    16 * 1024
-)  # bytes that wait in the system for a slow receiver: of megabytes, a page shows the oldest first
+# Bytes that wait in the system for a slow receiver: of megabytes, a page shows the oldest first.
+_UNSENT = 16 * 1024
 _HANDSHAKE_S = 5.0
 _HANDSHAKES = 64  # under way at once; the oldest gives way
 
@@ -126,7 +125,8 @@ class WebServer(uvicorn.Server):
             # Head and body are written one after the other: else the body waits 40 ms for the client to confirm the
             # head. The loop sets this itself only for sockets that were made with the protocol's number.
             arrived.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-            arrived.setsockopt(socket.IPPROTO_TCP, socket.TCP_NOTSENT_LOWAT, _UNSENT)
+            if hasattr(socket, "TCP_NOTSENT_LOWAT"):  # not every system has it
+                arrived.setsockopt(socket.IPPROTO_TCP, socket.TCP_NOTSENT_LOWAT, _UNSENT)
             await asyncio.get_running_loop().connect_accepted_socket(
                 self._make_protocol, arrived, ssl=tls, ssl_handshake_timeout=limit_s
             )
