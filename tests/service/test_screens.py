@@ -19,6 +19,7 @@ from cellcal.service.web import websocket_hub as rules
 from cellcal.service.web.app import create_app
 from cellcal.service.web.context import ServiceSettings
 from cellcal.service.web.websocket_hub import OpenScreen, OpenScreens
+from tests.machine_speed import stretched_s
 from tests.service.browser_pages import PATIENCE_S, serve_app, wait_for_value
 
 LIVE = 1_000_000  # bytes of a message, so that an unread link is full after a few
@@ -87,7 +88,7 @@ async def read_numbers(screen: ClientConnection, received: list[int]) -> None:
 async def test_a_screen_that_never_reads_is_dropped_and_the_others_go_on_hearing(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(rules, "SLOW_S", 0.5)
+    monkeypatch.setattr(rules, "SLOW_S", stretched_s(1.0))
     received: list[int] = []
     async with a_hall(tmp_path) as hall, hall.connect_screen() as screen:
         hearing = asyncio.create_task(read_numbers(screen, received))
