@@ -53,6 +53,7 @@ async def _drop_files(page: Page, place: str, files: dict[str, bytes]) -> None:
 
 
 async def _drop_file(page: Page, name: str, content: bytes) -> None:
+    await expect(page.get_by_test_id("drop")).to_be_visible()  # a page that is still to come takes nothing
     await _drop_files(page, "footer", {name: content})  # beside the marked place, as it happens
 
 
