@@ -26,6 +26,7 @@ from cellcal.calibration.identification.series_breaks import (
     find_small_excursion,
     fit_frames,
     mounting_of,
+    sort_breaks,
 )
 from cellcal.calibration.message import make_message
 
@@ -56,14 +57,10 @@ def choose_breaks(
 def _accept_small(trial: "_BreakTrial", fits: FrameFits) -> bool:
     """Take one more break, or two between which the device stood elsewhere, where the geometry shows it."""
     small = find_small_break(fits, trial.chosen)
-    if small is not None and trial.accept(_in_order(*trial.chosen, small)):
+    if small is not None and trial.accept(sort_breaks(*trial.chosen, small)):
         return True
     excursion = find_small_excursion(fits, trial.chosen)
-    return excursion is not None and trial.accept(_in_order(*trial.chosen, *excursion))
-
-
-def _in_order(*breaks: SeriesBreak) -> tuple[SeriesBreak, ...]:
-    return tuple(sorted(breaks, key=lambda found: found.row))
+    return excursion is not None and trial.accept(sort_breaks(*trial.chosen, *excursion))
 
 
 class _BreakTrial:

@@ -74,6 +74,13 @@ class FrameFits:
             self._fits[key] = fit_frames(self.model, self.observations, key)
         return self._fits[key]
 
+    def carry_geometry(self, breaks: Sequence[int]) -> bool:
+        """Return whether there are rows enough to fit the geometry with these breaks."""
+        count, kind = len(self.observations), self.observations.kind
+        unknowns = len(make_layout(self.model, kind, len(breaks) + 1, level=GEOMETRY))
+        readings = count * self.observations.channels
+        return count >= 4 * _SHORTEST and readings >= _READINGS_PER_UNKNOWN * unknowns
+
     def fit_geometry(self, breaks: Sequence[int]) -> tuple[ArmFit, Array, Array]:
         """Return a plain fit of the geometry with these breaks, its columns (p, m, N) and its residuals (m, N)."""
         key = tuple(sorted(breaks))
@@ -129,7 +136,12 @@ def candidate_breaks(
         if cut is None or cut.bic_gain <= 0:
             return
         breaks = _settle_breaks(fits, [*breaks, cut])
-        yield tuple(sorted(breaks, key=lambda found: found.row))
+        yield sort_breaks(*breaks)
+
+
+def sort_breaks(*breaks: SeriesBreak) -> tuple[SeriesBreak, ...]:
+    """Return breaks in the order of their rows."""
+    return tuple(sorted(breaks, key=lambda found: found.row))
 
 
 def find_small_break(fits: FrameFits, breaks: Sequence[SeriesBreak]) -> SeriesBreak | None:
@@ -138,20 +150,17 @@ def find_small_break(fits: FrameFits, breaks: Sequence[SeriesBreak]) -> SeriesBr
     The errors of an arm that was never calibrated are larger than a small move of the device, and hide it from
     `candidate_breaks`.
     """
-    rows, observations = [found.row for found in breaks], fits.observations
-    layout = make_layout(fits.model, observations.kind, len(rows) + 1, level=GEOMETRY)
-    readings = observations.channels * len(observations)
-    if len(observations) < 4 * _SHORTEST or readings < _READINGS_PER_UNKNOWN * len(layout):
+    rows = [found.row for found in breaks]
+    if not fits.carry_geometry(rows):
         return None
     try:
         linear = fits.fit_geometry(rows)
         cut = _best_cut_of(linear, rows, None)
     except DegenerateDataError:
         return None
-    if cut is None:
+    if cut is None or cut.bic_gain <= max(0.0, *(_drift_gain(linear, rows, cut, power) for power in (1, 2))):
         return None
-    drifts = [_drift_gain(linear, rows, cut, power) for power in (1, 2)]
-    return cut if cut.bic_gain > max(0.0, *drifts) else None
+    return cut
 
 
 def find_small_excursion(
@@ -161,17 +170,15 @@ def find_small_excursion(
 
     A move that is undone later gains little by either of its breaks alone, and `find_small_break` passes it.
     """
-    rows, observations = [found.row for found in breaks], fits.observations
-    layout = make_layout(fits.model, observations.kind, len(rows) + 1, level=GEOMETRY)
-    readings = observations.channels * len(observations)
-    if len(observations) < 4 * _SHORTEST or readings < _READINGS_PER_UNKNOWN * len(layout):
+    rows = [found.row for found in breaks]
+    if not fits.carry_geometry(rows):
         return None
     try:
         linear = fits.fit_geometry(rows)
     except DegenerateDataError:
         return None
     best: tuple[SeriesBreak, SeriesBreak] | None = None
-    for mounting, span in enumerate(pairwise(sorted([0, len(observations), *rows]))):
+    for mounting, span in enumerate(pairwise(sorted([0, len(fits.observations), *rows]))):
         found = _scan_windows(linear, mounting, span)
         if found is not None and (best is None or found[0].bic_gain > best[0].bic_gain):
             best = found
