@@ -176,11 +176,16 @@ class CellController:
                 poller = self._poller = LivePoller(
                     self._require_hold(cell), reads=self._note_instrument, clock=self._clock
                 )
-                self._cell, self._trouble, self._remedy = poller.cell, "", ""
-                self._advance_revision()
-                if self._runs.unfinished_robot == self._robot:
+                resumes = self._runs.unfinished_robot == self._robot
+                if resumes:
                     await self._watch.look_before_resuming(poller.cell, now_s=self._clock())
+                if self._leave.is_set():
+                    return  # another robot was selected meanwhile
+                # Not before the look: what a screen started meanwhile would take the place of the unfinished run
+                self._cell, self._trouble, self._remedy = poller.cell, "", ""
+                if resumes:
                     self._runs.resume_unfinished(poller.cell)
+                self._advance_revision()
                 try:
                     await self._poll_devices(poller)
                 finally:

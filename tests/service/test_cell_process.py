@@ -3,10 +3,14 @@
 import asyncio
 import time
 from pathlib import Path
+from typing import Any
 
 import pytest
 from pydantic import ValidationError
 
+from cellcal.drivers.wire.cancellation import cancel_until_done
+from cellcal.procedures.cell import Cell
+from cellcal.service.cell_process.loss_watch import LossWatch
 from cellcal.service.cell_process.run_in_progress import RunInProgress
 from cellcal.service.configuration.cell_file import read_cell_file
 from cellcal.service.record.healthy_counts import LastHealthyCounts
@@ -208,6 +212,36 @@ async def test_after_a_restart_in_mid_run_the_loss_is_on_the_screen_and_the_run_
             (shown,) = person.session["losses"]
             assert (shown["words"], shown["procedure"]) == (loss["words"], loss["procedure"])
             assert "a run had the robot when it was lost: who works there has to judge" in shown["reasons"]
+
+
+async def test_a_start_while_the_robot_is_looked_at_does_not_displace_the_unfinished_run(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    replies, person_of_look = list[dict[str, Any]](), list[ScreenSession]()
+    look_before = LossWatch.look_before_resuming
+
+    async def press_and_look(watch: LossWatch, cell: Cell, *, now_s: float) -> None:
+        screen = person_of_look[0]
+        replies.append(await screen.send_order({"op": "start", "procedure": "drift_check"}))
+        replies.append(await screen.send_order({"op": "select_robot", "robot": "ur"}))
+        await look_before(watch, cell, now_s=now_s)
+
+    async with a_cell(tmp_path) as (path, fake_client):
+        async with open_session_of(path, fake_client) as person:
+            await person.send_order(RECORD)
+            await person.wait_until(lambda session: session["prompt"])
+            run_id = person.session["run"]["id"]
+        monkeypatch.setattr(LossWatch, "look_before_resuming", press_and_look)
+        person = ScreenSession(path, fake_client)
+        person_of_look.append(person)
+        attending = asyncio.create_task(person.cell_process.stay_connected())
+        await person.wait_until(lambda session: len(replies) == 2 and session["connection"]["connected"])
+        assert (replies[0]["ok"], person.session["robot"], person.session["run"]) == (False, "ur", None)
+        assert "cannot be used" in replies[0]["message"]
+        monkeypatch.undo()
+        await person.send_order({"op": "select_robot", "robot": "fanuc"})
+        await person.wait_until(lambda session: session["run"] and session["run"]["id"] == run_id)
+        await cancel_until_done(attending, every_s=1.0)
 
 
 async def test_after_a_restart_the_robot_of_the_run_under_way_is_selected(tmp_path: Path) -> None:
