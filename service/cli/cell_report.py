@@ -2,11 +2,11 @@
 
 from typing import TYPE_CHECKING
 
+from cellcal.service.cli.display_units import DEGREES_PER_RADIAN, DISPLAY_UNITS
 from cellcal.service.cli.identify_report import (
     COLOURS,
     HEADING,
     MOST_ROWS_SHOWN,
-    SCALES,
     print_dh,
     print_offsets,
     print_unknown,
@@ -17,8 +17,6 @@ if TYPE_CHECKING:
 
     from cellcal.service.cli.printing import PlainTable
     from cellcal.service.engineering.identification.cell_identify import IdentifiedCellReport
-
-_MM, _DEG = 1e3, 57.29577951308232
 
 
 def print_cell_report(console: "Console", report: "IdentifiedCellReport") -> None:
@@ -73,9 +71,9 @@ def _print_series(console: "Console", report: "IdentifiedCellReport") -> None:
             series.name,
             series.kind,
             f"{series.rows - series.rejected} of {series.rows}",
-            f"{series.before.rmse_m * _MM:.3f}" if judged else "-",
-            f"{series.held_out.rmse_m * _MM:.3f}" if judged else "-",
-            f"{series.fit.rmse_m * _MM:.3f}",
+            f"{series.before.rmse_m * 1e3:.3f}" if judged else "-",
+            f"{series.held_out.rmse_m * 1e3:.3f}" if judged else "-",
+            f"{series.fit.rmse_m * 1e3:.3f}",
             scales,
         )
     console.print(table)
@@ -96,10 +94,10 @@ def _print_frames(console: "Console", report: "IdentifiedCellReport") -> None:
         table.add_row(
             frame.name,
             frame.seen_from,
-            " ".join(f"{value * _MM:.3f}" for value in frame.position_m),
-            " ".join(f"{value * _MM:.3f}" for value in frame.sigma[:3]),
+            " ".join(f"{value * 1e3:.3f}" for value in frame.position_m),
+            " ".join(f"{value * 1e3:.3f}" for value in frame.sigma[:3]),
             " ".join(f"{value:.5f}" for value in frame.quaternion) if turned else "(a point)",
-            " ".join(f"{value * _DEG:.4f}" for value in frame.sigma[3:]) if turned else "-",
+            " ".join(f"{value * DEGREES_PER_RADIAN:.4f}" for value in frame.sigma[3:]) if turned else "-",
         )
     console.print(table)
 
@@ -119,7 +117,7 @@ def _print_parameters(console: "Console", report: "IdentifiedCellReport") -> Non
 
 
 def _add_number_row(table: "PlainTable", name: str, numbers: tuple[float, float], kind: str) -> None:
-    unit, scale = SCALES[kind]
+    unit, scale = DISPLAY_UNITS[kind]
     table.add_row(name, f"{numbers[0] * scale:+.4f}", f"{numbers[1] * scale:.4f}", unit)
 
 
@@ -131,8 +129,8 @@ def _print_verdicts(console: "Console", report: "IdentifiedCellReport") -> None:
             found = series.verdict
             console.print(
                 f"[bold {COLOURS[found.verdict]}]{found.verdict.upper()}[/] held-out RMSE of "
-                f"{escape(series.name)} {found.value * _MM:.3f} mm (u {found.standard_uncertainty * _MM:.3f}), "
-                f"limit {found.limit * _MM:g} mm; {found.rule}."
+                f"{escape(series.name)} {found.value * 1e3:.3f} mm (u {found.standard_uncertainty * 1e3:.3f}), "
+                f"limit {found.limit * 1e3:g} mm; {found.rule}."
             )
     for arm in report.arms:
         if arm.offsets is not None:

@@ -4,6 +4,7 @@ from typing import TYPE_CHECKING
 
 from rich.markup import escape
 
+from cellcal.service.cli.display_units import DISPLAY_UNITS
 from cellcal.service.engineering.identification.identify_findings import (
     identified_rows,
     unknown_by_cure,
@@ -25,12 +26,6 @@ if TYPE_CHECKING:
     from cellcal.service.engineering.measured.usable_rows import RejectedRow
 
 MOST_ROWS_SHOWN = 12
-SCALES = {
-    "rad": ("deg", 57.29577951308232),
-    "m": ("mm", 1e3),
-    "rad/m": ("deg/m", 57.29577951308232),
-    "1": ("ppm", 1e6),
-}
 COLOURS = {"pass": "green", "fail": "red", "undecided": "yellow"}
 HEADING = "RMSE of groups held out, and whether it is surely smaller:"
 _ENDLESS = 1e6  # degrees of freedom: a number of them tells a reader nothing
@@ -154,7 +149,7 @@ def _print_parameters(console: "Console", report: "IdentifyReport") -> None:
     if shown:
         table = PlainTable("identified", "off nominal", "sigma", "unit")
         for name, value, sigma, kind in shown:
-            unit, scale = SCALES[kind]
+            unit, scale = DISPLAY_UNITS[kind]
             table.add_row(name, f"{value * scale:+.4f}", f"{sigma * scale:.4f}", unit)
         console.print(table)
     if ripple:
@@ -218,7 +213,7 @@ def _print_verdicts(console: "Console", report: "IdentifyReport") -> None:
 
 def print_offsets(console: "Console", accepted: "OffsetAcceptance", of: str = "") -> None:
     """Print the verdict about joint offsets, and what would help."""
-    deg = SCALES["rad"][1]
+    deg = DISPLAY_UNITS["rad"][1]
     console.print(
         f"[bold {COLOURS[accepted.verdict]}]{accepted.verdict.upper()}[/] {of}standard deviations of joint offsets, "
         f"limit {accepted.limit_rad * deg:g} deg; {accepted.rule}."
@@ -256,7 +251,7 @@ def print_dh(console: "Console", found: "HayatiTable | None", robot: str) -> Non
         return
     table = PlainTable(f"DH of {robot}", "nominal", "identified", "change", "sigma", "unit")
     for entry in found.entries:
-        unit, scale = SCALES[entry.unit]
+        unit, scale = DISPLAY_UNITS[entry.unit]
         change = entry.value - entry.nominal
         numbers = (entry.nominal * scale, entry.value * scale)
         table.add_row(

@@ -8,11 +8,18 @@ from cyclopts import App, Parameter
 
 from cellcal.calibration.documents.plain_files import read_plain_text
 from cellcal.calibration.message import make_message
+from cellcal.service.cli.display_units import DISPLAY_UNITS
 from cellcal.service.cli.model_argument import ModelArgument
+from cellcal.service.cli.parameter_output import (
+    change_to_json,
+    number_or_dash,
+    print_saved_set,
+    print_with_notes,
+    set_head_to_json,
+)
 
 if TYPE_CHECKING:
-    from cellcal.service.engineering.parameters.parameter_set import ParameterSet
-    from cellcal.service.engineering.parameters.parameter_sets import ParameterChange, ParameterSets
+    from cellcal.service.engineering.parameters.parameter_sets import ParameterSets
 
 parameters = App(name="parameters", help="Keep, compare, restore and exchange identified robot parameters.")
 
@@ -20,12 +27,6 @@ Folder = Annotated[Path, Parameter(name="--folder", help="Where the sets are kep
 Json = Annotated[bool, Parameter(name="--json", help="Print one JSON object on standard output.")]
 _HERE = Path("parameter_sets")
 _ASSUMED = "assumed: not determined"
-_SCALES = {
-    "rad": ("deg", 57.29577951308232),
-    "m": ("mm", 1e3),
-    "rad/m": ("deg/m", 57.29577951308232),
-    "1": ("ppm", 1e6),
-}
 
 
 @parameters.command(name="list")
@@ -49,7 +50,7 @@ def list_sets(robot_serial: str | None = None, /, *, folder: Folder = _HERE, as_
         else sets.load_history(robot_serial)
     )
     if as_json:
-        print_json({"parameter_sets": [_head_to_json(item) for item in found]})
+        print_json({"parameter_sets": [set_head_to_json(item) for item in found]})
         return 0
     table = PlainTable("robot", "version", "model", "made", "by", "from", "note")
     for item in found:
@@ -96,7 +97,7 @@ def show(
             }
             for v in item.values
         ]
-        print_json({**_head_to_json(item), "parameters": values})
+        print_json({**set_head_to_json(item), "parameters": values})
         return 0
     table = PlainTable(
         "parameter",
@@ -106,8 +107,8 @@ def show(
         title=f"{item.robot_serial}, version {item.version}",
     )
     for value in item.values:
-        unit, scale = _SCALES[value.unit]
-        u = _or_dash(value.standard_uncertainty, scale) if value.determined else _ASSUMED
+        unit, scale = DISPLAY_UNITS[value.unit]
+        u = number_or_dash(value.standard_uncertainty, scale) if value.determined else _ASSUMED
         table.add_row(value.name, f"{value.value * scale:+.5f}", u, unit)
     console = Console(highlight=False, emoji=False)
     console.print(table)
@@ -148,9 +149,9 @@ def diff(
     if as_json:
         print_json(
             {
-                "before": _head_to_json(old),
-                "after": _head_to_json(new),
-                "changes": [_change_to_json(c) for c in changes],
+                "before": set_head_to_json(old),
+                "after": set_head_to_json(new),
+                "changes": [change_to_json(c) for c in changes],
             }
         )
         return 0
@@ -163,8 +164,8 @@ def diff(
         title=f"{robot_serial}: version {old.version} to {new.version}",
     )  # fmt: skip
     for change in changes:
-        unit, scale = _SCALES[change.unit]
-        numbers = [_or_dash(v.value if v else None, scale) for v in (change.before, change.after)]
+        unit, scale = DISPLAY_UNITS[change.unit]
+        numbers = [number_or_dash(v.value if v else None, scale) for v in (change.before, change.after)]
         size = "-" if change.difference_in_sigmas is None else f"{change.difference_in_sigmas:.1f}"
         size = size if change.is_determined else _ASSUMED
         table.add_row(change.name, *numbers, f"{change.value_difference * scale:+.5f}", unit, size)
@@ -196,7 +197,7 @@ def keep(
     from cellcal.service.engineering.parameters.calibrated_runs import save_calibration
 
     saved = save_calibration(read_cell_file(cell), robot, _open_sets(folder), by, _utc_now())
-    return _print_saved(saved, (), as_json=as_json)
+    return print_saved_set(saved, (), as_json=as_json)
 
 
 @parameters.command
@@ -224,7 +225,7 @@ def rollback(
         Why.
     """
     saved = _open_sets(folder).roll_back(robot_serial, version, made_by=by, made_at=_utc_now(), note=note)
-    return _print_saved(saved, (), as_json=as_json)
+    return print_saved_set(saved, (), as_json=as_json)
 
 
 @parameters.command(name="import")
@@ -260,7 +261,7 @@ def import_parameters(  # noqa: PLR0913  # a command's options are its arguments
 
     _must_exist(file)
     found = import_file(_open_sets(folder), file, load_model(robot), SetOrigin(serial, by, _utc_now(), note))
-    return _print_saved(found.parameter_set, found.notes, as_json=as_json)
+    return print_saved_set(found.parameter_set, found.notes, as_json=as_json)
 
 
 @parameters.command
@@ -299,7 +300,6 @@ def export(  # noqa: PLR0913  # a command's options are its arguments
         Allow a URDF of a robot that couples joints, driven by geometric angles.
     """
     from cellcal.calibration.arm.kinematics import load_model
-    from cellcal.service.cli.printing import STDERR_CONSOLE
     from cellcal.service.engineering.parameters.parameter_files import (
         DescriptionTemplate,
         FileKind,
@@ -327,11 +327,7 @@ def export(  # noqa: PLR0913  # a command's options are its arguments
         raise ParameterSetError(
             make_message("{path} is there already.", path=to), remedy="Choose another name.", code="usage"
         ) from taken
-    STDERR_CONSOLE.print(
-        f"wrote {to}: {item.robot_serial} version {item.version}", markup=False, soft_wrap=True
-    )
-    for note in notes:
-        STDERR_CONSOLE.print(f"note: {note}", markup=False, soft_wrap=True)
+    print_with_notes(f"wrote {to}: {item.robot_serial} version {item.version}", notes)
     return 0
 
 
@@ -363,41 +359,3 @@ def _must_be_folder(path: Path) -> None:
             remedy="Name the folder with the sets: --folder FOLDER.",
             code="usage",
         )
-
-
-def _print_saved(saved: "ParameterSet", notes: tuple[str, ...], *, as_json: bool) -> int:
-    from cellcal.service.cli.printing import STDERR_CONSOLE, print_json
-
-    if as_json:
-        print_json({**_head_to_json(saved), "notes": list(notes)})
-        return 0
-    STDERR_CONSOLE.print(
-        f"robot {saved.robot_serial}: version {saved.version} saved", markup=False, soft_wrap=True
-    )
-    for note in notes:
-        STDERR_CONSOLE.print(f"note: {note}", markup=False, soft_wrap=True)
-    return 0
-
-
-def _head_to_json(item: "ParameterSet") -> dict[str, object]:
-    keys = (
-        "robot_serial", "version", "model", "made_at", "made_by", "source", "note",
-        "rolls_back_to", "factory_hash", "sha256",
-    )  # fmt: skip
-    return {key: getattr(item, key) for key in keys}
-
-
-def _change_to_json(change: "ParameterChange") -> dict[str, object]:
-    values = {
-        key: None if value is None else value.value
-        for key, value in (("before", change.before), ("after", change.after))
-    }
-    return {
-        "name": change.name, "unit": change.unit, **values,
-        "difference": change.value_difference, "deviations": change.difference_in_sigmas,
-        "determined": change.is_determined,
-    }  # fmt: skip
-
-
-def _or_dash(value: float | None, scale: float) -> str:
-    return "-" if value is None else f"{value * scale:.5f}"

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 from cyclopts import Parameter
 from rich.markup import escape
 
+from cellcal.service.cli.display_units import DEGREES_PER_RADIAN, DISPLAY_UNITS
 from cellcal.service.cli.model_argument import ModelArgument
 
 if TYPE_CHECKING:
@@ -15,7 +16,6 @@ if TYPE_CHECKING:
     from cellcal.calibration.poses.measurement_poses import DesignCriterion
     from cellcal.service.engineering.identification.pose_planning import PlanReport
 
-_DEG = 57.29577951308232
 _MOST_SHOWN = 40
 _UNKNOWN_M = 1.0
 
@@ -114,7 +114,7 @@ def poses(  # noqa: PLR0913  # a command's options are its arguments
     from cellcal.service.exit_codes import ExitCode
 
     acceptance = _build_acceptance(accept_tip_mm, accept_worst_tip_mm, accept_offset_deg, offsets)
-    instrument = DesignInstrument(kind, sigma_mm / 1e3, sigma_deg / _DEG, _to_metres(anchor_mm))
+    instrument = DesignInstrument(kind, sigma_mm / 1e3, sigma_deg / DEGREES_PER_RADIAN, _to_metres(anchor_mm))
     report = plan_poses(
         PlanRequest(
             robot=robot,
@@ -172,7 +172,7 @@ def _build_acceptance(
     return AcceptanceLimits(
         None if tip_mm is None else tip_mm / 1e3,
         None if worst_mm is None else worst_mm / 1e3,
-        None if offset_deg is None else offset_deg / _DEG,
+        None if offset_deg is None else offset_deg / DEGREES_PER_RADIAN,
         offsets,
     )
 
@@ -213,7 +213,6 @@ def _print_parameters(console: "Console", report: "PlanReport") -> None:
 
     prediction = report.prediction
     hidden = {item.parameter: item for item in report.not_identified}
-    scales = {"rad": ("deg", _DEG), "m": ("mm", 1e3), "rad/m": ("deg/m", _DEG), "1": ("ppm", 1e6)}
     table = PlainTable("parameter", "predicted sigma", "unit", "note")
     for name, unit, sigma in zip(prediction.parameters, prediction.units, prediction.sigma, strict=True):
         words = ""
@@ -223,7 +222,7 @@ def _print_parameters(console: "Console", report: "PlanReport") -> None:
                 if hidden[name].partner
                 else "not identified"
             )
-        shown, scale = scales[unit]
+        shown, scale = DISPLAY_UNITS[unit]
         table.add_row(name, f"{sigma * scale:.4f}", shown, words)
     console.print(table)
 

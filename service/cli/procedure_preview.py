@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Annotated
 from cyclopts import Parameter
 from rich.text import Text
 
+from cellcal.service.cli.display_units import DEGREES_PER_RADIAN
+
 if TYPE_CHECKING:
     from cellcal.procedures.catalogue_index import ProcedureEntry
     from cellcal.procedures.forecast import Forecast, Prediction
@@ -213,7 +215,7 @@ def _prediction_lines(prediction: "Prediction") -> list[str]:
 
 
 def _format_degrees(joints_rad: tuple[float, ...]) -> str:
-    return " ".join(f"{57.29577951308232 * q:8.2f}" for q in joints_rad)
+    return " ".join(f"{DEGREES_PER_RADIAN * q:8.2f}" for q in joints_rad)
 
 
 def _format_duration(seconds: float) -> str:

@@ -11,6 +11,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from cellcal.service.cli.display_units import DEGREES_PER_RADIAN
 from cellcal.service.cli.printing import STDERR_CONSOLE
 
 if TYPE_CHECKING:
@@ -356,7 +357,7 @@ def _format_mm(value_m: float) -> str:
 
 
 def _format_deg(value_rad: float) -> str:
-    return f"{value_rad * 57.29577951308232:.3f}" if value_rad == value_rad else "-"  # noqa: PLR0124
+    return f"{value_rad * DEGREES_PER_RADIAN:.3f}" if value_rad == value_rad else "-"  # noqa: PLR0124
 
 
 def _format_number(value: float | None) -> str:

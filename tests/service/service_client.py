@@ -19,7 +19,7 @@ from cellcal.service.demo.fake_cell import write_cell_file
 from cellcal.service.people.authentication import Authenticator
 from cellcal.service.people.pin_hashing import PinHasher, pepper_of
 from cellcal.service.people.roles import Role
-from cellcal.service.web import measurements, programs, residuals
+from cellcal.service.web import measurements, procedures, programs, residuals
 from cellcal.service.web.app import create_app
 from cellcal.service.web.context import ServiceSettings
 from tests.service.openapi_check import DescribedApi
@@ -149,10 +149,10 @@ async def open_service_client(
 
 @asynccontextmanager
 async def what_was_begun_ends(app: FastAPI) -> AsyncIterator[None]:
-    """End jobs and the solver as the service does, where its cell process is not started."""
+    """End jobs, the solver and the planner as the service does, where its cell process is not started."""
     async with AsyncExitStack() as stack:
-        for room in (programs, residuals, measurements):
-            await stack.enter_async_context(room.router.lifespan_context(app))
+        for module in (programs, procedures, residuals, measurements):
+            await stack.enter_async_context(module.router.lifespan_context(app))
         yield
 
 
