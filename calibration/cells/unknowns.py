@@ -5,7 +5,11 @@ import numpy as np
 from cellcal.calibration.cells.estimate import CellFit
 from cellcal.calibration.cells.state import CellFrames, CellState, FrameRoute, FrameSlot
 from cellcal.calibration.geometry import Array, adjoint_matrix, inverse_transform
-from cellcal.calibration.identification.identifiability import NotIdentified, hiding_partners
+from cellcal.calibration.identification.identifiability import (
+    NotIdentified,
+    acts_in_a_sum,
+    hiding_partners,
+)
 from cellcal.calibration.identification.parameters import Parameter
 from cellcal.calibration.message import join_messages, make_message
 
@@ -137,6 +141,7 @@ def _suggest_measurement(parameter: Parameter, hiding: list[Parameter]) -> str:
         (own in ("tool", "target") and parameter.unit == "rad", _TARGETS_CURE),
         (own == "wire", _WIRE_CURE),
         (own in _PLACE_ROLES and alone, _ROWS_CURE),
+        (acts_in_a_sum(hiding), _NO_CURE),
         (bool(partner_roles & {"base", "device"}), _FIXED_PLACE_CURE),
         (bool(partner_roles & {"tool", "target"}), _TOOL_CURE),
         ("wire" in partner_roles, _WIRE_CURE),

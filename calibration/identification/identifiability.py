@@ -1,6 +1,6 @@
 """What the measurements cannot determine, what it hides behind, and what would bring it out."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -14,8 +14,10 @@ from cellcal.calibration.message import join_messages, make_message
 _LEARNED = 0.5  # of the prior deviation
 _PARTNER = 0.5  # of the variance
 _EXPLAINED = 0.9
-_MOST_PARTNERS = 3
+_FEW_PARTNERS = 3
+_MOST_PARTNERS = 8  # the lengths along parallel axes, a tool and a base, which only their sum moves
 _STRONG = 0.95
+_ONE_SUM_CURE = "none needed while they act together: only their sum moves the tip in these postures"
 _ARM_ROLES = ("offset", "geometry", "wire", "gravity")
 _PLACE_ROLES = ("base", "anchor", "tool")
 
@@ -105,9 +107,11 @@ def _find_partners(fit: ArmFit, own: int) -> tuple[tuple[Parameter, ...], float]
 def hiding_partners(
     fit: UncertainEstimate, own: int, block_of: Callable[[Parameter], str]
 ) -> tuple[tuple[list[int], ...], float]:
-    """Return who hides a parameter: the fewest others, three at most, who take its variance away if known.
+    """Return who hides a parameter: the fewest others that take its variance away if known.
 
-    A place is one partner, however many coordinates it has: ``block_of`` names the block of a parameter.
+    Three are enough where they take more than half of it away; with more than three (`acts_in_a_sum`) it is one
+    term of a long sum. A place is one partner, however many coordinates it has: ``block_of`` names the block of a
+    parameter.
     """
     blocks: dict[str, list[int]] = {}
     for i, parameter in enumerate(fit.layout.parameters):
@@ -115,7 +119,9 @@ def hiding_partners(
             blocks.setdefault(block_of(parameter), []).append(i)
     chosen: list[str] = []
     share = 0.0
-    while len(chosen) < _MOST_PARTNERS and share < _EXPLAINED and len(chosen) < len(blocks):
+    while share < (_EXPLAINED if len(chosen) < _FEW_PARTNERS else _PARTNER):
+        if len(chosen) == min(_MOST_PARTNERS, len(blocks)):
+            break
         shares = {
             name: _variance_share(fit, own, [i for c in (*chosen, name) for i in blocks[c]])
             for name in blocks
@@ -124,6 +130,11 @@ def hiding_partners(
         best = max(shares, key=lambda name: shares[name])
         chosen, share = [*chosen, best], shares[best]
     return (tuple(blocks[name] for name in chosen) if share >= _PARTNER else ()), share
+
+
+def acts_in_a_sum(partners: Sequence[object]) -> bool:
+    """Return whether so many partners hide a parameter that no single measurement brings it out."""
+    return len(partners) > _FEW_PARTNERS
 
 
 def _variance_share(fit: UncertainEstimate, own: int, others: list[int]) -> float:
@@ -174,6 +185,8 @@ def _describe_parameter(parameter: Parameter) -> str:
 
 
 def _suggest_measurement(parameter: Parameter, partners: tuple[Parameter, ...]) -> str:
+    if acts_in_a_sum(partners):
+        return _ONE_SUM_CURE
     roles = {partner.role for partner in partners}
     together = roles | {parameter.role}
     if roles & {"base", "anchor"}:
@@ -183,7 +196,7 @@ def _suggest_measurement(parameter: Parameter, partners: tuple[Parameter, ...]) 
     if partners and "wire" in together:
         return "check the wire's zero and scale against a known length"
     if partners and (together == {"geometry"} or _is_one_rotation(parameter, partners)):
-        return "none needed while they act together: only their sum moves the tip in these postures"
+        return _ONE_SUM_CURE
     return _suggest_rotation(parameter, partners)
 
 

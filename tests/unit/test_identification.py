@@ -1,6 +1,6 @@
 """The estimator finds what was hidden, says how sure it is, and what it cannot know."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -8,7 +8,7 @@ import pytest
 from cellcal.calibration.arm.joint_terms import gravity_terms, harmonic_terms, term_values
 from cellcal.calibration.arm.kinematics import load_model
 from cellcal.calibration.errors import CalibrationError, DegenerateDataError
-from cellcal.calibration.geometry import exp_twist
+from cellcal.calibration.geometry import Array, exp_twist
 from cellcal.calibration.identification.base_parameters import base_subset
 from cellcal.calibration.identification.estimator import (
     FitProblem,
@@ -19,6 +19,7 @@ from cellcal.calibration.identification.estimator import (
 )
 from cellcal.calibration.identification.first_guess import first_guess
 from cellcal.calibration.identification.free_parameters import StartingPoint
+from cellcal.calibration.identification.identifiability import acts_in_a_sum, hiding_partners
 from cellcal.calibration.identification.identify import identify_arm
 from cellcal.calibration.identification.layouts import make_layout
 from cellcal.calibration.identification.level_fit import LevelTask
@@ -27,7 +28,15 @@ from cellcal.calibration.identification.observations import (
     PointObservations,
     PoseObservations,
 )
-from cellcal.calibration.identification.parameters import FRAMES, GEOMETRY, GRAVITY, OFFSETS, RIPPLE, Priors
+from cellcal.calibration.identification.parameters import (
+    FRAMES,
+    GEOMETRY,
+    GRAVITY,
+    OFFSETS,
+    RIPPLE,
+    Parameter,
+    Priors,
+)
 from cellcal.calibration.identification.selection import IdentificationOptions, fit_level, terms_of_level
 from tests.unit.helpers.simulated_arm import (
     ANCHOR,
@@ -234,6 +243,31 @@ def test_what_cannot_be_known_is_named_with_partner_and_cure():
     assert "base frame" in unknown["J1 offset"].cure
     assert set(unknown["J3 d"].partner.split("; ")) == {"J2 d", "J4 d"}
     assert "J2 a" not in unknown
+
+
+@dataclass(frozen=True)
+class _FreeLengths:
+    parameters: tuple[Parameter, ...]
+    prior_sigmas: Array
+
+
+@dataclass(frozen=True)
+class _EstimatedLengths:
+    """Lengths along parallel axes of which measurements know the sum alone."""
+
+    covariance: Array
+    layout: _FreeLengths
+
+
+@pytest.mark.parametrize("count", [3, 6])
+def test_one_term_of_a_long_sum_names_all_others_that_hide_it(count: int):
+    lengths = tuple(Parameter(f"J{k + 1} d", "m", 1.0, "geometry", k) for k in range(count))
+    known_sum = np.full((count, count), 1.0 / count)
+    fit = _EstimatedLengths(np.eye(count) - (1.0 - 1e-6) * known_sum, _FreeLengths(lengths, np.ones(count)))
+    partners, share = hiding_partners(fit, 0, lambda parameter: parameter.name)
+    assert sorted(index for block in partners for index in block) == list(range(1, count))
+    assert share > 0.99
+    assert acts_in_a_sum(partners) == (count == 6)
 
 
 def test_parallel_axes_do_not_blow_up():
