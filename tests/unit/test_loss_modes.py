@@ -17,6 +17,7 @@ from cellcal.service.record.healthy_counts import HealthyCounts
 from cellcal.service.record.journal_files import journal_path, open_journal
 from cellcal.service.record.run_store import RunStore
 from cellcal.service.watching.loss_modes import (
+    LossKind,
     LossMode,
     battery_warning,
     old_backup,
@@ -181,6 +182,12 @@ def test_another_robot_is_no_business_of_a_recovery(config: CellConfig) -> None:
     answer = prepare_answer(config, PositionLoss("fanuc", "serial", (), None, wrong_robot()))
     assert answer.procedure is None
     assert not answer.starts_unattended
+
+
+def test_another_robot_in_place_of_the_recorded_one_has_not_lost_its_position() -> None:
+    assert wrong_robot().loss_kind is LossKind.ANOTHER
+    assert wrong_robot().headline_text == "is not what answers: another robot does"
+    assert old_backup().loss_kind is LossKind.DIFFERS  # M5 as well, and the same robot
 
 
 def test_a_collision_of_a_robot_that_still_knows_its_place_asks_for_a_drift_check() -> None:
