@@ -16,6 +16,7 @@ from typing import Any
 from cellcal.calibration.message import make_message
 from cellcal.drivers.errors import DeviceError, RefusedError, UnreachableError, WireProtocolError
 from cellcal.drivers.universal_robots.rtde import PORT, MessageType, RtdeLink, pack_message
+from cellcal.drivers.wire.possible_values import are_possible_joints
 from cellcal.drivers.wire.trace import FrameTrace
 
 UPDATE = "Update the controller: CB3 to 3.12, PolyScope 5 to 5.6 or PolyScope X to 10.11, or later."
@@ -225,6 +226,10 @@ class StateClient:
         sample = _decode_sample(payload)
         if not all(map(math.isfinite, (sample.timestamp_s, *sample.joints_rad, *sample.joint_speeds_rad_s))):
             self._fail_with(self._protocol_error("a joint state that is not a number", payload))
+            self.close()
+            return
+        if not are_possible_joints(sample.joints_rad):
+            self._fail_with(self._protocol_error("a joint angle where no axis can stand", payload))
             self.close()
             return
         if sample.timestamp_s > self._newest_s:  # a clock that stands still brings no news
