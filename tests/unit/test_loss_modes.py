@@ -4,6 +4,8 @@ import json
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
 
@@ -15,7 +17,7 @@ from cellcal.service.configuration.motion_config import RobotMotion
 from cellcal.service.demo.fake_cell import write_cell_file
 from cellcal.service.record.healthy_counts import HealthyCounts
 from cellcal.service.record.journal_files import journal_path, open_journal
-from cellcal.service.record.run_store import RunStore
+from cellcal.service.record.run_store import NEVER_BEFORE, RunStore, _datable_utc
 from cellcal.service.watching.loss_modes import (
     LossKind,
     LossMode,
@@ -136,6 +138,22 @@ def test_what_was_reported_or_begun_since_the_robot_was_healthy_starts_nothing_a
     with open_journal(config) as journal:
         journal.append("run", EventKind.STARTED, header)
     assert prepare_answer(config, make_loss(BATTERY, healthy=later)).reasons == met
+
+
+def test_a_clock_that_was_set_back_starts_nothing_alone(config: CellConfig) -> None:
+    ahead = replace(HEALTHY, seen_utc=(datetime.now(UTC) + timedelta(hours=1)).isoformat())
+    answer_to(config, make_loss(BATTERY, healthy=ahead))
+    again = prepare_answer(config, make_loss(BATTERY, healthy=ahead))  # after a restart, at any time
+    assert again.reasons == ("it was reported or answered before, and the robot was not seen healthy since",)
+
+
+@pytest.mark.parametrize(("earlier", "datable"), [(["11:04", "11:05"], True), (["11:59", "11:04"], False)])
+def test_an_event_after_a_clock_was_set_back_counts_as_later_than_anything(
+    earlier: list[str], datable: bool
+) -> None:
+    times = [f"2026-11-30T{time}:00.000+00:00" for time in (*earlier, "11:05", "12:30")]
+    events: Any = [SimpleNamespace(wall_utc=time) for time in times]
+    assert _datable_utc(events, 2) == (times[2] if datable else NEVER_BEFORE)
 
 
 def test_a_journal_that_is_damaged_may_hide_an_answer_and_starts_nothing(config: CellConfig) -> None:
