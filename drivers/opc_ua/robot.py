@@ -197,7 +197,7 @@ class OpcUaRobot:
             await asyncio.sleep(_POLL_S)
 
     def _deadline(self, doing: str) -> AbstractAsyncContextManager[None]:
-        return answer_deadline(self.name, self._options.deadline_s, doing)
+        return answer_deadline(self.name, self._options.deadline_s, doing, is_half=self._link.is_half)
 
     async def _read_positions(self) -> JointReading:
         """Read all axes with their units in one request, and note them for the judgement of standstill."""
