@@ -24,6 +24,7 @@ CABLE = "Check that the controller is switched on and the network cable is plugg
 
 _KEPT_SAMPLES = 512
 _HEX_SHOWN = 48
+_MOST_REPLIES = 16  # that wait; each answers one question, and one is asked at a time
 
 # Name and RTDE type: the order of the packet.
 _RECIPE: tuple[tuple[str, str], ...] = (
@@ -211,8 +212,13 @@ class StateClient:
             self._on_data(payload)
             return
         self.trace.add_frame("<", f"{chr(kind)} {payload.hex()}")
-        if kind != MessageType.TEXT:  # the controller's remarks may come at any time
-            self._replies.put_nowait((kind, payload))
+        if kind == MessageType.TEXT:  # the controller's remarks may come at any time
+            return
+        if self._replies.qsize() >= _MOST_REPLIES:
+            self._fail_with(self._protocol_error("answers to nothing that was asked", payload))
+            self.close()
+            return
+        self._replies.put_nowait((kind, payload))
 
     def _on_data(self, payload: bytes) -> None:
         if len(payload) != _PACKET.size or payload[0] != self._recipe_id:
