@@ -17,7 +17,7 @@ _HOST = re.sub(r"[^A-Za-z0-9]", "", socket.gethostname()) or "here"
 _DRAFT = re.compile(rf"\.cellcal-{_HOST}-(\d+)-[0-9a-f]{{16}}")
 # A container may share the folder and not the numbers of processes: what is new may be of a process that is not seen.
 _SURELY_LEFT_S = 60.0
-_tidied: set[Path] = set()
+_tidied: set[tuple[Path, bool]] = set()  # with what is below, or without
 
 
 def draft_beside(path: Path) -> str:
@@ -42,9 +42,16 @@ def remove_left_behind(folder: Path, *, deep: bool = True, least_age_s: float = 
 
 def tidy_once(folder: Path) -> None:
     """Remove from the folder of a cell's data what killed processes left there, once in the life of this process."""
-    if folder not in _tidied:
-        _tidied.add(folder)
+    if (folder, True) not in _tidied:
+        _tidied.add((folder, True))
         remove_left_behind(folder, least_age_s=_SURELY_LEFT_S)
+
+
+def tidy_beside(folder: Path) -> None:
+    """Remove what killed processes left directly in a folder that is written to, once in the life of this process."""
+    if (folder, False) not in _tidied:
+        _tidied.add((folder, False))
+        remove_left_behind(folder, deep=False, least_age_s=_SURELY_LEFT_S)
 
 
 def _is_left_behind(place: str, name: str, least_age_s: float) -> bool:

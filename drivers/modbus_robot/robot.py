@@ -44,6 +44,7 @@ from cellcal.drivers.modbus_robot.profile import ControllerProfile, Operation
 from cellcal.drivers.modbus_robot.register_client import RegisterBlock, RegisterClient
 from cellcal.drivers.wire.busy import refuse_second_action
 from cellcal.drivers.wire.deadline import answer_deadline
+from cellcal.drivers.wire.possible_values import check_joints, check_override
 
 _LOG = logging.getLogger(__name__)
 VERIFIED_ON: tuple[str, ...] = ()  # controller software this driver has run on; none yet, see README.md
@@ -250,7 +251,8 @@ class ModbusRobot:
 
     async def speed_override(self) -> float:
         async with self._answer_deadline("reading the speed override"):
-            return (await self._panel.read_registers("override")).numbers_of("override")[0]
+            share = (await self._panel.read_registers("override")).numbers_of("override")[0]
+        return check_override(self.name, share)
 
     async def _read_status(self) -> tuple[RegisterBlock, ProgramState]:
         """Read position and counts between two looks at the program's counter."""
@@ -266,7 +268,7 @@ class ModbusRobot:
                 remedy="Recover the mastering first.",
             )
         return JointReading(
-            joints_rad=position.numbers_of("joints"),
+            joints_rad=check_joints(self.name, position.numbers_of("joints")),
             moving=program.moving,
             taken_at_s=time.monotonic(),
             raw=position.to_hex("joints") + position.to_hex("counts"),

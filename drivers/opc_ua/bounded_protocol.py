@@ -24,6 +24,11 @@ class BoundedProtocol(UASocketProtocol):  # type: ignore[misc]  # the library is
             self._fail_all_pending(ValueError("it is too long"))
             self.disconnect_socket()
 
+    @property
+    def is_half(self) -> bool:
+        """Whether a chunk has begun to come, and has not come to its end."""
+        return bool(self.receive_buffer)
+
     def note_request(self) -> None:
         """Count anew: what comes next is another answer."""
         self._since_request = 0

@@ -50,6 +50,7 @@ from cellcal.drivers.opc_ua.safety_state import SafetyState, condition_of, mode_
 from cellcal.drivers.opc_ua.server_link import ServerLink
 from cellcal.drivers.opc_ua.standstill import StandstillWatch
 from cellcal.drivers.wire.deadline import answer_deadline
+from cellcal.drivers.wire.possible_values import check_joints, check_override
 from cellcal.drivers.wire.serial_number import check_serial_number
 
 _LOG = logging.getLogger(__name__)
@@ -164,17 +165,7 @@ class OpcUaRobot:
 
         async with self._deadline("reading the speed override"):
             _, values = await self._read(choose)
-        percent = read_float(self.name, "SpeedOverride", values[0])
-        if not 0.0 <= percent <= 100.0:
-            raise RefusedError(
-                self.name,
-                make_message(
-                    "the controller shows a speed override of {percent:.4g} %, outside 0 to 100.",
-                    percent=percent,
-                ),
-                remedy="Set the speed override at the pendant anew.",
-            )
-        return percent / 100.0
+        return check_override(self.name, read_float(self.name, "SpeedOverride", values[0]) / 100.0)
 
     async def move_joints(self, target_rad: Joints, *, speed_rad_s: float) -> None:
         del target_rad, speed_rad_s
@@ -206,7 +197,7 @@ class OpcUaRobot:
             await asyncio.sleep(_POLL_S)
 
     def _deadline(self, doing: str) -> AbstractAsyncContextManager[None]:
-        return answer_deadline(self.name, self._options.deadline_s, doing)
+        return answer_deadline(self.name, self._options.deadline_s, doing, is_half=self._link.is_half)
 
     async def _read_positions(self) -> JointReading:
         """Read all axes with their units in one request, and note them for the judgement of standstill."""
@@ -221,6 +212,7 @@ class OpcUaRobot:
             position, unit, profile = values[3 * k : 3 * k + 3]
             stated.append(read_float(self.name, f"{axis.name} ActualPosition", position))
             joints.append(stated[-1] * self._scale_of(axis.name, unit, profile))
+        check_joints(self.name, tuple(joints))
         now_s = time.monotonic()
         self._standstill.add_reading(now_s, joints)
         raw = struct.pack(f"<{len(stated)}d", *stated).hex()

@@ -86,6 +86,7 @@ class ServerLink:
     def __init__(self, device: str, url: str, access: ServerAccess, *, deadline_s: float) -> None:
         self.device, self._url, self._access, self._deadline_s = device, url, access, deadline_s
         self._client: Client | None = None
+        self._newest: Client | None = None  # also one that never got a session
         self._renew_at_s = 0.0
         self._backoff = Backoff()
         self.session_number = 0  # counts sessions: node ids of an earlier one may be other nodes
@@ -98,6 +99,7 @@ class ServerLink:
         await self._backoff.wait()
         client = Client(self._url, timeout=self._deadline_s)
         client.name = client.description = "cellcal"
+        self._newest = client
         try:
             await prepare_client(self.device, client, self._access)
             await self._enter(client)
@@ -129,6 +131,11 @@ class ServerLink:
                 await client.close_secure_channel()
         client.disconnect_socket()
 
+    def is_half(self) -> bool:
+        """Whether the server has begun an answer, and not ended it."""
+        protocol = None if self._newest is None else self._newest.uaclient.protocol
+        return isinstance(protocol, BoundedProtocol) and protocol.is_half
+
     def drop(self) -> None:
         """Give the session up; the next request makes a new one."""
         client, self._client = self._client, None
@@ -159,8 +166,11 @@ class ServerLink:
         try:
             return await request()
         except TimeoutError:
+            is_half = self.is_half()
             self.drop()
-            raise timeout_error(self.device, self._deadline_s, "waiting for the OPC UA server") from None
+            raise timeout_error(
+                self.device, self._deadline_s, "waiting for the OPC UA server", is_half=is_half
+            ) from None
         except OSError as error:
             self.drop()
             raise self._lost_error(str(error) or type(error).__name__) from error

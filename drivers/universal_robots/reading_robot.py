@@ -30,6 +30,7 @@ from cellcal.drivers.universal_robots.rtde import RuntimeState
 from cellcal.drivers.universal_robots.state import Six, StateSample
 from cellcal.drivers.wire.cancellation import run_to_end
 from cellcal.drivers.wire.deadline import answer_deadline
+from cellcal.drivers.wire.possible_values import check_override
 
 _log = logging.getLogger(__name__)
 
@@ -124,7 +125,7 @@ class ReadingUniversalRobot:
         if not math.isfinite(sample.speed_fraction):
             raise RefusedError(self.name, "the controller tells a speed slider that is not a number.",
                                remedy="Move the speed slider on the pendant.")  # fmt: skip
-        return sample.speed_fraction
+        return check_override(self.name, sample.speed_fraction)
 
     async def factory_kinematics(self) -> FactoryKinematics:
         """Return the arm's kinematics as measured by the maker and used by the controller."""

@@ -16,6 +16,7 @@ from typing import Any
 from cellcal.calibration.message import make_message
 from cellcal.drivers.errors import DeviceError, RefusedError, UnreachableError, WireProtocolError
 from cellcal.drivers.universal_robots.rtde import PORT, MessageType, RtdeLink, pack_message
+from cellcal.drivers.wire.possible_values import are_possible_joints
 from cellcal.drivers.wire.trace import FrameTrace
 
 UPDATE = "Update the controller: CB3 to 3.12, PolyScope 5 to 5.6 or PolyScope X to 10.11, or later."
@@ -23,6 +24,7 @@ CABLE = "Check that the controller is switched on and the network cable is plugg
 
 _KEPT_SAMPLES = 512
 _HEX_SHOWN = 48
+_MOST_REPLIES = 16  # that wait; each answers one question, and one is asked at a time
 
 # Name and RTDE type: the order of the packet.
 _RECIPE: tuple[tuple[str, str], ...] = (
@@ -210,8 +212,13 @@ class StateClient:
             self._on_data(payload)
             return
         self.trace.add_frame("<", f"{chr(kind)} {payload.hex()}")
-        if kind != MessageType.TEXT:  # the controller's remarks may come at any time
-            self._replies.put_nowait((kind, payload))
+        if kind == MessageType.TEXT:  # the controller's remarks may come at any time
+            return
+        if self._replies.qsize() >= _MOST_REPLIES:
+            self._fail_with(self._protocol_error("answers to nothing that was asked", payload))
+            self.close()
+            return
+        self._replies.put_nowait((kind, payload))
 
     def _on_data(self, payload: bytes) -> None:
         if len(payload) != _PACKET.size or payload[0] != self._recipe_id:
@@ -225,6 +232,10 @@ class StateClient:
         sample = _decode_sample(payload)
         if not all(map(math.isfinite, (sample.timestamp_s, *sample.joints_rad, *sample.joint_speeds_rad_s))):
             self._fail_with(self._protocol_error("a joint state that is not a number", payload))
+            self.close()
+            return
+        if not are_possible_joints(sample.joints_rad):
+            self._fail_with(self._protocol_error("a joint angle where no axis can stand", payload))
             self.close()
             return
         if sample.timestamp_s > self._newest_s:  # a clock that stands still brings no news

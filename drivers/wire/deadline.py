@@ -1,7 +1,7 @@
 """Everything waits with a deadline, and a missed one says what was waited for."""
 
 import asyncio
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 from types import TracebackType
 from typing import Self
@@ -10,6 +10,10 @@ from cellcal.calibration.message import make_message
 from cellcal.drivers.errors import DeviceTimeoutError
 
 _REMEDY = "Check the device and its cable, then try again."
+_HALF_REMEDY = (
+    "Something between cuts answers, or another kind of server answers there: compare over a cable straight to the "
+    "controller, then look at firewall, proxy and address."
+)
 _LATE_S = 0.02  # a timer that comes later than that: this process stood still
 _LAST_LOOK_S = 0.05  # what had come by then is taken in that time
 
@@ -48,8 +52,13 @@ class AnswerDeadline:
 
 
 @asynccontextmanager
-async def answer_deadline(device: str, seconds: float, doing: str) -> AsyncIterator[None]:
-    """Raise DeviceTimeoutError when the block takes longer than ``seconds``."""
+async def answer_deadline(
+    device: str, seconds: float, doing: str, *, is_half: Callable[[], bool] = lambda: False
+) -> AsyncIterator[None]:
+    """Raise DeviceTimeoutError when the block takes longer than ``seconds``.
+
+    ``is_half`` tells then whether an answer has begun that did not end.
+    """
     limit = AnswerDeadline(seconds)
     try:
         async with limit:
@@ -57,11 +66,21 @@ async def answer_deadline(device: str, seconds: float, doing: str) -> AsyncItera
     except TimeoutError:
         if not limit.has_expired():
             raise
-        raise timeout_error(device, seconds, doing) from None
+        raise timeout_error(device, seconds, doing, is_half=is_half()) from None
 
 
-def timeout_error(device: str, seconds: float, doing: str) -> DeviceTimeoutError:
-    """Return the error of a device that did not come to an end in time."""
+def timeout_error(device: str, seconds: float, doing: str, *, is_half: bool = False) -> DeviceTimeoutError:
+    """Return the error of a device that did not come to an end in time, or that began an answer and stopped."""
+    if is_half:
+        return DeviceTimeoutError(
+            device,
+            make_message(
+                "{doing}: an answer began and did not end within {seconds:.4g} s.",
+                doing=doing,
+                seconds=seconds,
+            ),
+            remedy=_HALF_REMEDY,
+        )
     return DeviceTimeoutError(
         device,
         make_message("{doing} took longer than {seconds:.4g} s.", doing=doing, seconds=seconds),

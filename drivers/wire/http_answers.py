@@ -31,19 +31,26 @@ class BoundedTransport(httpx.AsyncBaseTransport):
         self, most_octets: int, *, verify: ssl.SSLContext | bool, limits: httpx.Limits | None = None
     ) -> None:
         self._most_octets = most_octets
+        self._stream: _BoundedStream | None = None
         self._inner = httpx.AsyncHTTPTransport(
             verify=verify, trust_env=False, limits=limits or httpx.Limits()
         )
 
     async def handle_async_request(self, request: httpx.Request) -> httpx.Response:
         request.headers["Accept-Encoding"] = _AS_IT_IS
+        self._stream = None
         response = await self._inner.handle_async_request(request)
         if response.headers.get("content-encoding", _AS_IT_IS).strip().lower() != _AS_IT_IS:
             await response.aclose()
             raise OversizedAnswerError("it is packed, which was not asked for")
         assert isinstance(response.stream, httpx.AsyncByteStream)
-        response.stream = _BoundedStream(response.stream, self._most_octets)
+        response.stream = self._stream = _BoundedStream(response.stream, self._most_octets)
         return response
+
+    @property
+    def is_half(self) -> bool:
+        """Whether the last answer began, and has not come to its end."""
+        return self._stream is not None and not self._stream.is_whole
 
     async def aclose(self) -> None:
         await self._inner.aclose()
@@ -51,7 +58,7 @@ class BoundedTransport(httpx.AsyncBaseTransport):
 
 class _BoundedStream(httpx.AsyncByteStream):
     def __init__(self, inner: httpx.AsyncByteStream, most_octets: int) -> None:
-        self._inner, self._most_octets = inner, most_octets
+        self._inner, self._most_octets, self.is_whole = inner, most_octets, False
 
     async def __aiter__(self) -> AsyncIterator[bytes]:
         size = 0
@@ -60,6 +67,7 @@ class _BoundedStream(httpx.AsyncByteStream):
             if size > self._most_octets:
                 raise OversizedAnswerError("it is too long")
             yield part
+        self.is_whole = True
 
     async def aclose(self) -> None:
         await self._inner.aclose()

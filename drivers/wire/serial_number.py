@@ -1,11 +1,26 @@
 """The check that the robot which answers is the one of the cell file."""
 
 from cellcal.calibration.message import make_message
-from cellcal.drivers.errors import WrongDeviceError
+from cellcal.drivers.errors import RefusedError, WrongDeviceError
 
 
 def check_serial_number(device: str, found: str, expected: str) -> None:
-    """Raise WrongDeviceError where a robot tells another serial number than the cell file."""
+    """Raise WrongDeviceError where a robot tells another serial number than the cell file.
+
+    Raises
+    ------
+    RefusedError
+        It tells none: whose robot it is cannot be checked, and nothing says that it is another one.
+    """
+    if not found.strip() and expected:
+        raise RefusedError(
+            device,
+            make_message(
+                "the robot tells no serial number, the cell file has {expected_serial!r}.",
+                expected_serial=expected,
+            ),
+            remedy="Wait until the controller has started, then try again; see on the pendant whether it has one.",
+        )
     if found != expected:
         raise WrongDeviceError(
             device,

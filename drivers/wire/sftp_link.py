@@ -16,6 +16,11 @@ from cellcal.drivers.wire.deadline import answer_deadline
 from cellcal.drivers.wire.link_errors import bracket_host, lost_connection_error, no_connection_error
 
 _PART = 1 << 18  # octets that are read or written within one deadline
+_MOST_NAMES = 10_000  # of a folder
+_FILES = frozenset(  # what a link leads to shows when it is read, as does what a server gives no kind of
+    (asyncssh.FILEXFER_TYPE_REGULAR, asyncssh.FILEXFER_TYPE_SYMLINK, asyncssh.FILEXFER_TYPE_UNKNOWN)
+)
+_FOLDERS = frozenset((asyncssh.FILEXFER_TYPE_DIRECTORY,))
 _CHECK = "Check the address, the cable, and that SSH is enabled in the controller's settings."
 
 
@@ -75,6 +80,8 @@ class SftpLink:
                 "the controller does not accept user and password.",
                 remedy="Give --user and --password-file, and allow passwords in the controller's SSH settings.",
             ) from error
+        except DeviceError:  # one that took too long is an OSError as well
+            raise
         except OSError as error:
             where = f"{bracket_host(host)}:{port}"
             raise no_connection_error(self.device, where, error, _CHECK) from error
@@ -90,18 +97,29 @@ class SftpLink:
             self._connection = self._open_sftp = None
 
     async def list_files(self, folder: str) -> tuple[str, ...]:
-        """Return the names of the plain files of a folder, sorted."""
-        return await self._list_entries(folder, asyncssh.FILEXFER_TYPE_REGULAR)
+        """Return the names of the files of a folder, sorted; links are among them."""
+        return await self._list_entries(folder, _FILES)
 
     async def list_folders(self, folder: str) -> tuple[str, ...]:
         """Return the names of the folders in a folder, sorted, without hidden ones."""
-        names = await self._list_entries(folder, asyncssh.FILEXFER_TYPE_DIRECTORY)
+        names = await self._list_entries(folder, _FOLDERS)
         return tuple(name for name in names if not name.startswith("."))
 
-    async def _list_entries(self, folder: str, kind: int) -> tuple[str, ...]:
+    async def _list_entries(self, folder: str, kinds: Collection[int]) -> tuple[str, ...]:
+        names: list[str] = []
         async with self._named_errors("reading the list of files"):
-            entries = await self._sftp.readdir(folder)
-        return tuple(sorted(_text(entry.filename) for entry in entries if entry.attrs.type == kind))
+            async for entry in self._sftp.scandir(folder.encode()):  # in bytes: a name need not be UTF-8
+                if entry.attrs.type in kinds:
+                    names.append(_text(entry.filename))
+                if len(names) > _MOST_NAMES:
+                    raise RefusedError(
+                        self.device,
+                        make_message(
+                            "{folder} holds more than {most} files.", folder=folder, most=_MOST_NAMES
+                        ),
+                        remedy="Name a folder that holds programs only.",
+                    )
+        return tuple(sorted(names))
 
     async def read_file(self, path: str, most_bytes: int) -> bytes | None:
         """Return the bytes of a file; None where there is none."""
@@ -170,6 +188,8 @@ class SftpLink:
         try:
             async with answer_deadline(self.device, self._deadline_s, doing):
                 yield
+        except DeviceError:  # one that took too long is an OSError as well
+            raise
         except asyncssh.SFTPNoSuchFile as error:
             raise _NotThereError(
                 self.device,

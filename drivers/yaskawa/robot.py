@@ -28,6 +28,7 @@ from cellcal.drivers.interfaces import (
     PositionHistory,
     RobotCapabilities,
 )
+from cellcal.drivers.wire.possible_values import check_joints
 from cellcal.drivers.wire.serial_number import describe_second_robot
 from cellcal.drivers.wire.stepwise_motion import IsFinished, StepwiseMotion, StepwiseOptions
 from cellcal.drivers.yaskawa.absolute_data import read_absolute_data
@@ -131,7 +132,7 @@ class YaskawaRobot(StepwiseMotion):
         async with self._answer_deadline("reading the joints"):
             status = await read_status(self._link)
             position = await read_pulses(self._link)
-        joints = self._options.scale.to_joints(position.pulses)
+        joints = check_joints(self.name, self._options.scale.to_joints(position.pulses))
         return JointReading(joints, status.is_running, time.monotonic(), raw=position.raw)
 
     async def flange_pose(self) -> Pose:
@@ -188,7 +189,7 @@ class YaskawaRobot(StepwiseMotion):
     # a move
 
     async def _read_angles(self) -> Joints:
-        return self._options.scale.to_joints((await read_pulses(self._link)).pulses)
+        return check_joints(self.name, self._options.scale.to_joints((await read_pulses(self._link)).pulses))
 
     async def _begin_motion(self, speed_rad_s: float) -> None:
         """Do nothing: the controller takes orders as it stands."""

@@ -88,7 +88,7 @@ def record(
     """
     from cellcal.service.cli.printing import STDERR_CONSOLE, print_json
     from cellcal.service.engineering.controller_files.copied_mastering import with_copies_named
-    from cellcal.service.engineering.controller_files.nightly_watch import read_controller
+    from cellcal.service.engineering.controller_files.nightly_watch import confirm_controller, read_controller
     from cellcal.service.engineering.controller_files.record_from_files import make_records
     from cellcal.service.engineering.controller_files.stored_records import store_record
     from cellcal.service.exit_codes import ExitCode
@@ -97,6 +97,8 @@ def record(
     made = with_copies_named(
         make_records(files, group=whose.group, model=whose.model, serial=whose.serial), records
     )
+    if files.is_live:
+        confirm_controller(source, _login(ftp), files)
     stored = [store_record(records, each, files) for each in made.records]
     if as_json:
         print_json(_records_document(made, stored))

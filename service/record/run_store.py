@@ -1,7 +1,8 @@
 """What the journal says: runs, their findings and results, mastering records. Nothing is stored twice."""
 
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
+from datetime import timedelta
 from typing import Any, TypedDict
 
 from pydantic import TypeAdapter
@@ -22,6 +23,7 @@ from cellcal.service.record.mastering_backups import mastering_backups
 from cellcal.service.record.proved_cures import POSITION_RECORD, ProvedCure, is_run_of, newest_cures
 from cellcal.service.record.robot_lock import state_seen
 from cellcal.service.record.unconfirmed_mastering import UnconfirmedMastering, unconfirmed_masterings
+from cellcal.service.times import read_time
 
 RECORD = "mastering_record"
 _SOFTWARE = ("software", "solver", "definition_sha256")
@@ -62,6 +64,17 @@ class RunView:
         return state_seen(self.state, self.run_id, under_way)
 
 
+NEVER_BEFORE = "9999-12-31T23:59:59.999+00:00"
+_STEP_BACK = timedelta(minutes=1)  # more than a time server corrects
+
+
+def _datable_utc(events: Sequence[JournalEvent], place: int) -> str:
+    """Return when an event was, where the events before it were not stamped later."""
+    at_utc = read_time(events[place].wall_utc)
+    was_set_back = any(read_time(event.wall_utc) > at_utc + _STEP_BACK for event in events[:place])
+    return NEVER_BEFORE if was_set_back else events[place].wall_utc
+
+
 class RunStore:
     """Reads a journal; writes only what is imported from outside."""
 
@@ -93,19 +106,25 @@ class RunStore:
         return _fold_run(events)
 
     def last_begun_utc(self, procedure: str, robot_serial: str) -> str | None:
-        """Return when a procedure was begun last on a robot, however that run ended; raises as `kept`."""
+        """Return when a procedure was begun last on a robot, however that run ended; raises as `kept`.
+
+        `NEVER_BEFORE` where the clock was set back before that: nothing then counts as later.
+        """
         self._journal.refuse_damaged()
         return self._newest_utc(EventKind.STARTED, lambda body: is_run_of(body, procedure, robot_serial))
 
     def last_stored_utc(self, what: str, robot_serial: str) -> str | None:
-        """Return when something of one kind was kept last of a robot; raises as `kept`."""
+        """Return when something of one kind was kept last of a robot; as `last_begun_utc` says."""
         self._journal.refuse_damaged()
         key = (what, robot_serial)
         return self._newest_utc(EventKind.STORED, lambda body: (body["what"], body["robot_serial"]) == key)
 
     def _newest_utc(self, kind: EventKind, right: Callable[[Any], bool]) -> str | None:
-        events = (event for event in reversed(self._journal.list_events()) if event.kind == kind)
-        return next((event.wall_utc for event in events if right(parse_json(event.body))), None)
+        events = self._journal.list_events()
+        for place in range(len(events) - 1, -1, -1):
+            if events[place].kind == kind and right(parse_json(events[place].body)):
+                return _datable_utc(events, place)
+        return None
 
     def resolve_run_id(self, run_id: str) -> str:
         """Return the id of the newest run for ``last``, else the id itself."""

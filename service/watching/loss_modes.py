@@ -29,6 +29,7 @@ class LossKind(StrEnum):
     HELD = "held"  # nothing says that it is lost; whether it is true has to be checked
     DIFFERS = "differs"  # the controller holds another mastering than the record
     UNCONFIRMED = "unconfirmed"  # it holds what a run wrote and never confirmed
+    ANOTHER = "another"  # another robot answers: of the one of the cell file nothing is known
 
 
 _MODES = {
@@ -43,6 +44,7 @@ _HEADLINES = {
     LossKind.HELD: "may no longer stand where it thinks",
     LossKind.DIFFERS: "does not hold the mastering of its record",
     LossKind.UNCONFIRMED: "holds a mastering that was not confirmed",
+    LossKind.ANOTHER: "is not what answers: another robot does",
 }
 _DESCRIPTIONS = {
     LossMode.MEMORY: "the controller forgot its mastering; no alarm says that the encoders lost anything",
@@ -93,6 +95,8 @@ class Suspicion:
             return LossKind.UNCONFIRMED
         if self.record_differs:
             return LossKind.DIFFERS
+        if self.mode is LossMode.WRONG_ROBOT:
+            return LossKind.ANOTHER
         return LossKind.LOST if self.position_lost else LossKind.HELD
 
     @property

@@ -7,6 +7,7 @@ for a person, stands in `standing_answers.py`.
 import logging
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from datetime import UTC, datetime
 from uuid import uuid4
 
 from pydantic_core import to_jsonable_python
@@ -136,7 +137,7 @@ def _list_hindrances(config: CellConfig, loss: PositionLoss) -> list[str]:
     return [why for stands, why in hindrances if stands]
 
 
-def _met_before(config: CellConfig, loss: PositionLoss) -> bool:
+def _met_before(config: CellConfig, loss: PositionLoss, *, now_utc: datetime | None = None) -> bool:
     """Return whether something was seen or begun since the robot was healthy last: a restart must not forget it."""
     procedure, healthy = loss.suspicion.answering_procedure, loss.last_healthy
     if procedure is None or healthy is None or not journal_path(config).exists():
@@ -149,4 +150,6 @@ def _met_before(config: CellConfig, loss: PositionLoss) -> bool:
     except StoreError:  # what a damaged journal does not tell may have been
         return True
     healthy_utc = read_time(healthy.seen_utc)
+    if healthy_utc > (now_utc or datetime.now(UTC)):  # the clock was set back: what came first is not known
+        return True
     return any(at_utc is not None and read_time(at_utc) > healthy_utc for at_utc in met)

@@ -11,6 +11,7 @@ import pytest
 from cellcal.service import draft_files
 from cellcal.service.draft_files import draft_beside, remove_left_behind, tidy_once
 from cellcal.service.engineering.programs.files import OutputFolder, whole_file
+from cellcal.service.files import replace_file
 
 KILLED = """
 import os, signal, sys
@@ -74,6 +75,22 @@ def test_the_data_of_a_cell_are_tidied_once_and_only_of_what_is_surely_left(
     monkeypatch.setattr(draft_files, "_tidied", set())
     tidy_once(tmp_path)
     assert list(tmp_path.iterdir()) == [settings]
+
+
+def test_a_folder_of_records_or_of_copies_is_tidied_by_the_next_write_into_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(draft_files, "_tidied", set())
+    key, deeper = tmp_path / "key.pem", tmp_path / "of_another" / "file"
+    deeper.parent.mkdir()
+    for path in (key, deeper):
+        path.write_text("old")
+        killed_while_writing(path, KILLED_BEFORE_RENAMING)
+        (left,) = path.parent.glob(".cellcal-*")
+        os.utime(left, (0, 0))
+    replace_file(tmp_path / "next.json", "{}")
+    assert sorted(entry.name for entry in tmp_path.iterdir()) == ["key.pem", "next.json", "of_another"]
+    assert list(deeper.parent.glob(".cellcal-*"))  # below it others may write
 
 
 def test_a_folder_that_a_killed_restore_left_goes_and_what_lies_deeper_stays(

@@ -4,6 +4,8 @@ import json
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
 
@@ -15,8 +17,9 @@ from cellcal.service.configuration.motion_config import RobotMotion
 from cellcal.service.demo.fake_cell import write_cell_file
 from cellcal.service.record.healthy_counts import HealthyCounts
 from cellcal.service.record.journal_files import journal_path, open_journal
-from cellcal.service.record.run_store import RunStore
+from cellcal.service.record.run_store import NEVER_BEFORE, RunStore, _datable_utc
 from cellcal.service.watching.loss_modes import (
+    LossKind,
     LossMode,
     battery_warning,
     old_backup,
@@ -137,6 +140,22 @@ def test_what_was_reported_or_begun_since_the_robot_was_healthy_starts_nothing_a
     assert prepare_answer(config, make_loss(BATTERY, healthy=later)).reasons == met
 
 
+def test_a_clock_that_was_set_back_starts_nothing_alone(config: CellConfig) -> None:
+    ahead = replace(HEALTHY, seen_utc=(datetime.now(UTC) + timedelta(hours=1)).isoformat())
+    answer_to(config, make_loss(BATTERY, healthy=ahead))
+    again = prepare_answer(config, make_loss(BATTERY, healthy=ahead))  # after a restart, at any time
+    assert again.reasons == ("it was reported or answered before, and the robot was not seen healthy since",)
+
+
+@pytest.mark.parametrize(("earlier", "datable"), [(["11:04", "11:05"], True), (["11:59", "11:04"], False)])
+def test_an_event_after_a_clock_was_set_back_counts_as_later_than_anything(
+    earlier: list[str], datable: bool
+) -> None:
+    times = [f"2026-11-30T{time}:00.000+00:00" for time in (*earlier, "11:05", "12:30")]
+    events: Any = [SimpleNamespace(wall_utc=time) for time in times]
+    assert _datable_utc(events, 2) == (times[2] if datable else NEVER_BEFORE)
+
+
 def test_a_journal_that_is_damaged_may_hide_an_answer_and_starts_nothing(config: CellConfig) -> None:
     journal_detection(config, make_loss(BATTERY))
     path = journal_path(config)
@@ -181,6 +200,12 @@ def test_another_robot_is_no_business_of_a_recovery(config: CellConfig) -> None:
     answer = prepare_answer(config, PositionLoss("fanuc", "serial", (), None, wrong_robot()))
     assert answer.procedure is None
     assert not answer.starts_unattended
+
+
+def test_another_robot_in_place_of_the_recorded_one_has_not_lost_its_position() -> None:
+    assert wrong_robot().loss_kind is LossKind.ANOTHER
+    assert wrong_robot().headline_text == "is not what answers: another robot does"
+    assert old_backup().loss_kind is LossKind.DIFFERS  # M5 as well, and the same robot
 
 
 def test_a_collision_of_a_robot_that_still_knows_its_place_asks_for_a_drift_check() -> None:

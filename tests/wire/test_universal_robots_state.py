@@ -167,8 +167,9 @@ async def test_an_unnoticed_lost_link_is_reported_once(
         (struct.pack(">HB", 2, ord("U")), "a message of 2 bytes"),
         (state_message(2.0, math.nan), "not a number"),
         (state_message(2.0, math.inf), "not a number"),
+        (state_message(2.0, 1e5), "where no axis can stand"),
     ],
-    ids=["short", "foreign recipe", "impossible size", "nan", "inf"],
+    ids=["short", "foreign recipe", "impossible size", "nan", "inf", "impossible angle"],
 )
 async def test_a_malformed_state_never_becomes_a_reading(
     controller: RtdeController, client: StateClient, data: bytes, says: str
@@ -201,6 +202,16 @@ async def test_a_handshake_that_goes_wrong_says_how(
         await client.connect(deadline_s=SHORT_S if answer is None else LONG_S)
     assert caught.value.remedy
     assert not client.is_alive
+
+
+async def test_a_flood_of_answers_ends_the_link_and_fills_no_memory(
+    controller: RtdeController, client: StateClient
+) -> None:
+    await client.connect(deadline_s=LONG_S)
+    controller.send_data(rtde_message("V", bytes(1000)) * 100)
+    with pytest.raises(WireProtocolError, match="answers to nothing that was asked"):
+        await client.read_fresh()
+    assert client._replies.qsize() < 20
 
 
 async def test_an_address_without_a_listener_is_unreachable() -> None:

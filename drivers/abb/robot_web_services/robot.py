@@ -2,10 +2,11 @@
 
 import logging
 import time
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Mapping
 from contextlib import asynccontextmanager
 from dataclasses import dataclass
 from functools import partial
+from typing import Any
 
 from cellcal.calibration.geometry import Array, Pose
 from cellcal.calibration.mastering.position_record import ShownValue
@@ -39,6 +40,7 @@ from cellcal.drivers.interfaces import (
 )
 from cellcal.drivers.wire.cancellation import run_to_end
 from cellcal.drivers.wire.joint_stream import JointStream
+from cellcal.drivers.wire.possible_values import check_mass, check_override, check_pose
 from cellcal.drivers.wire.serial_number import check_serial_number, describe_second_robot
 from cellcal.drivers.wire.stepwise_motion import IsFinished, StepwiseOptions
 from cellcal.drivers.wire.streamed_motion import StreamedStepwiseMotion
@@ -107,9 +109,9 @@ class AbbRobot(StreamedStepwiseMotion):
             system = await self._link.get_state("/rw/system")
         return Identity(
             "ABB",
-            str(identity.get("ctrl-type", "")),
-            str(identity.get("ctrl-id", "")),
-            f"RobotWare {system.get('rwversion', '')}".strip(),
+            _word_of(self._link, identity, "ctrl-type"),
+            _word_of(self._link, identity, "ctrl-id"),
+            f"RobotWare {_word_of(self._link, system, 'rwversion')}".strip(),
         )
 
     async def identity_doubts(self) -> str:
@@ -150,8 +152,10 @@ class AbbRobot(StreamedStepwiseMotion):
                 make_message("the active tool {tool_name} stands beside the robot.", tool_name=tool_name),
                 remedy="Select the tool that the robot carries.",
             )
-        payload_kg = mass_kg if mass_kg >= 0 else None
-        return ActiveFrames(None, flange_tool, 0 if work_object == _BASE else None, payload_kg)
+        payload_kg = check_mass(self.name, mass_kg) if mass_kg >= 0 else None
+        return ActiveFrames(
+            None, check_pose(self.name, flange_tool), 0 if work_object == _BASE else None, payload_kg
+        )
 
     async def controller_mode(self) -> str:
         async with self._confirmed_answers("reading the mode"):
@@ -160,7 +164,7 @@ class AbbRobot(StreamedStepwiseMotion):
     async def speed_override(self) -> float:
         async with self._confirmed_answers("reading the speed override"):
             state = await self._link.get_state("/rw/panel/speedratio")
-            return number_of(self._link, state, "speedratio") / 100.0
+            return check_override(self.name, number_of(self._link, state, "speedratio") / 100.0)
 
     async def position_data(self) -> tuple[ShownValue, ...]:
         async with self._confirmed_answers("reading the position"):
@@ -226,3 +230,8 @@ class AbbRobot(StreamedStepwiseMotion):
 
     async def _release_arm(self) -> None:
         """Do nothing: the next motion releases the stop."""
+
+
+def _word_of(link: WebLink, state: Mapping[str, Any], key: str) -> str:
+    """Return a word of the name plate; "" where it is left out."""
+    return text_of(link, state, key) if state.get(key) not in (None, "") else ""

@@ -15,6 +15,7 @@ from cellcal.drivers.abb.robot_web_services.web_link import WebLink
 from cellcal.drivers.errors import RefusedError, WireProtocolError
 from cellcal.drivers.interfaces import Alarm, AlarmKind, Condition, Readiness
 from cellcal.drivers.wire.link_errors import unreadable_answer_error
+from cellcal.drivers.wire.possible_values import check_joints, check_pose
 
 T = TypeVar("T")
 _UNIT = "/rw/motionsystem/mechunits/ROB_1"
@@ -50,8 +51,9 @@ async def read_state(link: WebLink) -> ControllerState:
         status = text_of(link, await link.get_state(f"{_UNIT}/axes/{axis + 1}"), "axis-status")
         if status != _SYNCHRONISED:
             lost[axis] = status
-    status = (await link.get_state(_UNIT)).get("status") or _SYNCHRONISED  # a controller may leave it out
-    state = ControllerState(mode, motors, lost, str(status))
+    unit = await link.get_state(_UNIT)
+    status = text_of(link, unit, "status") if unit.get("status") else _SYNCHRONISED  # it may be left out
+    state = ControllerState(mode, motors, lost, status)
     return replace(state, events=await read_position_events(link)) if state.is_position_lost else state
 
 
@@ -61,7 +63,7 @@ async def read_joints(link: WebLink) -> tuple[tuple[float, ...], Mapping[str, An
     angles = [number_of(link, state, f"rax_{axis}") for axis in range(1, AXES + 1)]
     if any(abs(angle) >= NO_AXIS * 0.9 for angle in angles):
         raise unreadable(link, "an axis is missing")
-    return tuple(map(math.radians, angles)), state
+    return check_joints(link.device, tuple(map(math.radians, angles))), state
 
 
 async def read_position_data(link: WebLink) -> tuple[ShownValue, ...]:
@@ -103,13 +105,14 @@ async def read_flange_pose(link: WebLink) -> Pose:
     """Return base_flange: the controller takes tool0 and the base itself."""
     state = await link.get_state(f"{_UNIT}/robtarget", tool="tool0", wobj="wobj0", coordinate="Base")
     position = [number_of(link, state, key) for key in "xyz"]
-    return converted(link, lambda: pose_of(position, [number_of(link, state, f"q{k}") for k in range(1, 5)]))
+    quaternion = [number_of(link, state, f"q{k}") for k in range(1, 5)]
+    return check_pose(link.device, converted(link, lambda: pose_of(position, quaternion)))
 
 
 async def read_unit_names(link: WebLink) -> tuple[str, str]:
     """Return the names of the active tool and work object."""
     state = await link.get_state(_UNIT)
-    return text_of(link, state, "tool-name"), text_of(link, state, "wobj-name")
+    return _name_of(link, state, "tool-name"), _name_of(link, state, "wobj-name")
 
 
 def condition_of(state: ControllerState) -> Condition:
@@ -199,3 +202,11 @@ def text_of(link: WebLink, state: Mapping[str, Any], key: str) -> str:
     if len(value) > _LONGEST_WORD or not value.isprintable():
         raise unreadable(link, f"{key} is no word")
     return value
+
+
+def _name_of(link: WebLink, state: Mapping[str, Any], key: str) -> str:
+    """Return the name of RAPID data, which becomes part of a path."""
+    name = text_of(link, state, key)
+    if not name.isidentifier():
+        raise unreadable(link, f"{key} is no name of RAPID data")
+    return name

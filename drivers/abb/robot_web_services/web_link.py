@@ -64,6 +64,7 @@ class WebLink:
         self._address, self._user = address, user
         self._found: FoundService | None = None
         self._client: httpx.AsyncClient | None = None
+        self._transport: BoundedTransport | None = None
         self._login: httpx.Auth = httpx.Auth()
         self._earliest_s = 0.0  # of the next request, by the loop's clock
         self._last_path = ""
@@ -85,6 +86,9 @@ class WebLink:
 
     def _make_client(self, found: FoundService, cookies: httpx.Cookies | None = None) -> httpx.AsyncClient:
         """Return a client that connects with its first request; with cookies it goes on in their session."""
+        self._transport = BoundedTransport(
+            _MOST_OCTETS, verify=found.tls, limits=httpx.Limits(max_connections=1)
+        )
         return httpx.AsyncClient(
             base_url=found.base_url,
             cookies=cookies,
@@ -92,9 +96,7 @@ class WebLink:
             headers={"Accept": found.dialect.accept},
             timeout=self._deadline_s * STEP_SHARE,
             trust_env=False,
-            transport=BoundedTransport(
-                _MOST_OCTETS, verify=found.tls, limits=httpx.Limits(max_connections=1)
-            ),
+            transport=self._transport,
         )
 
     @asynccontextmanager
@@ -208,14 +210,18 @@ class WebLink:
         self.trace.add_frame(">", f"{method} {path} {(body or b'')[:500]!r}")
         headers = {"Content-Type": content_type} if content_type else {}
         try:
-            async with answer_deadline(self.device, self._deadline_s, "waiting for an answer"):
+            async with answer_deadline(
+                self.device, self._deadline_s, "waiting for an answer", is_half=self._is_half
+            ):
                 response = await self._client.request(
                     method, path, params=dict(query), content=body, headers=headers
                 )
         except OversizedAnswerError as error:
             raise self._unreadable(str(error)) from error
         except httpx.TimeoutException as error:
-            raise timeout_error(self.device, self._deadline_s, "waiting for an answer") from error
+            raise timeout_error(
+                self.device, self._deadline_s, "waiting for an answer", is_half=self._is_half()
+            ) from error
         except httpx.HTTPError as error:
             raise UnreachableError(
                 self.device,
@@ -238,6 +244,9 @@ class WebLink:
         if response.status_code >= 400:
             raise self._refused(response)
         return response
+
+    def _is_half(self) -> bool:
+        return self._transport is not None and self._transport.is_half
 
     async def _keep_pace(self) -> None:
         """Wait until the controller may be asked again."""

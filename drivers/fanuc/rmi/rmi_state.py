@@ -15,6 +15,7 @@ from cellcal.drivers.errors import WireProtocolError
 from cellcal.drivers.fanuc.rmi.rmi_link import Packet, RmiLink
 from cellcal.drivers.interfaces import Alarm, AlarmKind, Condition, Readiness
 from cellcal.drivers.wire.link_errors import unreadable_answer_error
+from cellcal.drivers.wire.possible_values import check_joints, check_pose
 from cellcal.drivers.wire.tables import code_table
 
 AXES = 6
@@ -64,7 +65,8 @@ async def read_joint_angles(link: RmiLink) -> tuple[tuple[float, ...], Packet]:
     angles = reply.get("JointAngle", reply.get("JointAngles"))
     if not isinstance(angles, Mapping):
         raise _unreadable(link, "there are no joint angles")
-    return tuple(math.radians(_number(link, angles, f"J{axis}")) for axis in range(1, AXES + 1)), reply
+    joints = tuple(math.radians(_number(link, angles, f"J{axis}")) for axis in range(1, AXES + 1))
+    return check_joints(link.device, joints), reply
 
 
 async def read_pose(link: RmiLink) -> tuple[Pose, int, int]:
@@ -172,7 +174,7 @@ def _number_key(kind: str) -> str:
 def _pose(link: RmiLink, values: Mapping[str, Any]) -> Pose:
     x, y, z, w, p, r = (_number(link, values, key) for key in _FRAME_KEYS)
     rotation = rotation_from("fanuc_wpr", np.radians([w, p, r]))
-    return Pose.from_matrix(homogeneous_matrix(rotation, np.array([x, y, z]) * 1e-3))
+    return check_pose(link.device, Pose.from_matrix(homogeneous_matrix(rotation, np.array([x, y, z]) * 1e-3)))
 
 
 def _number(link: RmiLink, values: Mapping[str, Any], key: str, otherwise: float | None = None) -> float:

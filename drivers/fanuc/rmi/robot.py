@@ -32,6 +32,7 @@ from cellcal.drivers.interfaces import (
     RobotCapabilities,
 )
 from cellcal.drivers.wire.frame_readback import require_frame_as_sent
+from cellcal.drivers.wire.possible_values import check_override
 from cellcal.drivers.wire.stepwise_motion import IsFinished, StepwiseMotion, StepwiseOptions
 
 _LOG = logging.getLogger(__name__)
@@ -118,7 +119,7 @@ class FanucRmiRobot(StepwiseMotion):
         return "TP on" if status.pendant_enabled else "TP off"
 
     async def speed_override(self) -> float:
-        return (await self._read_status("reading the speed override")).override
+        return check_override(self.name, (await self._read_status("reading the speed override")).override)
 
     async def read_tool_frame(self, number: int) -> Pose:
         return await self._read_frame("UTool", number)

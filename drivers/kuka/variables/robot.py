@@ -38,6 +38,7 @@ from cellcal.drivers.kuka.variables.values import (
 from cellcal.drivers.kuka.variables.variable_link import VariableLink, unquoted_text
 from cellcal.drivers.wire.frame_readback import require_frame_as_sent
 from cellcal.drivers.wire.joint_stream import JointStream
+from cellcal.drivers.wire.possible_values import check_joints
 from cellcal.drivers.wire.serial_number import check_serial_number
 from cellcal.drivers.wire.stepwise_motion import IsFinished, StepwiseOptions
 from cellcal.drivers.wire.streamed_motion import StreamedStepwiseMotion
@@ -163,7 +164,7 @@ class KukaRobot(StreamedStepwiseMotion):
     # a move
 
     async def _read_angles(self) -> Joints:
-        return await read_value(self._link, "$AXIS_ACT", read_axes)
+        return check_joints(self.name, await read_value(self._link, "$AXIS_ACT", read_axes))
 
     async def _begin_motion(self, speed_rad_s: float) -> None:
         speed_percent(self.name, speed_rad_s, self._options.fastest_axis_rad_s)

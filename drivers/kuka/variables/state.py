@@ -13,6 +13,7 @@ from cellcal.drivers.errors import RefusedError, WireProtocolError
 from cellcal.drivers.interfaces import Alarm, AlarmKind, Condition, Readiness
 from cellcal.drivers.kuka.variables.values import AXES, read_axes, read_flag, read_name, read_pose
 from cellcal.drivers.kuka.variables.variable_link import VariableLink
+from cellcal.drivers.wire.possible_values import check_override
 
 T = TypeVar("T")
 _AUTOMATIC = ("#AUT", "#EX")
@@ -131,7 +132,7 @@ async def refuse_external_tool(link: VariableLink) -> None:
 
 async def read_fraction(link: VariableLink, variable: str) -> float:
     """Return a percentage as a share from 0 to 1."""
-    return await read_value(link, variable, parse_number) / 100.0
+    return check_override(link.device, await read_value(link, variable, parse_number) / 100.0)
 
 
 def condition_of(state: ControllerState) -> Condition:

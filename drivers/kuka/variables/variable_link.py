@@ -45,6 +45,7 @@ class VariableLink:
         self._lock = asyncio.Lock()
         self._tag = 0
         self.serial = ""
+        self._is_half = False  # an answer has begun, and its end is waited for
         self.trace = FrameTrace(device)
 
     async def close(self) -> None:
@@ -85,7 +86,10 @@ class VariableLink:
         await self._exchange(_WRITE, variable, value)
 
     async def _exchange(self, kind: int, variable: str, value: str | None) -> str:
-        async with self._lock, answer_deadline(self.device, self._deadline_s, "waiting for an answer"):
+        deadline = answer_deadline(
+            self.device, self._deadline_s, "waiting for an answer", is_half=lambda: self._is_half
+        )
+        async with self._lock, deadline:
             if await self._open_streams() and self.serial:
                 await self._check_serial()
             return await self._ask(kind, variable, value)
@@ -102,6 +106,7 @@ class VariableLink:
     async def _ask(self, kind: int, variable: str, value: str | None) -> str:
         assert self._streams is not None
         reader, writer = self._streams
+        self._is_half = False
         self.expect_tag(self._tag % 65535 + 1)
         body = struct.pack(">B", kind) + _packed(variable)
         if value is not None:
@@ -127,13 +132,16 @@ class VariableLink:
     async def read_answer(self, reader: asyncio.StreamReader, kind: int, variable: str) -> str:
         """Return the value of the answer to a question; answers to earlier ones are passed over."""
         while True:
-            header = await reader.readexactly(_HEADER.size)
+            header = await reader.readexactly(1)
+            self._is_half = True
+            header += await reader.readexactly(_HEADER.size - 1)
             tag, length = _HEADER.unpack(header)
             if (
                 not 0 < tag <= self._tag
             ):  # no question had it: the length is none either, and is not waited for
                 raise self._no_protocol(header)
             body = await reader.readexactly(length)
+            self._is_half = False
             self.trace.add_frame("<", f"{tag:04x}{length:04x}{body.hex()}")
             if tag == self._tag:
                 break

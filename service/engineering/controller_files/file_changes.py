@@ -48,7 +48,12 @@ def compare_files(
     Groups in ``recorded_groups`` have records of their own: their axes are compared with those.
     """
     if files.serial and files.serial != last.record.robot_serial:
-        text = f"controller {files.serial} answers, the record is of {last.record.robot_serial}"
+        present = _in_brackets(controller_content(files, last.controller.group))
+        recorded = f"{last.record.robot_serial}{_in_brackets(last.controller)}"
+        text = (
+            f"controller {files.serial} answers{present}, the record is of {recorded}; see whether the address is "
+            "another controller's now, or take a new record"
+        )
         return (FileChange(ChangeKind.OTHER_ROBOT, text),)
     mastering = files.variables.mastering.get(last.controller.group)
     if mastering is None:
@@ -73,6 +78,10 @@ def compare_files(
         *_compare_rest(last.controller, now),
     ]
     return tuple(sorted(found, key=lambda change: list(ChangeKind).index(change.kind)))
+
+
+def _in_brackets(content: ControllerContent) -> str:
+    return f" ({content.robot})" if content.robot else ""
 
 
 def describe_shift(record: MasteringRecord, counts: Sequence[int]) -> str:

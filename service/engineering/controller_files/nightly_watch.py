@@ -24,6 +24,7 @@ from cellcal.service.engineering.controller_files.file_changes import (
 )
 from cellcal.service.engineering.controller_files.other_axes import find_other_axes, name_axis
 from cellcal.service.engineering.controller_files.record_checks import position_alarms
+from cellcal.service.engineering.controller_files.second_readings import confirm_mastering
 from cellcal.service.engineering.controller_files.stored_records import StoredRecord, list_records
 from cellcal.service.engineering.controller_files.uncompared_parts import (
     list_absent_parts,
@@ -39,6 +40,7 @@ class WatchState(StrEnum):
 
     UNCHANGED = "unchanged"
     CHANGED = "changed"
+    ANOTHER = "another robot"
     LOST = "position lost"
     NOT_COMPARED = "not compared"
     NO_RECORD = "no record"
@@ -87,11 +89,13 @@ class WatchedController:
 _EXIT_CODES = {
     WatchState.UNCHANGED: ExitCode.PASS,
     WatchState.CHANGED: ExitCode.OUT_OF_TOLERANCE,
+    WatchState.ANOTHER: ExitCode.OUT_OF_TOLERANCE,
     WatchState.LOST: ExitCode.OUT_OF_TOLERANCE,
     WatchState.NOT_COMPARED: ExitCode.REFUSED,
     WatchState.NO_RECORD: ExitCode.REFUSED,
     WatchState.FAILED: ExitCode.UNREACHABLE,
 }
+_CHANGED = (WatchState.CHANGED, WatchState.ANOTHER, WatchState.LOST)
 
 
 @contextmanager
@@ -117,6 +121,12 @@ def read_controller(text: str, login: FtpLogin, *, with_programs: bool = True) -
             raise
 
 
+def confirm_controller(text: str, login: FtpLogin, files: ControllerFiles) -> None:
+    """Read the mastering of a controller again; refuse where it is another one now (``ControllerRecordError``)."""
+    with open_source(text, login) as source:
+        confirm_mastering(files, source)
+
+
 def watch_controllers(
     addresses: Sequence[str],
     records: Path,
@@ -136,8 +146,11 @@ def watch_controllers(
 
     def look_at(address: str) -> WatchedController:
         try:
-            files = read_controller(address, login, with_programs=with_programs)
-            return compare_with_records(address, files, stored)
+            return _look_twice(
+                address,
+                stored,
+                lambda: read_controller(address, login, with_programs=with_programs),
+            )
         except CellError as error:
             return WatchedController(address, WatchState.FAILED, error=str(error), error_code=error.code)
         except Exception as error:  # noqa: BLE001  a fault of ours with one robot must not hide the others
@@ -152,6 +165,36 @@ def watch_controllers(
             found[waiting[done]] = done.result()
             report(found[waiting[done]])
     return tuple(found[address] for address in unique)
+
+
+def _look_twice(
+    address: str, stored: Sequence[StoredRecord], read: Callable[[], ControllerFiles]
+) -> WatchedController:
+    """Compare a controller with its records; what differs counts once a second reading says the same."""
+    files = read()
+    found = compare_with_records(address, files, stored)
+    if found.state not in _CHANGED or not files.is_live:
+        return found
+    again = compare_with_records(address, read(), stored)
+    if (again.state, _lasting(again.changes)) == (found.state, _lasting(found.changes)):
+        return found
+    error = make_message(
+        "{device}: two readings, one right after the other, contradict each other: {first}; and then: {second}. "
+        "Look at the network between, and whether something else answers at its address; then read once more.",
+        device=files.device,
+        first=found.sentence,
+        second=again.sentence,
+    )
+    return WatchedController(
+        address, WatchState.FAILED, found.serial, error=error, error_code="device.protocol"
+    )
+
+
+def _lasting(changes: Sequence[FileChange]) -> set[tuple[ChangeKind, str]]:
+    """Return what two readings must agree on: where the arm stands may differ, that it contradicts may not."""
+    return {
+        (change.kind, "" if change.kind is ChangeKind.CONTRADICTION else change.text) for change in changes
+    }
 
 
 def compare_with_records(
@@ -186,6 +229,8 @@ def compare_with_records(
     state = WatchState.CHANGED if unique else state
     if any(change.kind is ChangeKind.LOSS for change in unique):
         state = WatchState.LOST
+    if any(change.kind is ChangeKind.OTHER_ROBOT for change in unique):
+        state = WatchState.ANOTHER  # whether it has lost anything is no question of the recorded one
     axes = tuple(map(name_axis, sorted(not_compared)))
     angles = tuple(dict.fromkeys(filter(None, (*absent_parts, *left_out))))
     return WatchedController(address, state, files.serial, compared_with, unique, axes, angles)

@@ -5,9 +5,11 @@ it fails, what was there before is put back over a new connection and compared.
 """
 
 import asyncio
+import hashlib
 import logging
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -16,12 +18,13 @@ from cellcal.calibration.message import make_message
 from cellcal.drivers.errors import DeviceError, RefusedError
 from cellcal.drivers.interfaces.program_store import ProgramStore
 from cellcal.drivers.wire.cancellation import run_to_end
-from cellcal.service.engineering.delivery.store_addresses import OpenStore
+from cellcal.service.engineering.delivery.store_addresses import OpenStore, host_of
 from cellcal.service.engineering.delivery.stored_copies import (
     DeliveryState,
     StoredDelivery,
     store_copies,
 )
+from cellcal.service.record.robot_lock import LeaseHeldError, acquire_lease
 
 _LOG = logging.getLogger(__name__)
 _NAME = re.compile(r"[A-Za-z0-9_$][A-Za-z0-9_ $-]{0,63}\.[A-Za-z0-9]{1,8}")
@@ -93,6 +96,39 @@ def check_each_once(names: Sequence[str]) -> None:
             )
 
 
+@contextmanager
+def hold_controller(copies: Path, address: str) -> Iterator[None]:
+    """Hold a controller's programs alone among all that keep their copies in one folder.
+
+    Two deliveries at once would each keep the other's half as what was there before.
+
+    Raises
+    ------
+    DeliveryRefusedError
+        Another delivery to it, or restoring, goes on.
+    """
+    host = host_of(address)
+    # A digest, since a path may be longer than the name of a file.
+    name = hashlib.sha256(host.encode(errors="replace")).hexdigest()[:32]
+    lease = acquire_lease(copies, name, "a delivery")
+    try:
+        lease.__enter__()
+    except LeaseHeldError as error:
+        raise DeliveryRefusedError(
+            make_message("{host}: another delivery or restoring of its programs goes on now.", host=host),
+            remedy="Wait until that one has ended, then begin again.",
+        ) from error
+    except OSError as error:
+        raise DeliveryRefusedError(
+            make_message("{copies} cannot be used: {reason}.", copies=copies, reason=error.strerror or error),
+            remedy="Give another folder with --copies.",
+        ) from error
+    try:  # what the body raises is none of these: a device that takes too long raises an OSError, too
+        yield
+    finally:
+        lease.__exit__(None, None, None)
+
+
 async def deliver_programs(
     open_store: OpenStore,
     new: Mapping[str, bytes],
@@ -119,27 +155,39 @@ async def deliver_programs(
     """
     check_names(list(new))
     stored: StoredDelivery | None = None
-    try:
-        async with open_store() as store:
-            _require_standing(store, approval)
-            await store.refuse_while_running()
-            old = {name: await store.read_file(name) for name in new}
-            stored = store_copies(copies, address, approval.approved_by, old, new)
-            if on_copies is not None:
-                on_copies(stored)
-            for name, content in new.items():
-                if old[name] != content:
-                    await store.refuse_while_running()
-                    await _write_compared(store, name, content)
-            return stored.with_state(DeliveryState.DELIVERED)
-    except asyncio.CancelledError:
-        if stored is not None:
-            await run_to_end(_put_back_quietly(open_store, stored))
-        raise
-    except CellError as failure:
-        if stored is None:
+    touched: set[str] = set()
+    with ExitStack() as held:
+        try:
+            async with open_store() as store:
+                _require_standing(store, approval)
+                await store.refuse_while_running()
+                old = {name: await store.read_file(name) for name in new}
+                held.enter_context(hold_controller(copies, address))
+                stored = store_copies(copies, address, approval.approved_by, old, new)
+                if on_copies is not None:
+                    on_copies(stored)
+                await _write_all(store, old, new, touched)
+                return stored.with_state(DeliveryState.DELIVERED)
+        except asyncio.CancelledError:
+            if stored is not None:
+                await run_to_end(_put_back_quietly(open_store, stored, touched))
             raise
-        raise await _failed(open_store, stored, failure) from failure
+        except CellError as failure:
+            if stored is None:
+                raise
+            raise await _failed(open_store, stored, failure, touched) from failure
+
+
+async def _write_all(
+    store: ProgramStore, old: Mapping[str, bytes | None], new: Mapping[str, bytes], touched: set[str]
+) -> None:
+    """Write what is not there already; ``touched`` gets the name of each before it is written."""
+    for name, content in new.items():
+        if old[name] != content:
+            await store.refuse_while_running()
+            await _refuse_changed(store, name, old[name])
+            touched.add(name)
+            await _write_compared(store, name, content)
 
 
 @dataclass(frozen=True, slots=True)
@@ -164,6 +212,13 @@ async def restore_programs(
     DeviceError, DeliveryError
         As for ``deliver_programs``.
     """
+    with hold_controller(stored.folder.parent, stored.delivery.address):
+        return await _restore_alone(open_store, stored, approval, changed_too=changed_too)
+
+
+async def _restore_alone(
+    open_store: OpenStore, stored: StoredDelivery, approval: Approval, *, changed_too: bool
+) -> RestoredPrograms:
     old = {file.name: stored.old_content(file) for file in stored.delivery.files}
     async with open_store() as store:
         _require_standing(store, approval)
@@ -189,7 +244,7 @@ async def _put_back_after_copy(
     open_store: OpenStore, stored: StoredDelivery, replaced: StoredDelivery
 ) -> RestoredPrograms:
     try:
-        put_back = await _put_back(open_store, stored)
+        put_back = await _put_back(open_store, stored, {file.name for file in stored.delivery.files})
     except CellError:
         replaced.with_state(DeliveryState.UNKNOWN)
         raise
@@ -221,6 +276,16 @@ def is_same_program(store: ProgramStore, sent: bytes | None, found: bytes | None
     return sent == found or store.is_same(sent, found)
 
 
+async def _refuse_changed(store: ProgramStore, name: str, old: bytes | None) -> None:
+    """Refuse where a program is another than its copy: another computer or a person at the pendant wrote it since."""
+    if not is_same_program(store, old, await store.read_file(name)):
+        raise RefusedError(
+            store.device,
+            make_message("{name} was changed on the controller while this delivery went on.", name=name),
+            remedy="Find out who else works on its programs, then deliver again.",
+        )
+
+
 async def _write_compared(store: ProgramStore, name: str, content: bytes) -> None:
     await store.write_file(name, content)
     found = await store.read_file(name)
@@ -232,12 +297,14 @@ async def _write_compared(store: ProgramStore, name: str, content: bytes) -> Non
         )
 
 
-async def _put_back(open_store: OpenStore, stored: StoredDelivery) -> StoredDelivery:
-    """Write what was there before, read it back; the last failure is raised after some attempts."""
+async def _put_back(open_store: OpenStore, stored: StoredDelivery, names: Collection[str]) -> StoredDelivery:
+    """Write what was there before of these programs, read it back; the last failure is raised after some attempts."""
     for attempt in range(_ATTEMPTS):
         try:
             async with open_store() as store:
                 for file in stored.delivery.files:
+                    if file.name not in names:  # never written by this delivery
+                        continue
                     await _put_back_file(store, file.name, stored.old_content(file))
             return stored.with_state(DeliveryState.PUT_BACK)
         except DeviceError as error:
@@ -264,16 +331,18 @@ async def _put_back_file(store: ProgramStore, name: str, content: bytes | None) 
         await _write_compared(store, name, content)
 
 
-async def _put_back_quietly(open_store: OpenStore, stored: StoredDelivery) -> None:
+async def _put_back_quietly(open_store: OpenStore, stored: StoredDelivery, names: Collection[str]) -> None:
     try:
-        await _put_back(open_store, stored)
+        await _put_back(open_store, stored, names)
     except CellError as error:
         _LOG.error("%s: the programs of before are not back: %s", stored.delivery.address, error)
 
 
-async def _failed(open_store: OpenStore, stored: StoredDelivery, failure: CellError) -> DeliveryFailedError:
+async def _failed(
+    open_store: OpenStore, stored: StoredDelivery, failure: CellError, touched: Collection[str]
+) -> DeliveryFailedError:
     try:
-        put_back = await run_to_end(_put_back(open_store, stored))
+        put_back = await run_to_end(_put_back(open_store, stored, touched))
     except CellError as error:
         return DeliveryFailedError(
             make_message(
@@ -285,6 +354,12 @@ async def _failed(open_store: OpenStore, stored: StoredDelivery, failure: CellEr
                 "Run no program. When the controller answers again: cellcal program restore {folder}",
                 folder=stored.folder,
             ),
+        )
+    if not touched:
+        return DeliveryFailedError(
+            make_message("the delivery failed, and nothing was written: {reason}", reason=failure.message),
+            put_back,
+            remedy=failure.remedy,
         )
     return DeliveryFailedError(
         make_message(

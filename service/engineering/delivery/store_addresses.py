@@ -66,6 +66,12 @@ def store_at(address: str, login: StoreLogin) -> OpenStore:
     return lambda: _open_folder(Path(address))
 
 
+def host_of(address: str) -> str:
+    """Return the controller of an address, one text for every folder on it; a folder of this machine is itself."""
+    make, mark, where = address.partition("://")
+    return f"{make}{mark}{where.partition('/')[0].lower()}" if mark else str(Path(address).resolve())
+
+
 def _abb_store(address: str, login: StoreLogin) -> OpenStore:
     where, _, folder = address.removeprefix(_ABB).partition("/")
     controller = parse_address(where)  # reads host and port, whatever the protocol

@@ -27,6 +27,7 @@ from cellcal.service.engineering.parameters.identified_parameter import Identifi
 from cellcal.service.engineering.parameters.parameter_files import SetOrigin
 from cellcal.service.engineering.parameters.parameter_set import ParameterSet, ParameterValue
 from cellcal.service.engineering.parameters.parameter_sets import ParameterSets
+from cellcal.service.files import SHARED_FILE, replace_file
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,7 +117,7 @@ def write_cell_urdfs(
     written = []
     for arm, text in zip(report.arms, texts, strict=True):
         one = path if len(report.arms) == 1 else path.with_stem(f"{path.stem}_{arm.name}")
-        one.write_text(text, encoding="utf-8")
+        replace_file(one, text, mode=SHARED_FILE)
         missing = sorted({kinds[term.kind] for term in arm.fit.state.terms})
         written.append(WrittenUrdf(one, tuple(missing)))
     return tuple(written)

@@ -14,6 +14,7 @@ from cellcal.service.engineering.parameters.calibrated_models import nominal_sha
 from cellcal.service.engineering.parameters.parameter_files import SetOrigin
 from cellcal.service.engineering.parameters.parameter_set import ParameterSet
 from cellcal.service.engineering.parameters.parameter_sets import ParameterSets
+from cellcal.service.files import SHARED_FILE, replace_file
 
 
 def save_identification(
@@ -64,7 +65,7 @@ def write_identified_urdf(report: IdentifyReport, path: Path, *, geometric_joint
             remedy="Name another file for the identified one.",
         )
     state = report.identification.state
-    path.write_text(bare_urdf(state.arm_model, geometric_joints=geometric_joints), encoding="utf-8")
+    replace_file(path, bare_urdf(state.arm_model, geometric_joints=geometric_joints), mode=SHARED_FILE)
     kinds = {"gravity": "sag", "harmonic": "ripple", "gear": "gear ratios"}
     return sorted({kinds[term.kind] for term in state.terms})
 

@@ -120,7 +120,7 @@ export interface Recording {
   figures: MeterFigure[];
 }
 
-export type Loss = Omit<Api.LossSeen, "what"> & { what: "lost" | "held" | "differs" | "unconfirmed" };
+export type Loss = Omit<Api.LossSeen, "what"> & { what: "lost" | "held" | "differs" | "unconfirmed" | "another" };
 
 export type Session = Omit<Api.SessionState, "run" | "prompt" | "losses"> & {
   run: Run | null;
