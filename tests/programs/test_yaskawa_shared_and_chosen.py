@@ -376,3 +376,12 @@ def test_axes_that_go_somewhere_without_the_robot_keep_their_zero(alone: str, re
             program.with_changes(change)
     else:
         assert b"EC00000=1000\nEC00001=1500\nEC00002=900" in program.with_changes(change).to_bytes()
+
+
+@pytest.mark.parametrize("axes", ["EC00000=0\nEC00001=7.0.0\n", "EC00000=0\nEC00001=\n"])
+def test_a_row_of_axes_that_is_no_number_leaves_its_point(tmp_path: Path, axes: str) -> None:
+    lines = ("MOVL C00000 V=1.0", "MOVL C00001 V=1.0")
+    moved = move(tmp_path, job(*lines, rows=STATED + AXES + axes, counts="2,0,2,0,0,0"))
+    assert moved["code"] == ExitCode.REFUSED
+    assert "is no number" in moved["reasons"]["C00001"]
+    assert "external axes elsewhere" in moved["reasons"]["C00000"]

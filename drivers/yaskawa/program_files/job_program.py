@@ -255,9 +255,10 @@ def read_job(
     groups = [1 if one == robot else max(one, 2) for one in robots]
     positions = positions_of(name, jobs, rows, kinds, groups, ratios)
     barred, shifts = motions_in(jobs, positions)
-    broken = {i: NO_NUMBER for i, row in enumerate(rows) if row.broken}
     others = {i: make_message(_OTHER_ROBOT, one, robot) for i, one in enumerate(robots) if one != robot}
     beside = rows_beside(jobs, rows)
+    broken = {i: NO_NUMBER for i, row in enumerate(rows) if row.broken}
+    broken |= {i: NO_NUMBER for (i, _), row in beside.items() if row.broken}
     positions = replace(
         positions,
         barred={**barred, **broken, **others},
