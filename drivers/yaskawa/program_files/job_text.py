@@ -29,6 +29,7 @@ What a pseudo instruction says holds until the next one of its kind. A file may 
 import re
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
+from math import inf
 
 from cellcal.calibration.message import make_message
 from cellcal.drivers.programs.errors import ProgramFileError
@@ -47,6 +48,7 @@ _LINE = re.compile(
 _BROKEN_ROW = re.compile(r"(C|P|BC|EC|BP|EP|EX)(\d{1,6})[ \t]*=([^\r\n=]*)\r?(?:\n|\Z)")  # no number, too few
 _POSE_COMMAS = 5
 _ZEROS = ",".join("0" * 6)
+_BEYOND = f"{inf}"  # of axes that are no number: nothing counts them as standing at zero
 _END_OF_FILE = "\x1a"  # which tools of DOS put behind a text
 _WORD = re.compile(r"(/{1,4})([A-Z]\w*)(?:[ \t]+(.*?))?[ \t]*\Z")
 _SLASHED = re.compile(r"^/[^\r\n]*", re.MULTILINE)
@@ -343,7 +345,7 @@ class _JobReader:
             )
         job.row_keys.add(key)
         broken = broken or _has_too_few(found, row_state)
-        text = found[3] if not broken else _ZEROS if found[1] in ROBOT_ROWS else "inf"
+        text = found[3] if not broken else _ZEROS if found[1] in ROBOT_ROWS else _BEYOND
         job.rows.append(JobRow(found[1], found[2], found.start(3), text, line, row_state, broken))
 
 
