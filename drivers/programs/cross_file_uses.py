@@ -49,6 +49,7 @@ class BatchDeclarations:
         self._tools = DeclaredPoses({file: one.tools for file, one in declarations.items() if one.tools})
         self._bases = DeclaredPoses({file: one.bases for file, one in declarations.items() if one.bases})
         self._local = LocalFrames(declarations)
+        self._other_data = frozenset[str]().union(*(one.other_data for one in declarations.values()))
         for file, one in declarations.items():
             if one.doubtful and not (one.flat and self._calls.is_standalone(file)):
                 self._doubtful |= {
@@ -195,7 +196,7 @@ class BatchDeclarations:
         bare = array_name_of(name)
         owners, declared = self.find_declarations(file, bare)
         gone_to = frozenset(each for each, _ in uses if each.why not in NO_MOTION)
-        if not owners and gone_to:
+        if not owners and gone_to and bare not in self._other_data:
             self._absent[file][name] = self._absent[file].get(name, frozenset()) | gone_to
         for owner in owners:
             self._add_uses(owner, declared + name[len(bare) :], uses)

@@ -102,6 +102,7 @@ class FileDeclarations:
     own_uses: Mapping[str, frozenset[MoveFrames]] = field(default_factory=dict)  # of names declared here
     named_tools: frozenset[str] = frozenset()  # what others see and this file declares, or moves, as a tool
     capitals: bool = False  # the one case of its names
+    other_data: frozenset[str] = frozenset()  # names of declared data that are no positions and may hold some
     moves: bool = False  # its routines move a robot
     flat: bool = False  # a call means a program of this folder, and one that is not there may set anything
 

@@ -49,6 +49,7 @@ class ProgramShift:
         ""  # no shift: the motion takes the point's numbers with this tool, which is not its own
     )
     goes_on: bool = False  # no shift: a step begins where the points leave the robot
+    made_by: str = ""  # no shift: this program makes the user frame ``user_frame`` when a person runs it
     absent: str = ""  # no shift: the motion goes to a place that no file holds; what to do with it
 
     def to_matrix(self) -> Array:

@@ -105,6 +105,21 @@ def test_a_component_that_gets_a_whole_value_is_no_place_of_the_controller(
     assert bool(found) is is_finding
 
 
+@pytest.mark.parametrize(
+    ("value", "is_finding"),
+    [
+        (":=[[[1200,0,800],[0,0,1,0],[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]],1]", False),
+        (":=[p10,1]", True),
+        ("", True),
+    ],
+)
+def test_a_record_whose_places_are_left_is_no_place_of_the_controller(value, is_finding, tmp_path: Path):
+    text = rapid(f"MoveL st.pos,v100,fine,tool0{WORK}").replace("PROC", f"PERS station st{value};\nPROC", 1)
+    moved = move_program(tmp_path, "abb", "pdisp_rotated.mod", offset=SHIFTED, text=text)
+    found = [one for one in moved.report["findings"] if one["text"].startswith(STAYS.format("st"))]
+    assert (bool(found), moved.code) == (is_finding, ExitCode.REFUSED)
+
+
 @pytest.mark.parametrize("name", ["p\u00c4u\u00dfen", "P\u00c4"])
 def test_a_rapid_motion_to_a_name_with_umlauts_is_found(name, tmp_path: Path):
     text = rapid(f"MoveL {name},v100,fine,tool0{WORK}")

@@ -56,7 +56,7 @@ FILES = {
         ("kuka", "n = norm(3)", ""),
         ("ur", "x = 1 + pick_part(3)", "pick_part"),
         ("ur", "x = get_pick(3)", ""),
-        ("yaskawa", "MACRO1 MJ#(1) ARGF2", ""),
+        ("yaskawa", "MACRO1 MJ#(1) ARGF2", "MACRO1 MJ#(1)"),
         ("yaskawa", "CALL IG#(2)", "IG#(2)"),
     ],
 )

@@ -194,7 +194,16 @@ def test_what_a_place_cannot_hold_is_refused():
 
 
 @pytest.mark.parametrize(
-    "numbers", [".1, .2, .3, 0, 3.14", "nan, .2, .3, 0, 3.14, 0", ".1 .2, .3, 0, 3.14, 0"]
+    "numbers",
+    [
+        ".1, .2, .3, 0, 3.14",
+        "nan, .2, .3, 0, 3.14, 0",
+        ".1 .2, .3, 0, 3.14, 0",
+        ".1, 1.2.3, .3, 0, 3.14, 0",
+        ".1, , .3, 0, 3.14, 0",
+        ".1, 1e, .3, 0, 3.14, 0",
+        ".1, -, .3, 0, 3.14, 0",
+    ],
 )
 @pytest.mark.parametrize("text", ["movel(p[{}], a=1)", "movej([{}], a=1)", "pick = p[{}]\nmovel(pick)"])
 def test_a_pose_with_a_number_that_is_none_leaves_the_others(text: str, numbers: str):
@@ -206,7 +215,7 @@ def test_a_pose_with_a_number_that_is_none_leaves_the_others(text: str, numbers:
 @pytest.mark.parametrize(
     ("text", "line", "column"),
     [
-        ("movel(p[.1, .2, 1.2.3, 0, 3.14, 0])", 1, 9),
+        ("x = f(.1, .2, 1.2.3)", 1, 15),
         ("y = 3\n  movel(p[.1, 0, 0, 0, 0, 0], a=1", 2, 8),
         ("movel p[.1, 0, 0, 0, 0, 0])", 1, 27),
         ('textmsg("open)', 1, 9),

@@ -116,7 +116,19 @@ def test_shifts_are_findings_where_the_work_turns(
     assert {finding.point for finding in result.findings} == found
     for finding in result.findings:
         assert np.degrees(finding.angle_rad) == pytest.approx(20.0)
-    assert not move_job(job_bytes("MOVL P001 V=1.0", *lines), tmp_path, turn=False).findings
+    filled = () if "GETS PX050 $PX001" in lines else ("SETE P050 (1) 100", "SETE LP050 (1) 100")
+    straight = [
+        one.text
+        for one in move_job(job_bytes("MOVL P001 V=1.0", *filled, *lines), tmp_path, turn=False).findings
+    ]
+    assert not straight
+
+
+def test_an_amount_that_no_job_fills_may_turn(tmp_path: Path) -> None:
+    for line in ("SFTON P050 BF", "SFTON P[B000] BF", "SFTON LP050 BF"):
+        result = move_job(job_bytes("MOVL P001 V=1.0", line, "MOVL C00000 V=1.0"), tmp_path, turn=False)
+
+        assert [(one.point, one.row >= 0) for one in result.findings] == [("C00000", True)], line
 
 
 def test_an_amount_computed_from_a_taught_point_is_a_finding_without_a_turn(tmp_path: Path) -> None:

@@ -158,7 +158,6 @@ def test_what_a_shift_of_the_work_does_not_reach_is_a_finding(
         ("GETS PX010 $PX000", "MOVJ P010 VJ=1.0"),
         ("GETS PX010 $PX001", "ADD P010 P011", "MOVL P010 V=1.0"),
         ("MOVL C00001 V=1.0  //P050 C00009",),
-        ("MACRO1 MJ#(2) ARGF0.5",),
     ],
 )
 def test_what_goes_along_with_a_shift_is_no_finding(tmp_path: Path, lines: tuple[str, ...]) -> None:
@@ -194,6 +193,37 @@ def test_a_called_job_may_leave_a_shift_on_that_it_switches_in_a_branch(tmp_path
     caller = job("CALL JOB:B", "MOVL C00000 V=1.0")
     called = bare_job("SFTON P001 BF", "IFTHENEXP B000=1", "SFTOF", "ENDIF")
     assert move(tmp_path, caller, called, offset=TURNED)["code"] == ExitCode.REFUSED
+
+
+@pytest.mark.parametrize(
+    ("lines", "found"),
+    [
+        (("SETE P001 (1) D000",), 0),
+        (("SETE P001 (4) D000",), 1),
+        (("SETE P002 (1) D000",), 1),
+        (("SET P001 P002",), 1),
+        (("GETARG P001 IARG#(1)", "MSHIFT P001 BF P003 P004"), 1),
+    ],
+)
+def test_an_amount_of_another_job_turns_nothing_where_it_fills_lengths_only(
+    tmp_path: Path, lines: tuple[str, ...], found: int
+) -> None:
+    moved = move(tmp_path, job("SFTON P001 BF", "MOVL C00000 V=1.0"), bare_job(*lines))
+    assert [one["what"] for one in moved["findings"]] == ["SFTON P001"] * found
+
+
+@pytest.mark.parametrize("amount", ["P001", "P[LB000]"])
+def test_a_macro_that_leaves_a_shift_on_is_a_finding(tmp_path: Path, amount: str) -> None:
+    macro = bare_job(f"SFTON {amount} BF").replace("SC,RW", "SC,RW,MC")
+    moved = move(tmp_path, job("MACRO1 MJ#(2)", "MOVL C00000 V=1.0"), macro)
+    assert {one["point"] for one in moved["findings"]} == {"C00000", "C00001", "MACRO1 MJ#(2)"}
+
+
+def test_a_frame_that_a_person_makes_by_a_job_is_a_finding(tmp_path: Path) -> None:
+    for frame, found in (("UF#(2)", ["UF#(2)"]), ("UF#(3)", [])):
+        text = job("MOVL C00000 V=1.0")
+        moved = move(tmp_path / frame, text, bare_job(f"MFRAME {frame} C00000 C00001 C00002"))
+        assert [one["point"] for one in moved["findings"]] == found
 
 
 @pytest.mark.parametrize("line", ["MACRO1 MJ#(2) ARGF0.5", "JUMP JOB:B", "CALL JOB:B"])
@@ -346,3 +376,12 @@ def test_axes_that_go_somewhere_without_the_robot_keep_their_zero(alone: str, re
             program.with_changes(change)
     else:
         assert b"EC00000=1000\nEC00001=1500\nEC00002=900" in program.with_changes(change).to_bytes()
+
+
+@pytest.mark.parametrize("axes", ["EC00000=0\nEC00001=7.0.0\n", "EC00000=0\nEC00001=\n"])
+def test_a_row_of_axes_that_is_no_number_leaves_its_point(tmp_path: Path, axes: str) -> None:
+    lines = ("MOVL C00000 V=1.0", "MOVL C00001 V=1.0")
+    moved = move(tmp_path, job(*lines, rows=STATED + AXES + axes, counts="2,0,2,0,0,0"))
+    assert moved["code"] == ExitCode.REFUSED
+    assert "is no number" in moved["reasons"]["C00001"]
+    assert "external axes elsewhere" in moved["reasons"]["C00000"]

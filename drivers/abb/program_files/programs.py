@@ -15,6 +15,7 @@ from cellcal.calibration.message import make_message
 from cellcal.drivers.abb.program_files.collected_positions import LEAST_ANGLE_DECIMALS
 from cellcal.drivers.abb.program_files.configuration import AbbConfigurations, numbers_of
 from cellcal.drivers.abb.program_files.declared_frames import with_standing_work
+from cellcal.drivers.abb.program_files.declared_records import declared_records
 from cellcal.drivers.abb.program_files.instructions import MOVES
 from cellcal.drivers.abb.program_files.literals import AGGREGATES
 from cellcal.drivers.abb.program_files.measured_places import (
@@ -173,6 +174,7 @@ class AbbFile:
                 own_uses=uses.shown_uses(),
                 named_tools=module.frames.public_tools(),
                 moves=module.moves,
+                other_data=declared_records(source.text),
             ),
             keys=tuple(uses.local_keys.get(row, found.names[row].lower()) for row in order.tolist()),
             used=frozenset(k for k, row in enumerate(order.tolist()) if uses.of_row.get(row)),

@@ -28,8 +28,8 @@ _ENDS_WITH_OPERATOR = re.compile(
     r"(?:\b(?:AND|OR|NOT|XOR|DIV|MOD|GOTO|RETURN)|[=<>+\-*/(,])\s*\Z", re.IGNORECASE
 )
 _LANGUAGE_TEXT = (
-    "if for while test goto return raise retry trynext exit exitcycle stop break var pers const local task record "
-    "func proc trap module connect alias waittime waituntil waitdi waitdo waitai waitao waitgi waitgo waitrob "
+    "elseif if for while test goto return raise retry trynext exit exitcycle stop break var pers const local task "
+    "record func proc trap module connect alias waittime waituntil waitdi waitdo waitai waitao waitgi waitgo waitrob "
     "waitload waitsyncmovetask waitsensor waitwobj waittestandset setdo setgo setao set reset pulsedo invertdo "
     "tpwrite tperase tpreadfk tpreadnum tpreaddnum tpshow uimsgbox uimsgwrite uimsgwriteabort uishow write "
     "writebin writestrbin writeanybin writerawbytes writevar writeblock open close rewind makedir removedir "

@@ -1,7 +1,7 @@
 """What the motions of a listing do: where they go as it stands, what they add, and what shifts them."""
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 from cellcal.calibration.message import make_message
@@ -20,7 +20,7 @@ from cellcal.drivers.fanuc.program_files.ls_statements import (
     read_statements,
 )
 from cellcal.drivers.programs.conditions import ConditionalBar, ProjectNeed
-from cellcal.drivers.programs.shifts import UNREADABLE, ProgramShift, ShiftAxes
+from cellcal.drivers.programs.shifts import NO_TURN, UNREADABLE, ProgramShift, Quaternion, ShiftAxes, Triple
 
 _INCREMENT = "it is an increment: {} in line {} adds it to where the robot is"
 _LED_MOTION = "another motion group leads the motion there ({} in line {})"
@@ -32,6 +32,11 @@ _GIVEN = re.compile(  # behind the condition of an IF, too
     rb"(?:(?:IF|WENN)\b[^=;]*+[^;,]*+,[ \t]*+)?+P(?<![A-Za-z]P)\[ *+(\d{1,5}+) *+(?:,[^\]]*+)?+\][ \t]*+=(?!=)"
 )
 ANY_REGISTER = -1  # in place of a register: a number chooses it
+
+_REGIONS: Mapping[str, tuple[Triple, Quaternion | None]] = {  # shifts of all motions until their END
+    "Touch Offset": (UNREADABLE, None),
+    "MP OFFSET": (UNREADABLE, NO_TURN),  # of multi-pass welding: it turns the torch, and not the place
+}
 
 
 @dataclass
@@ -69,7 +74,7 @@ def find_motions(
     ``turned`` are the registers of which other programs set W, P or R, ``filled_elsewhere`` those that other programs
     give any value, None for any. What no file fills holds what a person or a camera entered, which may turn, too.
     """
-    found, region, statements = MotionFindings(), False, list(read_statements(data))
+    found, region, statements = MotionFindings(), "", list(read_statements(data))
     last: int | None = None
     registers = registers_of([(each, None) for each in statements if is_computing(each)], in_joints)
     not_filled = _registers_not_filled(statements, registers, filled_elsewhere)
@@ -78,7 +83,7 @@ def find_motions(
     for statement in statements:
         contents.follow_statement(statement)
         if not statement.is_motion:
-            region = _touch_offset(statement, region)
+            region = _region_after(statement, region)
             found.conditions.update(condition_of(statement))
             _take_given(found, statement)
             if is_computing(statement):
@@ -86,14 +91,12 @@ def find_motions(
             continue
         motion = motion_of(statement)
         _take_targets(found, motion)
-        _take_reached(found, motion, region)
+        _take_reached(found, motion, bool(region))
         if motion.search:  # it goes along an axis of the touch sensor's frame, as far as it finds something
             _add_shift(found, motion, ProgramShift(motion.line, motion.search, ShiftAxes.USER_FRAME))
         if motion.offset or region:
-            amount, quaternion = (
-                contents.shift_of_motion(motion, may_turn) if not region else (UNREADABLE, None)
-            )
-            option = "Offset" if motion.offset else "Touch Offset"
+            amount, quaternion = _REGIONS.get(region) or contents.shift_of_motion(motion, may_turn)
+            option = "Offset" if motion.offset else region
             axes = axes_of(registers, *motion.offset_registers)
             shift = ProgramShift(motion.line, option, axes, translation_m=amount, quaternion=quaternion)
             _add_shift(found, motion, shift)
@@ -149,10 +152,12 @@ def axes_of(registers: ComputedRegisters, *shifting: int) -> ShiftAxes:
     return ShiftAxes.BASE if registers.joints.intersection(shifting) else ShiftAxes.USER_FRAME
 
 
-def _touch_offset(statement: Statement, region: bool) -> bool:
-    text = b" ".join(statement.text.split()).upper()
-    if text.startswith(b"TOUCH OFFSET"):
-        return not text.startswith(b"TOUCH OFFSET END")
+def _region_after(statement: Statement, region: str) -> str:
+    """Return the instruction that shifts all motions from here to its END, "" for none."""
+    text = " ".join(statement.text.decode("latin-1").split()).upper()
+    for name in _REGIONS:
+        if text.startswith(name.upper()):
+            return "" if text.startswith(f"{name.upper()} END") else name
     return region
 
 

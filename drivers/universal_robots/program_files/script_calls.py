@@ -40,6 +40,7 @@ class OpenCall:
     function: str  # "" where it is a list or brackets of an expression; "p" for a pose
     offset: int
     argument: int = 0
+    spoiled: bool = False  # one of the list's numbers is none
     index: bool = False  # it chooses from a list: Places[0]
     keyword: str = ""
     first_name: str = ""  # the first argument, where it is a name and nothing else
@@ -48,6 +49,12 @@ class OpenCall:
     def next_argument(self) -> None:
         self.argument += 1
         self.keyword = ""
+
+    def look_for_spoiled(self, kind: str, text: str, before: str) -> None:
+        """Note a number of a list that is spoiled, doubled or not there; ``before`` is the kind of token before."""
+        is_doubled = kind == "number" and before in ("number", "spoiled")
+        is_absent = (text in (",", "]") and before == "sign") or (text == "," and before == "open")
+        self.spoiled = self.spoiled or kind == "spoiled" or is_doubled or is_absent
 
     @property
     def is_understood(self) -> bool:

@@ -26,7 +26,6 @@ _ARGUMENTS = rf"(?:{_B},{_B}(?:[A-Za-z_]\w*+{_B}={_B})?(?:{NUMBER}|[A-Za-z_]\w*+
 _END = rf"{_B}(?:\#[^\r\n]*+)?\r?(?:\n|\Z)"
 _MOVE = r"(?:(?:opti)?+move[jl]|movep|servoj|servoc)"
 SIX_NUMBERS = re.compile(SIX)
-_SUM = re.compile(r"[\d.][ \t]*+[-+]")  # inside a list that looks like numbers: one of them is computed
 _LINE = re.compile(
     rf"""{_B}(?:
       (?:(?:global|local)[ \t]++)?(?P<name>[A-Za-z_]\w*+){_B}={_B}(?P<kind>p?)\[(?P<six>{_CHARACTERS})\]
@@ -51,6 +50,7 @@ _TOKEN = re.compile(
     |(?P<sign>[=,.:'\\]|[-+*/%<>!;$&|^~?@]++))""",
     re.ASCII | re.VERBOSE,
 )
+_NUMBER_LIKE = re.compile(rf"{_BLANKS}(?P<spoiled>[\d.][\w.]*)", re.ASCII)  # and no number
 _AFTER_BLANKS = re.compile(rf"{_BLANKS}(?P<rest>.)", re.DOTALL)
 _BAD = re.compile(r"[\0-\x08\x0b\x0c\x0e-\x1f\x7f]|\r(?!\n)")
 _FINE = bytes([9, 10, 13, *range(32, 127), *range(128, 256)])
@@ -58,6 +58,7 @@ _BLOCKS = ("def", "thread", "sec", "while", "if", "for", "switch")
 _DEEPEST = 100  # no program opens so many brackets in one statement
 _NO_NUMBER = re.compile(r"\b(?:nan|inf)\b", re.IGNORECASE)
 _PAIRS = {"(": ")", "[": "]", "{": "}"}
+_NO_SCRIPT = "It is no URScript, or damaged; correct this line."
 _ENCODING = "Save it as plain text, UTF-8 without zeros, with line feeds; or fetch it from the robot again."
 
 
@@ -165,19 +166,17 @@ class ScriptText:
     def iterate_tokens(self, at: int) -> Iterator[Token]:
         """Yield the tokens from an offset on, blanks and comments left out; at the end an empty line."""
         text, end = self.text, len(self.text)
-        while found := _TOKEN.match(text, at):
+        while found := _TOKEN.match(text, at) or _NUMBER_LIKE.match(text, at):
             kind = found.lastgroup or ""
             start, at = found.span(kind)
             yield Token(kind, text[start:at], start, at)
         blank_match = _AFTER_BLANKS.match(text, at)
         if blank_match is not None:
             at = blank_match.start("rest")
-            raise self.error_at(
-                at, self._what_is_wrong(at), "It is no URScript, or damaged; correct this line."
-            )
+            raise self.error_at(at, self.what_is_wrong(at), _NO_SCRIPT)
         yield Token("line", "", end, end)
 
-    def _what_is_wrong(self, at: int) -> str:
+    def what_is_wrong(self, at: int) -> str:
         piece = re.compile(r"[\w.]{1,24}|.", re.ASCII | re.DOTALL).match(self.text, at)
         shown = piece[0] if piece else ""
         if shown == '"':
@@ -203,8 +202,8 @@ def _take_line(line: re.Match[str], found: ScriptStatements) -> bool:
     which = line.lastgroup
     if which in ("six", "move_six"):
         start, end = line.span(which)
-        if line.string.count(",", start, end) != 5 or _SUM.search(line.string, start, end) is not None:
-            return False
+        if SIX_NUMBERS.fullmatch(line.string, start, end) is None:
+            return False  # one is computed, or none: the tokens tell which place that is
         if which == "six":
             found.literals.append(ScriptLiteral(start, end, line["kind"] == "p", "value", 0, line["name"]))
         else:
@@ -250,6 +249,7 @@ class _StatementReader:
         if token.kind in ("name", "six"):
             self.waiting = token
             return
+        self._look_for_spoiled(token)
         if token.kind == "open":
             self._open_bracket(token)
         elif token.kind == "close":
@@ -262,6 +262,12 @@ class _StatementReader:
             self.source.count_block(*self.block)
             self.block = None
         self.before = token
+
+    def _look_for_spoiled(self, token: Token) -> None:
+        if self.stack and self.stack[-1].opens == "[":
+            self.stack[-1].look_for_spoiled(token.kind, token.text, self.before.kind if self.before else "")
+        elif token.kind == "spoiled":
+            raise self.source.error_at(token.start, self.source.what_is_wrong(token.start), _NO_SCRIPT)
 
     def _follows_an_index(self) -> bool:
         """Return whether an assignment's sign stands behind the index of the name that the statement begins with."""
@@ -375,7 +381,8 @@ class _StatementReader:
 
     def _is_broken(self, call: OpenCall, close: Token) -> bool:
         """Return whether a pose or a posture has not six numbers, or one that a computation spoiled."""
-        return call.argument != 5 or _NO_NUMBER.search(self.source.text, call.offset, close.start) is not None
+        spoiled = call.argument != 5 or call.spoiled
+        return spoiled or _NO_NUMBER.search(self.source.text, call.offset, close.start) is not None
 
     def _finish_statement(self) -> None:
         if self.stack:

@@ -9,6 +9,9 @@ from cellcal.drivers.yaskawa.program_files.job_capitals import in_capitals
 _COMPUTED = re.compile(  # which job, a signal or a variable tells
     r"^[ \t]*(?:CALL|JUMP|PSTART)[ \t]+(IG#\([^)\n]*\)|L?[BIDS]\[?\d+\]?(?!\w))", re.MULTILINE
 )
+_MACRO = re.compile(
+    r"^[ \t]*(MACRO\d*[ \t]+MJ#\([^)\n]*\))", re.MULTILINE
+)  # only the controller's table says which
 _CALLED = re.compile(r"^[ \t]*(?:CALL|JUMP|PSTART)\b[^\n']*?\bJOB:[ \t]*(\S+)", re.MULTILINE)
 _NAMED = re.compile(r"^//NAME[ \t]+(\S+)", re.MULTILINE)
 
@@ -19,7 +22,11 @@ def called_jobs(data: bytes) -> tuple[CalledRoutine, ...]:
     lines = LineNumbers(text)
     found = [CalledRoutine(lines.line_of(each.start(1)), each[1]) for each in _CALLED.finditer(text)]
     computed = (CalledRoutine(lines.line_of(each.end()), each[1], "*") for each in _COMPUTED.finditer(text))
-    return tuple(sorted((*found, *computed)))
+    macros = (
+        CalledRoutine(lines.line_of(each.start(1)), " ".join(each[1].split()))
+        for each in _MACRO.finditer(text)
+    )
+    return tuple(sorted((*found, *computed, *macros)))
 
 
 def own_jobs(data: bytes) -> frozenset[str]:

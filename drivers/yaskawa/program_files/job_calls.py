@@ -8,6 +8,7 @@ from pathlib import PurePath
 
 from cellcal.calibration.message import make_message
 from cellcal.drivers.programs.file_declarations import BatchReasons, FileDeclarations
+from cellcal.drivers.yaskawa.program_files.job_amounts import amount_marks
 from cellcal.drivers.yaskawa.program_files.job_capitals import in_capitals
 from cellcal.drivers.yaskawa.program_files.job_shared_variables import variable_marks
 from cellcal.drivers.yaskawa.program_files.job_text import (
@@ -19,11 +20,12 @@ from cellcal.drivers.yaskawa.program_files.job_text import (
 _JOB = re.compile(r"^//NAME[ \t]+(\S+)(.*?)^//INST(.*?)(?=^/JOB|\Z)", re.MULTILINE | re.DOTALL)
 _CALLED = re.compile(r"\bJOB:[ \t]*(\S+)")
 _LINES = re.compile(
-    rf"^[ \t]*(SFTON|SFTOF|CALL|PSTART|JUMP|\*|(?:{BLOCK_BEGINS}|{BLOCK_ENDS})\b)([^\n]*)", re.MULTILINE
+    rf"^[ \t]*(SFTON|SFTOF|CALL|PSTART|MACRO|JUMP|\*|(?:{BLOCK_BEGINS}|{BLOCK_ENDS})\b)([^\n]*)", re.MULTILINE
 )
 _IN_FRAME = re.compile(r"\bUF#\((\d{1,3}|[A-Z])")  # in which user frame a relative job is to run
 _MADE = re.compile(r"^[ \t]*(?:MFRAME|SETTOOL|SETUF\w*)\b[^\n]*?\b(UF|TL)#\((\d{1,3}|[A-Z])", re.MULTILINE)
-_SAYS = re.compile(rb"JOB:|\b(?:SFTON|MFRAME|SETTOOL|SETUF)|\b[Pp][Xx]?(?:\d{3,5}\b|\[)")
+_SAYS = re.compile(rb"JOB:|\b(?:SFTON|MACRO|MFRAME|SETTOOL|SETUF)|\b[Pp][Xx]?(?:\d{3,5}\b|\[)")
+_IS_MACRO = re.compile(r"^///ATTR\b[^\r\n]*\bMC\b", re.MULTILINE)
 _SHIFTED = "SFTON of {}"
 
 
@@ -38,25 +40,33 @@ def declarations_of(file: str, data: bytes) -> FileDeclarations:
     jobs = _JOB.findall(data.decode("latin-1")) if _SAYS.search(data) else ()
     for name, head, written in jobs:
         instructions = in_capitals(written)
-        marks |= variable_marks(file, name, head, instructions)
-        found = _LINES.findall(instructions)
-        jumps = any(word in ("JUMP", "*") for word, _ in found) or shifts_in_blocks(word for word, _ in found)
-        on = jumps and any(word == "SFTON" for word, _ in found)
-        for word, rest in found:
-            on = word == "SFTON" or (on and (jumps or word != "SFTOF"))
-            called = _CALLED.search(rest) if word in ("CALL", "PSTART", "JUMP") else None
-            if called is not None:
-                in_frame = _IN_FRAME.search(rest)
-                for called_name in (called[1], called[1].upper()):  # small letters may be an editor's
-                    if in_frame is not None:
-                        marks[f"{folder} frame {called_name} {in_frame[1]}"] = name
-                    marks[f"{folder} call {name} {called_name}"] = name
-                    marks |= {f"{folder} shifted {called_name}": name} if on else {}
+        marks |= variable_marks(file, name, head, instructions) | amount_marks(file, name, head, instructions)
+        marks |= _call_marks(f"{folder}", name, instructions)
+        if _IS_MACRO.search(written):
+            marks[f"{folder} macro {name}"] = name
         for what, number in _MADE.findall(instructions):
             marks[f"{folder} makes {name} {what} {number}"] = name
-        if on:
-            marks[f"{folder} leaves {name}"] = name
     return FileDeclarations(PurePath(file).stem, doubtful=marks)
+
+
+def _call_marks(folder: str, name: str, instructions: str) -> dict[str, str]:
+    """Return which jobs a job calls, and in which its shift is on."""
+    marks: dict[str, str] = {}
+    found = _LINES.findall(instructions)
+    jumps = any(word in ("JUMP", "*") for word, _ in found) or shifts_in_blocks(word for word, _ in found)
+    on = jumps and any(word == "SFTON" for word, _ in found)
+    for word, rest in found:
+        on = word == "SFTON" or (on and (jumps or word != "SFTOF"))
+        called = _CALLED.search(rest) if word in ("CALL", "PSTART", "JUMP") else None
+        for called_name in (
+            (called[1], called[1].upper()) if called else ()
+        ):  # small letters may be an editor's
+            if (in_frame := _IN_FRAME.search(rest)) is not None:
+                marks[f"{folder} frame {called_name} {in_frame[1]}"] = name
+            marks[f"{folder} call {name} {called_name}"] = name
+            marks |= {f"{folder} shifted {called_name}": name} if on else {}
+    marks |= {f"{folder} leaves {name}": name} if on else {}
+    return marks | ({f"{folder} runs {name}": name} if any(word == "MACRO" for word, _ in found) else {})
 
 
 def shift_from_others(file: str, job: str, marks: BatchReasons) -> str:
@@ -71,6 +81,11 @@ def _shifted_jobs(folder: str, marks: BatchReasons) -> dict[str, str]:
     calls = [
         (caller, called)
         for caller, _, called in (pair.partition(" ") for pair in marks.rests_behind(f"{folder} call"))
+    ]
+    calls += [
+        (caller, macro)
+        for caller in marks.rests_behind(f"{folder} runs")
+        for macro in marks.rests_behind(f"{folder} macro")  # only the controller's table says which one runs
     ]
     shifted = {
         called: marks[f"{folder} shifted {called}"] for called in marks.rests_behind(f"{folder} shifted")
@@ -91,11 +106,21 @@ def _shifted_jobs(folder: str, marks: BatchReasons) -> dict[str, str]:
 def frames_from_others(file: str, job: str, marks: BatchReasons) -> dict[tuple[str, str], str]:
     """Return user frames and tools that other jobs make while the cell works, by UF or TL and number; and which job.
 
-    A job that calls none and that none calls is one to set up the cell, which a person ran once.
+    A job that calls none and that none calls is one to set up the cell, which a person runs.
     """
+    made = _made_frames(file, marks)
+    return {(what, number): name for name, what, number, works in made if works and name != job}
+
+
+def frames_of_people(file: str, job: str, marks: BatchReasons) -> dict[tuple[str, str], str]:
+    """Return user frames and tools, as ``frames_from_others``, that jobs make when a person runs them."""
+    made = _made_frames(file, marks)
+    return {(what, number): name for name, what, number, works in made if not works and name != job}
+
+
+def _made_frames(file: str, marks: BatchReasons) -> list[tuple[str, str, str, bool]]:
     folder = f"{PurePath(file).parent}"
-    made = marks.derive_once(f"{folder} makes", lambda: _made_by_working_jobs(folder, marks))
-    return {(what, number): name for name, what, number in made if name != job}
+    return marks.derive_once(f"{folder} makes", lambda: _made_by_jobs(folder, marks))
 
 
 def frames_of_calls(file: str, job: str, marks: BatchReasons) -> dict[str, str]:
@@ -107,7 +132,8 @@ def frames_of_calls(file: str, job: str, marks: BatchReasons) -> dict[str, str]:
     }
 
 
-def _made_by_working_jobs(folder: str, marks: BatchReasons) -> list[tuple[str, str, str]]:
+def _made_by_jobs(folder: str, marks: BatchReasons) -> list[tuple[str, str, str, bool]]:
+    """Return job, UF or TL and number of each frame, and whether the job runs while the cell works."""
     working = {name for pair in marks.rests_behind(f"{folder} call") for name in pair.split(" ")}
     made = (key.split(" ") for key in marks.rests_behind(f"{folder} makes"))
-    return [(name, what, number) for name, what, number in made if name in working]
+    return [(name, what, number, name in working) for name, what, number in made]

@@ -47,6 +47,7 @@ _DECIMAL_COMMA = (
     "its row holds seven numbers, some of them without decimals: a comma may be a decimal mark there"
 )
 _OTHERS = "what other jobs go to while it holds"
+UNFILLED_AMOUNT = re.compile(r"[A-Z]+ P(\d+)")  # how a shift by a variable without a value here is named
 _PLAIN = frozenset(("MOVJ", "MOVL", "MOVC", "MOVS", "REFP"))
 _MOTION = re.compile(r"[A-Z]*MOV[A-Z]*|REFP|SYSTART")
 _GOES_ON_ELSEWHERE = re.compile(r"CALL\b|MACRO\d*\b|JUMP JOB:")
@@ -155,7 +156,9 @@ def _of_rows(
 
 def _find_motions(job: YaskawaJob, rows: dict[Key, JobRow]) -> _JobFindings:
     lines = list(iterate_instructions(job))
-    found = _JobFindings(variables=computed_variables(lines))
+    found = _JobFindings(
+        variables=computed_variables(lines, {number for kind, number in rows if kind == "P"})
+    )
     variables = found.variables
     jumps = _JUMPS.search(job.instructions) is not None
     everywhere = jumps or shifts_in_blocks(word for _, word, _ in lines)
@@ -189,8 +192,14 @@ def _shift_of(
         return None
     axes = ShiftAxes.USER_FRAME if frame is not None and frame[1] == "UF#" else ShiftAxes.BASE
     turn = _turn_of(rest, rows)
-    if (variables.from_here | variables.turned).intersection(numbers_in(rest)):
+    numbers = numbers_in(rest)
+    if (variables.from_here | variables.turned).intersection(numbers):
         turn = None  # the amount itself changes with the points, or turns
+    elif unfilled := [one for one in numbers if ("P", one) not in rows and one not in variables.filled]:
+        turn = None  # what the controller has there may turn
+        word = f"{word} P{unfilled[0]:03d}" if unfilled[0] >= 0 else word
+    elif _CHOSEN.search(rest):
+        turn = None
     return ProgramShift(line, word, axes, point=_amount_text(rest), quaternion=turn)
 
 

@@ -19,18 +19,20 @@ from cellcal.drivers.programs.positions import (
     ProgramFrames,
     Remark,
 )
-from cellcal.drivers.programs.shifts import ProgramShift, ShiftAxes
+from cellcal.drivers.programs.shifts import NO_TURN, ProgramShift, ShiftAxes
+from cellcal.drivers.yaskawa.program_files.job_amounts import is_straight_amount, may_shifts_turn
 from cellcal.drivers.yaskawa.program_files.job_axis_rows import rows_alone
 from cellcal.drivers.yaskawa.program_files.job_calls import (
     declarations_of,
     frames_from_others,
     frames_of_calls,
+    frames_of_people,
     shift_from_others,
 )
 from cellcal.drivers.yaskawa.program_files.job_columns import PULSES, SHIFT, kind_of, positions_of
 from cellcal.drivers.yaskawa.program_files.job_edits import RATIOS_NEEDED, edits_of
 from cellcal.drivers.yaskawa.program_files.job_external import rows_beside, rows_that_share
-from cellcal.drivers.yaskawa.program_files.job_motions import motions_in
+from cellcal.drivers.yaskawa.program_files.job_motions import UNFILLED_AMOUNT, motions_in
 from cellcal.drivers.yaskawa.program_files.job_remarks import remarks_of
 from cellcal.drivers.yaskawa.program_files.job_shared_variables import computed_elsewhere, is_placed
 from cellcal.drivers.yaskawa.program_files.job_text import ROBOT_ROWS, JobRow, YaskawaJob, jobs_of
@@ -80,8 +82,17 @@ class JobProgram:
         shifting = {name: shift_from_others(self.file, name, external_uses.doubtful) for name in names}
         making = {name: frames_from_others(self.file, name, external_uses.doubtful) for name in names}
         in_frames = {name: frames_of_calls(self.file, name, external_uses.doubtful) for name in names}
+        turn = (
+            None if any(shifting.values()) and may_shifts_turn(self.file, external_uses.doubtful) else NO_TURN
+        )
         shifts = [
-            ProgramShift(int(self.positions.lines[row]), shifting[self.jobs[row]], ShiftAxes.BASE, (row,))
+            ProgramShift(
+                int(self.positions.lines[row]),
+                shifting[self.jobs[row]],
+                ShiftAxes.BASE,
+                (row,),
+                quaternion=turn,
+            )
             for row, kind in enumerate(self.positions.kinds)
             if kind in (CARTESIAN, JOINTS) and shifting[self.jobs[row]]
         ]
@@ -107,7 +118,12 @@ class JobProgram:
             for one in self.positions.shifts
             if not (one.absent and _is_stated_elsewhere(self.file, one.point, marks))
         ]
-        if not (shifts or made or elsewhere or computed) and len(own) == len(self.positions.shifts):
+        shifts += self._frames_of_people(marks)
+        own = [
+            replace(one, quaternion=NO_TURN) if one.what in _settled_amounts(self.file, own, marks) else one
+            for one in own
+        ]
+        if not (shifts or made or elsewhere or computed) and own == list(self.positions.shifts):
             return self
         positions = replace(
             self.positions,
@@ -115,6 +131,26 @@ class JobProgram:
             barred={**computed, **elsewhere, **made, **self.positions.barred},
         )
         return replace(self, positions=positions, external_uses=external_uses)
+
+    def _frames_of_people(self, marks: BatchReasons) -> list[ProgramShift]:
+        """Return once for each job and frame that another job makes the frame when a person runs that."""
+        makers = {name: frames_of_people(self.file, name, marks) for name in set(self.jobs)}
+        found: dict[tuple[str, str], ProgramShift] = {}
+        for row, job_row in enumerate(self.rows):
+            made = makers[self.jobs[row]]
+            maker = _maker_of(job_row, {key: name for key, name in made.items() if key[0] == "UF"})
+            frame = self.positions.user_frames[row]
+            if maker and frame is not None and (maker, frame) not in found:
+                line = int(self.positions.lines[row])
+                found[maker, frame] = ProgramShift(
+                    line,
+                    "MFRAME",
+                    ShiftAxes.USER_FRAME,
+                    point=f"UF#({frame})",
+                    user_frame=frame,
+                    made_by=maker,
+                )
+        return list(found.values())
 
     def external_row(self, row: int, kinds: tuple[str, ...]) -> JobRow | None:
         """Return the row of base or station axes beside a position; None where there is none."""
@@ -145,6 +181,16 @@ def _is_stated_elsewhere(file: str, point: str, marks: BatchReasons) -> bool:
     """Return whether a position variable is a place that a job of the folder states."""
     found = re.fullmatch(r"PX?0*(\d+)", point)
     return found is not None and is_placed(file, found[1], marks)
+
+
+def _settled_amounts(file: str, shifts: Sequence[ProgramShift], marks: BatchReasons) -> set[str]:
+    """Return the shifts, as they are named, by an amount that another job fills, and that nothing there turns."""
+    found = set[str]()
+    for what in {one.what for one in shifts if one.quaternion is None}:
+        amount = UNFILLED_AMOUNT.fullmatch(what)
+        if amount is not None and is_straight_amount(file, int(amount[1]), marks):
+            found.add(what)
+    return found
 
 
 def _maker_of(row: JobRow, made: Mapping[tuple[str, str], str]) -> str:
@@ -209,9 +255,10 @@ def read_job(
     groups = [1 if one == robot else max(one, 2) for one in robots]
     positions = positions_of(name, jobs, rows, kinds, groups, ratios)
     barred, shifts = motions_in(jobs, positions)
-    broken = {i: NO_NUMBER for i, row in enumerate(rows) if row.broken}
     others = {i: make_message(_OTHER_ROBOT, one, robot) for i, one in enumerate(robots) if one != robot}
     beside = rows_beside(jobs, rows)
+    broken = {i: NO_NUMBER for i, row in enumerate(rows) if row.broken}
+    broken |= {i: NO_NUMBER for (i, _), row in beside.items() if row.broken}
     positions = replace(
         positions,
         barred={**barred, **broken, **others},

@@ -13,7 +13,7 @@ from cellcal.drivers.yaskawa.program_files.job_text import split_instruction
 from cellcal.drivers.yaskawa.program_files.job_variables import FILLS, numbers_in
 
 ANY = "*"  # in place of a number: a register chooses the variable
-_LINES = re.compile(r"^[^\n]*?\bL?PX?(?:\d{3,5}\b|\[)[^\n]*", re.MULTILINE)
+VARIABLE_LINES = re.compile(r"^[^\n]*?\bL?PX?(?:\d{3,5}\b|\[)[^\n]*", re.MULTILINE)
 _CHOSEN_FIRST = re.compile(r"PX?\[")  # the variable that gets the value
 _COMPUTED_BY = "job {} computes with this variable, or uses it as an amount"
 _MAY_BE_COMPUTED_BY = "a register chooses the variables that job {} computes, and this may be one of them"
@@ -26,7 +26,7 @@ def variable_marks(file: str, job: str, head: str, instructions: str) -> dict[st
     folder, goes_to, others = PurePath(file).parent, set[int](), set[int]()
     filled, used, chosen = set[int](), set[int](), False
     copies: list[tuple[int, list[int]]] = []  # a variable, and what SET copies into it
-    for line in _LINES.findall(instructions):
+    for line in VARIABLE_LINES.findall(instructions):
         word, rest = split_instruction(line)
         named = numbers_in(rest)
         (goes_to if word in MOVES else others).update(named)

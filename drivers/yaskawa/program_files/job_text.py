@@ -29,6 +29,7 @@ What a pseudo instruction says holds until the next one of its kind. A file may 
 import re
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
+from math import inf
 
 from cellcal.calibration.message import make_message
 from cellcal.drivers.programs.errors import ProgramFileError
@@ -44,9 +45,10 @@ _LINE = re.compile(
     rf"(?:(C|P|BC|EC|BP|EP|EX)(\d{{1,6}})[ \t]*=[ \t]*({_NUMBER}(?:[ \t]*,[ \t]*{_NUMBER}){{0,11}})"
     r"|(/[^\r\n]*)|(?:'[^\r\n]*)?|[ \t]+(?:'[^\r\n]*)?)[ \t]*\r?(?:\n|\Z)"
 )
-_BROKEN_ROW = re.compile(r"([CP])(\d{1,6})[ \t]*=([^\r\n=]*)\r?(?:\n|\Z)")  # of a robot: no number, too few
+_BROKEN_ROW = re.compile(r"(C|P|BC|EC|BP|EP|EX)(\d{1,6})[ \t]*=([^\r\n=]*)\r?(?:\n|\Z)")  # no number, too few
 _POSE_COMMAS = 5
 _ZEROS = ",".join("0" * 6)
+_BEYOND = f"{inf}"  # of axes that are no number: nothing counts them as standing at zero
 _END_OF_FILE = "\x1a"  # which tools of DOS put behind a text
 _WORD = re.compile(r"(/{1,4})([A-Z]\w*)(?:[ \t]+(.*?))?[ \t]*\Z")
 _SLASHED = re.compile(r"^/[^\r\n]*", re.MULTILINE)
@@ -81,7 +83,7 @@ class JobRow:
     text: str  # "1.000,2.000,…"
     line: int
     state: RowState
-    broken: bool = False  # a coordinate is no number, and zeros stand in `text`
+    broken: bool = False  # a number is none; zeros stand in `text`, inf in that of axes
 
 
 @dataclass(slots=True)
@@ -162,7 +164,7 @@ class _JobReader:
             raise self.error_at(self.jobs[-1].line, 1, "the job ends before its instructions (//INST).")
 
     def _take_broken_row(self, line: int, at: int) -> re.Match[str]:
-        """Take a position of a robot whose numbers are not understood; return its line."""
+        """Take a row whose numbers are not understood; return its line."""
         found = _BROKEN_ROW.match(self.text, at) if self.part == "POS" else None
         if found is None:
             rest = self.text[at : at + 40].partition("\n")[0]
@@ -343,7 +345,7 @@ class _JobReader:
             )
         job.row_keys.add(key)
         broken = broken or _has_too_few(found, row_state)
-        text = _ZEROS if broken else found[3]
+        text = found[3] if not broken else _ZEROS if found[1] in ROBOT_ROWS else _BEYOND
         job.rows.append(JobRow(found[1], found[2], found.start(3), text, line, row_state, broken))
 
 

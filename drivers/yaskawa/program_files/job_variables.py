@@ -4,7 +4,7 @@ A local variable LP012 has the number -13. Variables that no instruction here fi
 """
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Sequence, Set
 from dataclasses import dataclass, field
 
 TAKEN = re.compile(r"(?<!\$)\b(L?)P(?:X)?(\d{3,5})\b|\bC(\d{3,5})\b")
@@ -34,6 +34,7 @@ class ComputedVariables:
     uncertain: set[int] = field(
         default_factory=set
     )  # of these, those that a shift of the place does not shift alike
+    filled: set[int] = field(default_factory=set)  # that an instruction gives a value
     turned: set[int] = field(default_factory=set)  # amounts that may turn: by MSHIFT, or SETE of an angle
 
 
@@ -47,14 +48,24 @@ def number_of(taken: re.Match[str]) -> int:
     return -int(taken[2]) - 1 if taken[1] else int(taken[2])
 
 
-def computed_variables(instructions: Iterable[Instruction]) -> ComputedVariables:
+def filled_variables(lines: Sequence[tuple[str, str, list[int]]], stated: Set[int]) -> set[int]:
+    """Return the variables that instructions give a value, from nothing but stated or filled ones."""
+    fills = [numbers for word, rest, numbers in lines if word in FILLS and numbers_in(rest.partition(" ")[0])]
+    filled = {numbers[0] for numbers in fills}
+    before = -1
+    while len(filled) != before:
+        before = len(filled)
+        filled -= {numbers[0] for numbers in fills if not filled.union(stated).issuperset(numbers[1:])}
+    return filled
+
+
+def computed_variables(
+    instructions: Iterable[Instruction], stated: Set[int] = frozenset()
+) -> ComputedVariables:
     """Return what a job's instructions, in whatever order, make of where the robot stands."""
-    lines = [
-        (word, rest, numbers)
-        for _, word, rest in instructions
-        if (word in _HERE or word in AMOUNTS) and (numbers := numbers_in(rest))
-    ]
-    found = ComputedVariables(turned=_turned_amounts(lines))
+    written = [(word, rest, numbers) for _, word, rest in instructions if (numbers := numbers_in(rest))]
+    lines = [one for one in written if one[0] in _HERE or one[0] in AMOUNTS]
+    found = ComputedVariables(filled=filled_variables(written, stated), turned=turned_amounts(lines))
     for word, _, numbers in lines:
         found.from_here.update(numbers if word in _HERE else ())
     before = -1
@@ -72,7 +83,7 @@ def computed_variables(instructions: Iterable[Instruction]) -> ComputedVariables
     return found
 
 
-def _turned_amounts(lines: Sequence[tuple[str, str, list[int]]]) -> set[int]:
+def turned_amounts(lines: Sequence[tuple[str, str, list[int]]]) -> set[int]:
     """Return the variables that a difference of two places, or an angle that is set, makes, and what gets them."""
     turned = {
         numbers[0]

@@ -59,6 +59,10 @@ _OF_OTHER_CONTROLLER = (
     "the motion goes to {point}, whose place no file here holds: what the other robot's controller has there counts. "
     "{cure}"
 )
+_MADE_BY = (
+    "{maker} makes {point} when a person runs it, and the points in it are changed for the frame of the project: do "
+    "not run {maker} for the changed points, or let the frame go along instead of the points."
+)
 _NOT_CORRECTED = "the motion goes to {point}, whose place no file here holds: it is not corrected. {cure}"
 _COMPUTED_PLACE = (
     "{what} goes to {point}, which the program computes while it runs: it is not corrected for the arm. Correct what "
@@ -105,12 +109,7 @@ def _findings_of(
             if frame is None or route.covers_frame(frame, bare_joints=False) is True:
                 turned = _turned_change(by_frame, program, frame, shift, route)
                 turned = turned if carried is None else turned._replace(exact=False)
-                one = (
-                    _absent_finding(shift, turned, route)
-                    if shift.absent
-                    else _shift_finding(shift, shift.point, -1, None, turned)
-                )
-                found.append(_computed_finding(one, shift, route))
+                found.append(_computed_finding(_finding_elsewhere(shift, turned, route), shift, route))
             continue
         for row in _rows_that_go_along(points, shift, start):
             at = start + row
@@ -199,6 +198,13 @@ def _shift_finding(
     return PointFinding(shift.line, point, shift.what, angle, distance, turn, text, row)
 
 
+def _finding_elsewhere(shift: ProgramShift, turned: _TurnedChange, route: TransferRoute) -> PointFinding:
+    """Return a finding of what is no point of the file."""
+    if shift.absent or shift.made_by:
+        return _absent_finding(shift, turned, route)
+    return _shift_finding(shift, shift.point, -1, None, turned)
+
+
 def _absent_finding(shift: ProgramShift, turned: _TurnedChange, route: TransferRoute) -> PointFinding:
     """Return what becomes of a motion to a place that no file holds; without a text where nothing is asked of it."""
     change = turned.change
@@ -206,9 +212,12 @@ def _absent_finding(shift: ProgramShift, turned: _TurnedChange, route: TransferR
         float(np.linalg.norm(log_rotation(change[:3, :3]))),
         float(np.linalg.norm(change[:3, 3])),
     )
-    if route.source is not route.target:
+    if shift.made_by:
+        moves = angle > _LEAST_RAD or distance_m > _LEAST_M or not _is_plain_move(route)
+        text = make_message(_MADE_BY, maker=shift.made_by, point=shift.point) if moves else ""
+    elif route.source is not route.target:
         text = make_message(_OF_OTHER_CONTROLLER, point=shift.point, cure=shift.absent)
-    elif route.real_ends != (True, True):
+    elif not _is_plain_move(route):
         text = make_message(_NOT_CORRECTED, point=shift.point, cure=shift.absent)
     elif angle > _LEAST_RAD or distance_m > _LEAST_M:
         text = make_message(
@@ -223,13 +232,18 @@ def _absent_finding(shift: ProgramShift, turned: _TurnedChange, route: TransferR
     return PointFinding(shift.line, shift.point, shift.what, angle, math.nan, math.nan, text, -1)
 
 
+def _is_plain_move(route: TransferRoute) -> bool:
+    """Return whether work is moved in one cell, without corrections for the arm."""
+    return route.source is route.target and route.real_ends == (True, True)
+
+
 def _computed_finding(found: PointFinding, shift: ProgramShift, route: TransferRoute) -> PointFinding:
     """Return a finding with the words for what is computed, where another arm is corrected for and the work stays.
 
     A step that is added to a corrected point goes on from there; a place or a coordinate that the program computes is
     one of the nominal arm.
     """
-    one_arm = route.source is route.target and route.real_ends == (True, True)
+    one_arm = _is_plain_move(route)
     is_place = not shift.rows and shift.quaternion is None
     if found.text or one_arm or not (shift.sets or is_place):
         return found
