@@ -5,18 +5,16 @@ from collections.abc import Sequence
 import numpy as np
 
 from cellcal.calibration.arm.kinematics import RobotModel
-from cellcal.calibration.errors import DegenerateDataError
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.identification.cross_validation import (
     Grouping,
     assign_folds,
     compare_models,
-    held_out_errors,
 )
-from cellcal.calibration.identification.estimator import FitProblem, errors_m, estimate_arm
-from cellcal.calibration.identification.layouts import make_layout
+from cellcal.calibration.identification.estimator import FitProblem, errors_m
+from cellcal.calibration.identification.fold_errors import errors_without_folds
 from cellcal.calibration.identification.observations import Observations, Rows, with_mounting
-from cellcal.calibration.identification.parameters import GEOMETRY, ArmState
+from cellcal.calibration.identification.parameters import ArmState
 from cellcal.calibration.identification.series_breaks import (
     FrameFits,
     SeriesBreak,
@@ -91,21 +89,11 @@ class _BreakTrial:
 
 def _errors_with_breaks(fits: FrameFits, folds: Rows, breaks: Sequence[SeriesBreak]) -> Array:
     """Return held-out errors of plain fits of the geometry: quick, and good enough to compare mountings."""
-    rows, observations = [found.row for found in breaks], fits.observations
-    frames = fits.fit_breaks(rows).state
-    mounted = with_mounting(observations, mounting_of(len(observations), rows))
-    layout = make_layout(fits.model, mounted.kind, len(rows) + 1, level=GEOMETRY)
-
-    def errors_without(training: Rows, held_rows: Rows) -> Array:
-        state = estimate_arm(
-            layout, frames, FitProblem.from_observations(frames, mounted.select_rows(training))
-        ).state
-        return errors_m(state, FitProblem.from_observations(state, mounted.select_rows(held_rows)))
-
-    try:
-        return held_out_errors(folds, errors_without)
-    except DegenerateDataError:
-        return np.full(len(mounted), np.inf)
+    rows = [found.row for found in breaks]
+    fit, _, _ = fits.fit_geometry(rows)
+    mounted = with_mounting(fits.observations, mounting_of(len(fits.observations), rows))
+    problem = FitProblem.from_observations(fit.state, mounted)
+    return errors_without_folds(fit, problem, np.ones(len(mounted)), folds)
 
 
 def refine_breaks(

@@ -1,6 +1,6 @@
 """One level of an arm's parameters, fitted robustly: which joint terms it has, and its fit."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -22,7 +22,7 @@ from cellcal.calibration.identification.free_parameters import (
     prepare_fit,
 )
 from cellcal.calibration.identification.layouts import make_layout, with_further
-from cellcal.calibration.identification.observations import Observations, Rows
+from cellcal.calibration.identification.observations import Observations
 from cellcal.calibration.identification.parameters import (
     GEAR,
     GRAVITY,
@@ -31,7 +31,7 @@ from cellcal.calibration.identification.parameters import (
     ParameterLayout,
     Priors,
 )
-from cellcal.calibration.identification.robust import RobustFit, fit_robustly, refit_robustly
+from cellcal.calibration.identification.robust import RobustFit, fit_robustly
 
 _DISTINCT_ANGLES = 20  # of a joint, before its ripple or gear ratio may be asked for
 _ANGLES_PER_PERIOD = 5  # distinct ones, or a wave is read into gaps
@@ -90,18 +90,6 @@ class LevelTask:
         """Fit the level robustly."""
         layout, state = self.prepare(observations)
         return fit_robustly(layout, state, FitProblem.from_observations(state, observations))
-
-    def refit(self, whole: RobustFit, rows: Rows) -> RobustFit:
-        """Fit some of the rows (K,) of a fit of this level robustly, from where that one ended."""
-        layout, state = self.prepare(whole.problem.observations.select_rows(rows))
-        return refit_robustly(layout, _continue_from(whole.fit.state, state), whole, rows)
-
-
-def _continue_from(ended: ArmState, start: ArmState) -> ArmState:
-    """Return where a fit ended, with the joint terms of a start."""
-    found = dict(zip(ended.terms, ended.coefficients, strict=True))
-    values = [found.get(term, value) for term, value in zip(start.terms, start.coefficients, strict=True)]
-    return replace(ended, terms=start.terms, coefficients=np.array(values, dtype=float))
 
 
 def fit_level(

@@ -78,19 +78,6 @@ def fit_robustly(layout: ParameterLayout, start: ArmState, problem: FitProblem) 
     return _settle_weights(fit, problem, np.ones(len(problem.observations)))
 
 
-def refit_robustly(layout: ParameterLayout, start: ArmState, whole: RobustFit, rows: Rows) -> RobustFit:
-    """Fit some of the rows (K,) of a fit as `fit_robustly` does, from the weights and scales of that one.
-
-    What the rows left out did to the start is gone when the iteration has settled.
-    """
-    observations = whole.problem.observations.select_rows(rows)
-    problem = FitProblem.from_observations(start, observations)
-    if not len(layout):
-        return _without_fit(layout, start, problem)
-    weights = _cauchy_weights(whole.deviations[rows])
-    return _settle_weights(estimate_arm(layout, start, problem, weights), problem, weights)
-
-
 def _cauchy_weights(deviations: Array) -> Array:
     weights: Array = 1.0 / (1.0 + deviations**2 / _CAUCHY**2)
     return weights

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cache, partial
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +15,7 @@ from cellcal.calibration.identification.cross_validation import (
     assign_folds,
     compare_models,
 )
-from cellcal.calibration.identification.estimator import FitProblem, errors_m
+from cellcal.calibration.identification.fold_errors import errors_without_folds
 from cellcal.calibration.identification.free_parameters import StartingPoint, all_joint_terms, level_of
 from cellcal.calibration.identification.layouts import make_layout
 from cellcal.calibration.identification.level_fit import LevelTask, fit_level, terms_of_level
@@ -160,29 +160,16 @@ class _LevelTrial:
         level = level_of(start, every)
         return level, (f"level {level}, {LEVEL_NAMES[level]}, has what is free: {', '.join(start.free)}",)
 
-    def start_folds(self, level: int, whole: RobustFit, runner: PartRunner) -> Callable[[], Array]:
-        """Begin the fits without each fold, from that of all rows; return what waits for the errors (N,)."""
-        folds = range(int(self.folds.max()) + 1)
-        fitted = [runner.submit(_errors_of_fold, self, level, whole, fold) for fold in folds]
-        return partial(self._join_folds, fitted)
 
-    def _join_folds(self, fitted: Sequence[Callable[[], Array]]) -> Array:
-        """Return the errors (N,) of rows predicted by fits without their fold."""
-        errors = np.zeros(len(self.folds))
-        for fold, wait in enumerate(fitted):
-            errors[self.folds == fold] = wait()
-        return errors
+def _judge_level(trial: _LevelTrial, level: int) -> tuple[RobustFit, Array]:
+    """Return the fit of a level to all rows, and the errors (N,) of rows predicted without their fold.
 
-
-def _fit_whole(trial: _LevelTrial, level: int) -> RobustFit:
-    return trial.task_of(level).fit(trial.observations)
-
-
-def _errors_of_fold(trial: _LevelTrial, level: int, whole: RobustFit, fold: int) -> Array:
-    """Return the errors of a fold's rows, predicted by a fit of the others."""
-    training, held_rows = np.flatnonzero(trial.folds != fold), np.flatnonzero(trial.folds == fold)
-    state = trial.task_of(level).refit(whole, training).fit.state
-    return errors_m(state, FitProblem.from_observations(state, trial.observations.select_rows(held_rows)))
+    Rows that the fit rejects are fitted in no fold, and predicted as all others.
+    """
+    robust = trial.task_of(level).fit(trial.observations)
+    weights = np.ones(len(trial.observations))
+    weights[robust.rejected] = 0.0
+    return robust, errors_without_folds(robust.fit, robust.problem, weights, trial.folds)
 
 
 def _choose_level(
@@ -205,17 +192,17 @@ def _choose_level(
     compared = np.ones(len(trial.observations), dtype=bool)
     runner.show_stage("comparing levels on rows left out")
 
-    def start_folds(level: int, wait_for_whole: Callable[[], RobustFit]) -> Callable[[], Array]:
-        fits[level] = wait_for_whole()
-        return trial.start_folds(level, fits[level], runner)
-
-    def start_whole(level: int) -> Callable[[], RobustFit]:
-        return runner.submit(_fit_whole, trial, level)
+    def start_level(level: int) -> Callable[[], tuple[RobustFit, Array]]:
+        return runner.submit(_judge_level, trial, level)
 
     # Gear ratios wait for what ripple does.
-    whole = {level: start_whole(level) for level in possible if level != GEAR}
-    begun = {level: start_folds(level, wait) for level, wait in whole.items()}
-    held_out = cache(lambda level: (begun.get(level) or start_folds(level, start_whole(level)))())
+    begun = {level: start_level(level) for level in possible if level != GEAR}
+
+    @cache
+    def held_out(level: int) -> Array:
+        fits[level], errors = (begun.get(level) or start_level(level))()
+        return errors
+
     level, reasons = best_level(possible, held_out, trial.grouping.groups, compared)
     if few and level < GEOMETRY in possible:
         raised, why = _level_of_few(level, {each: held_out(each) for each in (level, GEOMETRY)})

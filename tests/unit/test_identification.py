@@ -18,11 +18,10 @@ from cellcal.calibration.identification.estimator import (
     whitened_residuals,
 )
 from cellcal.calibration.identification.first_guess import first_guess
-from cellcal.calibration.identification.free_parameters import StartingPoint
+from cellcal.calibration.identification.fold_errors import errors_without_folds
 from cellcal.calibration.identification.identifiability import acts_in_a_sum, hiding_partners
 from cellcal.calibration.identification.identify import identify_arm
 from cellcal.calibration.identification.layouts import make_layout
-from cellcal.calibration.identification.level_fit import LevelTask
 from cellcal.calibration.identification.observations import (
     LengthObservations,
     PointObservations,
@@ -143,22 +142,23 @@ def test_a_model_without_a_dh_table_is_identified_by_twists():
 
 
 @pytest.mark.parametrize("level", [FRAMES, GEOMETRY, RIPPLE])
-def test_a_fit_of_some_rows_is_the_same_from_the_fit_of_all_and_from_the_start(level):
+def test_rows_are_predicted_without_their_fold_as_by_a_fit_that_begins_anew(level):
     simulated = tracker_points("ur10", 120, seed=4)
     bad = np.arange(5, 120, 24)
     positions_m = simulated.observations.positions_m.copy()
     positions_m[bad] += 0.02
     rows = replace(simulated.observations, positions_m=positions_m)
-    task = LevelTask(simulated.model, best_start(simulated.model, rows), level, Priors(), StartingPoint())
-    whole = fit_level(task.model, rows, task.places, level, task.priors)
-    some = np.flatnonzero(np.arange(120) % 5 != 2)
-    afresh = fit_level(task.model, rows.select_rows(some), task.places, level, task.priors)
-    continued = task.refit(whole, some)
-    assert np.array_equal(continued.rejected, afresh.rejected)
-    assert np.isin(some[afresh.rejected], bad).all()
-    joints_rad = random_joints(simulated.model, np.random.default_rng(1), 50)
-    apart_m = tip_places_m(continued.fit.state, joints_rad) - tip_places_m(afresh.fit.state, joints_rad)
-    assert np.abs(apart_m).max() < 1e-6
+    model, places = simulated.model, best_start(simulated.model, rows)
+    whole = fit_level(model, rows, places, level, Priors())
+    weights, folds = np.ones(120), np.arange(120) % 5
+    weights[whole.rejected] = 0.0
+    predicted_m = errors_without_folds(whole.fit, whole.problem, weights, folds)
+    for fold in (0, 3):
+        afresh = fit_level(model, rows.select_rows(np.flatnonzero(folds != fold)), places, level, Priors())
+        assert np.isin(np.flatnonzero(folds != fold)[afresh.rejected], bad).all()
+        held_rows = rows.select_rows(np.flatnonzero(folds == fold))
+        problem = FitProblem.from_observations(afresh.fit.state, held_rows)
+        assert np.abs(predicted_m[folds == fold] - errors_m(afresh.fit.state, problem)).max() < 1e-6
 
 
 def test_sag_is_distinguished_from_offsets():

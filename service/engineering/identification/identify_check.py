@@ -23,7 +23,7 @@ from cellcal.calibration.identification.cross_validation import (
 )
 from cellcal.calibration.identification.drift_lint import order_drift, temperature_drift
 from cellcal.calibration.identification.earlier_posterior import OffsetContradiction
-from cellcal.calibration.identification.effect_lint import misfit_notes
+from cellcal.calibration.identification.effect_lint import misfit_notes, without_play
 from cellcal.calibration.identification.estimator import (
     FitProblem,
     errors_m,
@@ -47,6 +47,7 @@ from cellcal.calibration.identification.observations import (
 from cellcal.calibration.identification.parameters import FRAMES, ArmState
 from cellcal.calibration.identification.residual_model import errors_with
 from cellcal.calibration.identification.rows_apart import rows_apart
+from cellcal.calibration.identification.sag_change import find_sag_change
 from cellcal.calibration.identification.series_breaks import assign_mountings
 from cellcal.calibration.identification.sweep_lint import sweep_lint
 from cellcal.calibration.identification.temperature import TemperatureEffect, temperature_note
@@ -200,6 +201,8 @@ def lints_of_fit(
     observations = found.robust.problem.observations
     left_m = residuals[:3] * observations.sigma_m[accepted]
     groups = found.grouping.groups[accepted]
+    payload = find_sag_change(found, measurements.rows[train])
+    effects = misfit_notes(found.misfit, len(train), len(found.rejected))
     return (
         *lints.find_nominal_positions(before_m, measurements.value_step_m),
         *lints.find_alike_neighbours(residuals, same_postures(observations.joints_rad[accepted])),
@@ -215,7 +218,8 @@ def lints_of_fit(
         *order_drift(left_m, groups),
         *exchanged_rows(found, measurements.rows[train]),
         *rows_apart(found, measurements.rows[train]),
-        *misfit_notes(found.misfit, len(train), len(found.rejected)),
+        *payload,
+        *(without_play(effects) if payload else effects),
     )
 
 

@@ -92,8 +92,13 @@ def _is_cjk(text: str) -> bool:
 _INSIDE = [(word, meaning) for word, meaning in _WORDS if _is_cjk(word)]
 _WHOLE = {word: meaning for word, meaning in _WORDS if not _is_cjk(word)}
 _COMMA_UNIT = re.compile(r",\s*(?P<unit>[^\s,]+)\s*$")  # J1, deg
-_COUNTED_UNIT = re.compile(r"(?:0[.,]001|1e-0?3|1/1000|10\^-3)\s*[*x·]?\s*(?P<unit>\S+)")  # 0.001 mm
-_THOUSANDTHS = {"mm": "um", "m": "mm", "deg": "mdeg", "rad": "mrad"}
+_COUNTED_UNIT = re.compile(  # 0.001 mm
+    r"(?:0[.,](?P<zeros>0*)1|1e-0?(?P<power>[1-9])|1/1(?P<noughts>0+)|10\^-(?P<exponent>[1-9]))\s*[*x·]?\s*(?P<unit>\S+)"
+)
+_PARTS = {
+    (1, "cm"): "mm", (2, "m"): "cm", (3, "m"): "mm", (6, "m"): "um", (3, "mm"): "um",
+    (2, "deg"): "0.01deg", (3, "deg"): "mdeg", (4, "deg"): "0.0001deg", (6, "deg"): "0.000001deg", (3, "rad"): "mrad",
+}  # fmt: skip
 _CJK_NUMBERS = "一二三四五六七八九"
 _CJK_NUMBER = re.compile(rf"[{_CJK_NUMBERS}](?=\s*(?:轴|軸|关节|關節|関節))|(?<=[轴軸节節])[{_CJK_NUMBERS}]")
 _WORD_AND_NUMBER = re.compile(r"([^\W\d_]+)(\d+)")
@@ -104,7 +109,8 @@ _PULSES = re.compile(
 )
 PULSES_REMEDY = (
     "If it holds encoder pulses, divide each joint's by its pulses per degree, with their sign, from the "
-    "controller's parameters. If it holds thousandths of degrees, say `--units joints=mdeg`."
+    "controller's parameters. If it holds parts of degrees, say which: `--units joints=mdeg` for thousandths, "
+    "`--units joints=0.0001deg` for ten thousandths."
 )
 _NUMBER_FIRST = re.compile(r"(?<![a-z\d])(\d)_?(axis|joint)(?![a-z])(?!_?\d)")
 
@@ -163,7 +169,9 @@ def unit_of(name: str) -> str:
 def unit_named(text: str) -> str:
     """Return the one spelling of a unit, empty for what is none."""
     if counted := _COUNTED_UNIT.fullmatch(text.strip().lower()):
-        return _THOUSANDTHS.get(unit_named(counted["unit"]), "")
+        written = counted["power"] or counted["exponent"]
+        places = int(written) if written else len(counted["noughts"] or f"{counted['zeros']}1")
+        return _PARTS.get((places, unit_named(counted["unit"])), "")
     return _UNIT_NAMES.get(text.strip().rstrip(".").lower(), "") or _UNIT_NAMES.get(text.strip().lower(), "")
 
 
