@@ -350,3 +350,17 @@ def test_a_computed_number_of_a_pose_or_of_joints_to_start_from_is_a_finding(lin
 def test_joints_to_start_from_that_follow_the_arm_are_no_finding(near: str):
     program = _read_script(f"seed = {near}", f"movej(get_inverse_kin({_POSE}, qnear=seed))")
     assert program.positions.shifts == ()
+
+
+@pytest.mark.parametrize(
+    ("line", "sets"),
+    [
+        ("if a[2]==0.5:", False),
+        ("while a[2] == 0.5:", False),
+        ("if True: a[2] = 0.5", True),
+        ("if True:\na[2]=0.5", True),
+    ],
+)
+def test_an_element_is_set_behind_a_colon_and_not_by_a_comparison(line: str, sets: bool):
+    positions = _read_script(f"a = {_POSE}", *line.split("\n"), "end", "movel(a)").positions
+    assert bool(positions.shifts or positions.barred) is sets

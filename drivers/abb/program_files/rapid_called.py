@@ -66,7 +66,7 @@ _LANGUAGE_TEXT = (
     "prxactivandstorerecord prxactivrecord prxresetpos prxstartrecord prxusefilerecord raisetouser "
     "removeallcyclicbool removecyclicbool resetaxismovetime searchextj sendevice setalldataval setdataval "
     "setleadthrough setupcyclicbool setupsuperv spystart spystop stcalib stepbwdpath stindgun stoolrotcalib "
-    "stooltcpcalib sttune tryint warmstart workobjact setmechunit "
+    "stooltcpcalib sttune tryint warmstart workobjact setmechunit socketgetstatus socketpeek "
 )
 _OF_LANGUAGE = frozenset(_LANGUAGE_TEXT.split())
 

@@ -19,9 +19,7 @@ _B = r"[ \t]*+"
 SIX = rf"{_B}{NUMBER}{_B}(?:,{_B}{NUMBER}{_B}){{5}}"
 _OVER_LINES = r"(?:[ \t\r\n]++|\\\r?\n|\#[^\r\n]*+)*+"  # between numbers of one list, in brackets
 SIX_OVER_LINES = rf"{_OVER_LINES}{NUMBER}{_OVER_LINES}(?:,{_OVER_LINES}{NUMBER}{_OVER_LINES}){{5}}"
-_CHARACTERS = (
-    r"[-+.0-9eE, \t]*+"  # of six numbers: commas are counted, and the numbers read, behind this expression
-)
+_CHARACTERS = r"[-+.0-9eE, \t]*+"  # of six numbers, which are read behind this expression
 _ARGUMENTS = rf"(?:{_B},{_B}(?:[A-Za-z_]\w*+{_B}={_B})?(?:{NUMBER}|[A-Za-z_]\w*+)(?={_B}[,)]))*+{_B}\)"
 _END = rf"{_B}(?:\#[^\r\n]*+)?\r?(?:\n|\Z)"
 _MOVE = r"(?:(?:opti)?+move[jl]|movep|servoj|servoc)"
@@ -254,14 +252,20 @@ class _StatementReader:
             self._open_bracket(token)
         elif token.kind == "close":
             self._close_bracket(token)
-        elif token.text == "=" and self._follows_an_index() and self.begins is not None:
+        elif token.text == "=" and self._sets_an_element(token) and self.begins is not None:
             self.found.elements.append(ElementSet(self.begins.text, self.begins.start))
         elif token.text == "," and self.stack:
             self.stack[-1].next_argument()
-        elif token.text == ":" and self.block and not self.stack:
-            self.source.count_block(*self.block)
-            self.block = None
+        elif token.text == ":" and not self.stack and self.words:
+            self._begin_block()
+            return
         self.before = token
+
+    def _begin_block(self) -> None:
+        """Begin the statement that may stand behind a block's colon in the same line."""
+        if self.block:
+            self.source.count_block(*self.block)
+        self.before, self.block, self.begins, self.words = None, None, None, []
 
     def _look_for_spoiled(self, token: Token) -> None:
         if self.stack and self.stack[-1].opens == "[":
@@ -269,9 +273,9 @@ class _StatementReader:
         elif token.kind == "spoiled":
             raise self.source.error_at(token.start, self.source.what_is_wrong(token.start), _NO_SCRIPT)
 
-    def _follows_an_index(self) -> bool:
+    def _sets_an_element(self, token: Token) -> bool:
         """Return whether an assignment's sign stands behind the index of the name that the statement begins with."""
-        before = self.before
+        before = None if self.source.text.startswith("=", token.end) else self.before  # == compares
         return not self.stack and before is not None and before.text in ("]", "+", "-")
 
     def _settle_item(self, item: Token, after: Token) -> None:
@@ -381,8 +385,8 @@ class _StatementReader:
 
     def _is_broken(self, call: OpenCall, close: Token) -> bool:
         """Return whether a pose or a posture has not six numbers, or one that a computation spoiled."""
-        spoiled = call.argument != 5 or call.spoiled
-        return spoiled or _NO_NUMBER.search(self.source.text, call.offset, close.start) is not None
+        text, six = self.source.text, call.argument == 5 and not call.spoiled
+        return not six or _NO_NUMBER.search(text, call.offset, close.start) is not None
 
     def _finish_statement(self) -> None:
         if self.stack:
