@@ -34,14 +34,18 @@ class JointTerm:
     @property
     def name(self) -> str:
         """A name for people: joints and links count from one."""
+        joint = self.joint + 1
+        if self.kind == "gravity" and self.aside:
+            return make_message("J{joint} sag under payload {aside}", joint=joint, aside=self.aside)
         if self.kind == "gravity":
-            what = f"payload {self.aside}" if self.aside else make_message("link {link}", link=self.link + 1)
-            return f"J{self.joint + 1} sag under {what}"
+            return make_message("J{joint} sag under link {link}", joint=joint, link=self.link + 1)
+        if self.kind == "gear" and self.source == self.joint:
+            return make_message("J{joint} gear ratio", joint=joint)
         if self.kind == "gear":
-            return f"J{self.joint + 1} " + (
-                "gear ratio" if self.source == self.joint else f"coupling to J{self.source + 1}"
-            )
-        return f"J{self.joint + 1} ripple {self.phase} {self.order}"
+            return make_message("J{joint} coupling to J{source}", joint=joint, source=self.source + 1)
+        return make_message(
+            "J{joint} ripple {phase} {order}", joint=joint, phase=self.phase, order=self.order
+        )
 
 
 def gravity_terms(model: RobotModel) -> tuple[JointTerm, ...]:

@@ -53,8 +53,8 @@ def exchanged_rows(found: Identification, file_rows: Rows) -> list[Lint]:
             "exchanged",
             make_message(
                 "the measured values of {count} rows that were not fitted belong to the joints of other rows: that "
-                "of row {first} to row {first_other}, … that of row {last} to row {last_other} (data rows counted "
-                "from 0). Joints and measured values are in another order there: put them right in the file.",
+                "of row {first} to row {first_other}, … that of row {last} to row {last_other} (the first data "
+                "row is row 0). Joints and measured values are in another order there: put them right in the file.",
                 count=len(here),
                 first=int(here[0]),
                 first_other=int(there[0]),

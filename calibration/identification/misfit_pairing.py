@@ -190,11 +190,11 @@ def _displaced_order(count: int, first: int, shift: int, *, about: bool = False)
     )
     says = (
         make_message(
-            "from about row {row} on (data rows counted from 0) {further}", row=first, further=further
+            "from about row {row} on (the first data row is row 0) {further}", row=first, further=further
         )
         if about
         else make_message(
-            "from row {row} on (data rows counted from 0) {further}", row=first, further=further
+            "from row {row} on (the first data row is row 0) {further}", row=first, further=further
         )
     )
     return _Order(

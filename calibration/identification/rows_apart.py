@@ -32,16 +32,16 @@ class RowsApart:
         listed = _say_rows(file_rows[self.rows])
         if self.fits_alone:
             says = make_message(
-                "{count} rows that are far off the others ({listed}, counted from 0) fit {model_name} by themselves: "
-                "another station of the device, another target, or another robot of this kind. Identify them from a "
-                "file of their own.",
+                "{count} rows that are far off the others ({listed}; the first is row 0) fit {model_name} by "
+                "themselves: another station of the device, another target, or another robot of this kind. "
+                "Identify them from a file of their own.",
                 count=len(self.rows),
                 listed=listed,
                 model_name=model.label,
             )
         else:
             says = make_message(
-                "{count} rows that are far off the others ({listed}, counted from 0) do not fit {model_name} by "
+                "{count} rows that are far off the others ({listed}; the first is row 0) do not fit {model_name} by "
                 "themselves either: another robot, or readings of something else. Take them out of the file.",
                 count=len(self.rows),
                 listed=listed,

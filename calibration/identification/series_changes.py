@@ -304,7 +304,7 @@ def refuse_series_changes(model: RobotModel, found: SeriesChanges | None, file_r
     raise MisfitError(
         make_message(
             "something changed within the series of {model_name}: {left_mm:.2f} mm remain, and {remaining_mm:.2f} mm "
-            "if {says} (data rows counted from 0).",
+            "if {says} (the first data row is row 0).",
             model_name=model.label,
             left_mm=found.before_m * 1000.0,
             remaining_mm=found.remaining_m * 1000.0,

@@ -164,7 +164,7 @@ def refuse_target_change(model: RobotModel, change: TargetChange | None, file_ro
     if change is None:
         return
     says = make_message(
-        "the target sits {moved_mm:.2f} mm elsewhere on the flange from row {row} on (data rows counted from 0)",
+        "the target sits {moved_mm:.2f} mm elsewhere on the flange from row {row} on (the first data row is row 0)",
         moved_mm=change.moved_m * 1000.0,
         row=int(file_rows[change.row]),
     )

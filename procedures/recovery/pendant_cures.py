@@ -101,14 +101,17 @@ async def see_none_lost(cell: Cell, brought_back: tuple[int, ...]) -> AxisState:
         It still shows a lost position after several tries.
     """
     state = await read_axis_state(cell)
+    names = ", ".join(axis_name(state.cure, axis) for axis in brought_back)
     for _ in range(TRIES):
         if not state.is_lost:
             return state
         if others := [axis for axis in state.lost_axes if axis not in brought_back]:
             raise _lost_since_error(state, others)
         text = make_message(
-            "The controller still shows a lost position: {words} Bring it back at the pendant and reset the alarm.",
+            "The controller still shows a lost position: {words} Bring it back at the pendant and reset the alarm. "
+            "Look again at each axis of this run ({names}): its mark, and what was done at the pendant.",
             words=state.words,
+            names=names,
         )
         await ask_confirmation(cell, Instruction("position_still_lost", text))
         state = await read_axis_state(cell)

@@ -89,7 +89,7 @@ def _print_reasons(console: "Console", report: "IdentifyReport") -> None:
         console.print(f"[dim]Without one fold each, the level would be {', '.join(levels)}.[/]")
     if report.breaks:
         rows = ", ".join(str(row) for row in report.breaks)
-        console.print(f"[bold]The device was moved[/] before rows {rows} (data rows counted from 0).")
+        console.print(f"[bold]The device was moved[/] before rows {rows} (the first data row is row 0).")
     reasons = (*found.break_reasons, *found.level_reasons)
     if reasons:
         console.print(HEADING)

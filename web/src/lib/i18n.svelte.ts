@@ -33,6 +33,11 @@ class Language {
     return text.replace(/\{(\w+)\}/g, (whole, name) => String(values[name] ?? whole));
   };
 
+  /** The sign before decimals. */
+  get decimal(): "," | "." {
+    return this.locale === "de" || this.locale === "es" ? "," : ".";
+  }
+
   /** A number as this language writes it. */
   number = (value: number, digits: number): string =>
     value.toLocaleString(this.locale === "zh" ? "zh-Hans" : this.locale, {

@@ -7,7 +7,7 @@
 // A sentence without an entry is shown as it was said, and marked as English: better than nothing.
 // service/translation.py has the same rules for what is made without a page.
 
-import { language, type Locale } from "./i18n.svelte";
+import { language, type Key, type Locale } from "./i18n.svelte";
 import { later } from "./later";
 import { english, escaped, fill, isPunctuation, messageOf, type Argument, type Message } from "./messages";
 import titles from "./procedure_titles.json";
@@ -30,6 +30,21 @@ const LEAD = /^(?:\{\w+\}\s*)+/; // of a template: what is filled in before its 
 // label is one of a name that stands for several settings: in brackets it is left out.
 const LABELS: Record<string, string> = { ...titles, ...labels };
 const NAMED = /( ?\()?\b(?:[a-z]+\.)*([a-z0-9]+(?:_[a-z0-9]+)+)\b(\))?/g;
+
+// Options of the terminal in a remedy, as the page calls the same choice; one without a place on a page stays.
+const CHOICES: Record<string, Key> = {
+  robot: "meas_robot",
+  columns: "meas_columns",
+  "units joints": "meas_unit_joints",
+  "units position": "meas_unit_position",
+  "units length": "meas_unit_length",
+  convention: "meas_convention",
+  "joint-coupling": "meas_coupling",
+  level: "meas_level",
+  layout: "meas_layout_choose",
+  "show-layout": "meas_show_reasons",
+};
+const OPTION = /`--([a-z-]+)(?: ([^`]+))?`|(?<=\s)--(robot)\b/g;
 
 /** A sentence, and whether it is still English on a page that is not. */
 export interface Spoken {
@@ -105,11 +120,21 @@ class Sayings {
   };
 
   #labelled(text: string): string {
-    return text.replace(NAMED, (whole: string, before: string | undefined, name: string, after: string | undefined) => {
+    return this.#withChoices(text).replace(NAMED, (whole: string, before: string | undefined, name: string, after: string | undefined) => {
       const label = LABELS[name];
       if (label === undefined) return whole;
       if (label === "") return before && after ? "" : `${before ?? ""}${name.replaceAll("_", " ")}${after ?? ""}`;
       return `${before ?? ""}“${this.#text(label) ?? label}”${after ?? ""}`;
+    });
+  }
+
+  #withChoices(text: string): string {
+    return text.replace(OPTION, (whole: string, option: string | undefined, value: string | undefined, bare: string | undefined) => {
+      const [meaning, unit] = option === "units" ? (value ?? "").split("=") : [];
+      const choice = CHOICES[meaning === undefined ? (option ?? bare ?? "") : `units ${meaning}`];
+      if (choice === undefined) return whole;
+      const told = meaning === undefined ? value : unit;
+      return `“${language.t(choice).replaceAll("{n}", "…")}”${told ? `${this.colon}${told}` : ""}`;
     });
   }
 

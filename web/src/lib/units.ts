@@ -48,11 +48,34 @@ export function roundBound(bound: number, towards: "up" | "down"): number {
   return Number((whole * step).toPrecision(3));
 }
 
-/** The number a person typed, comma or point; null where it is none. */
-export function typedNumber(text: string): number | null {
-  const plain = text.trim().replace(/\s/g, "");
-  if (!/^[-+]?(\d+([.,]\d*)?|[.,]\d+)(e[-+]?\d+)?$/i.test(plain)) return null;
-  const number = Number(plain.replace(",", "."));
+const SAME_UNIT: Record<string, Record<string, number>> = {
+  mm: { mm: 1, cm: 10, m: 1000, µm: 1e-3, μm: 1e-3, um: 1e-3 },
+  "°": { "°": 1, deg: 1, rad: PER_DEGREE, mrad: PER_DEGREE / 1000 },
+};
+const NUMBER = /^[-+]?(\d+([.,]\d*)?|[.,]\d+)(e[-+]?\d+)?$/i;
+const GROUPED = /^([-+]?\d{1,3})((?: \d{3})+)(?=$|[.,])/; // thousands with blanks between
+const TWO_WAYS = /^[-+]?[1-9]\d{0,2}([.,])\d{3}$/; // a mark before three digits: of thousands, or of decimals
+const WITH_UNIT = /^(.*?[\d.,])\s*(°|[a-zµμ][a-z/]*)$/i;
+
+/** What was typed, with the signs of any keyboard as the plain ones: １２，５ and −3 can be pasted. */
+const plainly = (text: string): string =>
+  text.normalize("NFKC").replace(/[\u2010-\u2015\u2212]/g, "-").replace(/。/g, ".").replace(/\s+/g, " ").trim();
+
+/** The two numbers that may be meant by 1,500 where the comma is no decimal sign; null where it is plain. */
+export function twoWays(text: string, decimal: "," | "."): [thousands: string, decimals: string] | null {
+  const plain = plainly(text);
+  const mark = TWO_WAYS.exec(plain)?.[1];
+  if (mark === undefined || mark === decimal) return null;
+  return [plain.replace(mark, ""), plain.replace(mark, decimal).replace(/0+$/, "").replace(/[.,]$/, "")];
+}
+
+/** The number a person typed, comma or point, with its unit or without; null where it is none. */
+export function typedNumber(text: string, unit = ""): number | null {
+  const plain = plainly(text).replace(/^([-+]) /, "$1").replace(GROUPED, (_, first: string, rest: string) => first + rest.replaceAll(" ", ""));
+  const [, digits = plain, typedUnit = ""] = NUMBER.test(plain) ? [] : (WITH_UNIT.exec(plain) ?? []);
+  const factor = typedUnit === "" || typedUnit === unit ? 1 : SAME_UNIT[unit]?.[typedUnit];
+  if (factor === undefined || !NUMBER.test(digits)) return null;
+  const number = Number((Number(digits.replace(",", ".")) * factor).toPrecision(15));
   return Number.isFinite(number) ? number : null;
 }
 
