@@ -101,12 +101,12 @@ class SimulatedArm:
         self._base_dh = self.known_dh
         self.lower_rad, self.upper_rad = np.radians(model.lower_deg), np.radians(model.upper_deg)
         self.max_speed_rad_s = np.radians(model.max_speed_deg_s)
-        self.perceive: Callable[[Array], Array] = lambda joints: joints.copy()
+        self.convert_to_shown: Callable[[Array], Array] = lambda joints: joints.copy()
         start = np.radians(model.park_deg)
         self._motion: ArmMotion = Standstill(start, clock.now_s())
         self._lag, self._lag_at = np.zeros(len(start)), start
         self._direction = np.zeros(len(start))
-        self._shaken = 0.0
+        self._vibration = 0.0
         self._loaded = np.isin(np.arange(len(start)), _GRAVITY_AXES)
         self._factory = hidden
         self._commanded: tuple[float, Array, Array] | None = None
@@ -153,7 +153,7 @@ class SimulatedArm:
     @property
     def controller_joints_rad(self) -> Array:
         """The joints that the controller assumes, from encoders and mastering; the truth where these are absolute."""
-        return self.perceive(self.joints_rad)
+        return self.convert_to_shown(self.joints_rad)
 
     @property
     def joint_velocity(self) -> Array:
@@ -254,7 +254,7 @@ class SimulatedArm:
         self._direction = np.sign(motion.position_at(ahead_s) - joints)
         begin_s = self.clock.now_s() if when_s is None else when_s
         speeds = [np.abs(motion.velocity_at(at_s)).max() for at_s in (begin_s, (begin_s + ahead_s) / 2.0)]
-        self._shaken = min(1.0, float(max(speeds)) / _SHAKING_RAD_S)
+        self._vibration = min(1.0, float(max(speeds)) / _SHAKING_RAD_S)
 
     def _lag_at_joints(self, joints: Array) -> Array:
         """Return how far the joint side lags: a play of the backlash's width, exact on monotone paths."""
@@ -265,7 +265,7 @@ class SimulatedArm:
     def _ringing_at(self, now: float) -> Array:
         gone = max(now - self._motion.end_s, 0.0) if np.isfinite(self._motion.end_s) else 0.0
         return np.asarray(
-            self._shaken * self._direction * np.exp(-gone / _SETTLE_TIME_S) * np.cos(60.0 * gone)
+            self._vibration * self._direction * np.exp(-gone / _SETTLE_TIME_S) * np.cos(60.0 * gone)
         )
 
     def _link_angles(self, joints: Array, dh: Array) -> Array:

@@ -35,10 +35,10 @@ class DatagramSender:
             while True:
                 self.received.append(self._socket.recv(_MOST_OCTETS))
 
-    def send_as_stranger(self, address: str, data: bytes) -> None:
+    def send_from_other_address(self, address: str, data: bytes) -> None:
         """Send one datagram from another address."""
-        with self._open_socket(address) as stranger, suppress(OSError):
-            stranger.sendto(data, self._target)
+        with self._open_socket(address) as other_sender, suppress(OSError):
+            other_sender.sendto(data, self._target)
 
     def close(self) -> None:
         """Give the port up; the next datagram comes from another."""

@@ -26,7 +26,7 @@ STREAM_FAULTS = (
     "stream_other_arm",
 )
 _EGM_PORT = 6510  # by convention
-_STRANGER = "127.0.0.3"
+_OTHER_ADDRESS = "127.0.0.3"
 _OTHER_DEG = 1.5
 Encode = Callable[[int, float, Sequence[float]], bytes]  # count, real time [s], joints [deg]
 
@@ -76,7 +76,7 @@ class JointSender:
             return
         if self._is_on("stream_stranger"):
             foreign = self._encode(self._count, self._real_s(), [0.0] * len(joints_deg))
-            self._sender.send_as_stranger(_STRANGER, foreign)
+            self._sender.send_from_other_address(_OTHER_ADDRESS, foreign)
         if self._is_on("stream_spoiled"):
             self._sender.send(data[: len(data) // 2])
         for one in self._in_order(data):

@@ -158,7 +158,7 @@ class WireGauge:
         """Lengthen every reading from now on: a hook that sits elsewhere, a drum that has slipped."""
         self.slipped_m += metres
 
-    def spoil_next(self, metres: float, count: int) -> None:
+    def corrupt_next(self, metres: float, count: int) -> None:
         """Put the next readings off."""
         self._outlier_m, self._outliers_left = metres, count
 

@@ -41,12 +41,12 @@ from cellcal.procedures.teaching.corner_touches import (
     CornerGoal,
     CornerPrediction,
     CornerSetup,
-    FeltPoint,
+    ProbedPoint,
     compare_checks,
     construct_corner,
     fewest_touches,
     predict_corner,
-    predict_felt_corner,
+    predict_probed_corner,
     read_probe_bench,
     touch_checks,
     touch_corner,
@@ -122,7 +122,7 @@ class ProbedSetup:
     read_back: Pose
     goal: CornerGoal
     touch_sigma_m: float  # of one touch, along its normal
-    points: tuple[FeltPoint, ...]
+    points: tuple[ProbedPoint, ...]
     outlook: CornerPrediction  # after the last of them
     checks: tuple[CheckTouch, ...]
 
@@ -140,18 +140,18 @@ async def probed_frame(run: Run, spec: ProbedFrame) -> ProbedSetup:
         "accept the plan", ask_acceptance, _plan_instruction(plan, rules), sha256_of(to_jsonable_python(plan))
     )
     corner = CornerSetup(bench, rules, spec.corner_goal(bench.tip_sigma_m), nominal)
-    felt = await touch_corner(run, corner, plan)
-    found = await run.solve("construct the frame", construct_corner, bench, rules, felt)
-    checks = await touch_checks(run, corner, felt)
+    touches = await touch_corner(run, corner, plan)
+    found = await run.solve("construct the frame", construct_corner, bench, rules, touches)
+    checks = await touch_checks(run, corner, touches)
     setup = ProbedSetup(
         frame_number=spec.frame_number,
         found=found,
         before=before,
         read_back=found.base_frame,  # as it will be, if a person wants it
         goal=corner.goal,
-        touch_sigma_m=touch_sigma(felt),
-        points=tuple(map(FeltPoint.from_touch, felt)),
-        outlook=predict_felt_corner(corner, felt),
+        touch_sigma_m=touch_sigma(touches),
+        points=tuple(map(ProbedPoint.from_touch, touches)),
+        outlook=predict_probed_corner(corner, touches),
         checks=await run.solve("compare the check touches", compare_checks, bench, rules, found, checks),
     )
     verdict = _judge_result(spec, setup)

@@ -158,8 +158,8 @@ def missing_remedies(entry: ProcedureDefinition, cell: Cell) -> tuple[str, ...]:
 
 def all_missing(entry: ProcedureDefinition, cell: Cell) -> tuple[str, ...]:
     """Return all that this cell lacks for a procedure, what its steps would refuse without included."""
-    missing_wants = tuple(NEEDS[want][0] for want in entry.wants if not NEEDS[want][1](cell))
-    return (*missing_needs(entry, cell), *missing_wants)
+    missing_data = tuple(NEEDS[want][0] for want in entry.wants if not NEEDS[want][1](cell))
+    return (*missing_needs(entry, cell), *missing_data)
 
 
 def is_for_other_controllers(entry: ProcedureDefinition, cell: Cell) -> bool:

@@ -127,19 +127,19 @@ class Run:
         gate: PauseGate | None = None,
     ) -> None:
         past = past or RunHistory()
-        self._book = _RunState(cell, ledger, past, expected, announce, gate or PauseGate())
-        self._book.attempts.update(past.attempts)
-        self._lend: Callable[[Cell], Cell] = _lend_as_it_is
+        self._state = _RunState(cell, ledger, past, expected, announce, gate or PauseGate())
+        self._state.attempts.update(past.attempts)
+        self._adapt_cell: Callable[[Cell], Cell] = _keep_cell
 
     @property
     def is_jogged_by_hand(self) -> bool:
         """Whether a person turns the axes of a robot that does not know where it is; the cell file says so."""
-        return self._lend(self._book.cell).is_jogged_by_hand
+        return self._adapt_cell(self._state.cell).is_jogged_by_hand
 
     def with_devices(self, change: Callable[[Cell], Cell]) -> "Run":
         """Return the same run whose steps get another view of the cell, such as other motors of the robot."""
-        inner = Run(self._book.cell, self._book.ledger)
-        inner._book, inner._lend = self._book, change
+        inner = Run(self._state.cell, self._state.ledger)
+        inner._state, inner._adapt_cell = self._state, change
         return inner
 
     async def step(
@@ -238,22 +238,22 @@ class Run:
         return result
 
     async def _answer_step(self, task: StepTask) -> Any:
-        book = self._book
-        replayed = book.done < len(book.past.findings)
+        state = self._state
+        replayed = state.done < len(state.past.findings)
         if replayed:
-            finding = book.past.findings[book.done]
+            finding = state.past.findings[state.done]
             _refuse_mismatch(finding, task)
             stored = finding.value
         else:
             stored = await self._perform_task(task)
-        book.done += 1
+        state.done += 1
         self._announce_progress("replayed" if replayed else "finding", task.name, value=stored, task=task)
         return task.codec.validate_python(stored)  # a live step and a replayed one answer alike
 
     def _claim_name(self, name: str) -> str:
-        if name in self._book.named:
+        if name in self._state.named:
             raise ReplayMismatchError(make_message("two steps are called {full!r}", full=name))
-        self._book.named.add(name)
+        self._state.named.add(name)
         return name
 
     async def _perform_task(self, task: StepTask) -> Any:
@@ -269,17 +269,17 @@ class Run:
                     raise
 
     async def _run_live(self, task: StepTask) -> Any:
-        book, name = self._book, task.name
-        attempt = book.attempts[name] = book.attempts.get(name, 0) + 1
+        state, name = self._state, task.name
+        attempt = state.attempts[name] = state.attempts.get(name, 0) + 1
         body = {"step": name, "attempt": attempt, "effect": task.effect.value, "inputs": task.inputs}
         opening = EventKind.ENTERED if task.effect is StepEffect.NONE else EventKind.INTENT
-        book.ledger.record(opening, body, key=f"{name}/{attempt}/{opening}")
+        state.ledger.record(opening, body, key=f"{name}/{attempt}/{opening}")
         self._announce_progress("started", name, task=task)
         try:
-            stored = task.codec.dump_python(await task.act(self._lend(book.cell)), mode="json")
-            book.ledger.record(task.kind, body | {"value": stored}, key=f"{name}/{attempt}/{task.kind}")
+            stored = task.codec.dump_python(await task.act(self._adapt_cell(state.cell)), mode="json")
+            state.ledger.record(task.kind, body | {"value": stored}, key=f"{name}/{attempt}/{task.kind}")
         except BaseException as error:
-            book.cell.motion.approved = False
+            state.cell.motion.approved = False
             stopped = await self._stop_robot()
             self._record_failure(body, error, stopped)
             raise_if_cancelled()  # it came while the robot was being stopped: nothing is tried again
@@ -301,35 +301,37 @@ class Run:
         self._announce_progress("failed", str(body["step"]), message=str(error) or type(error).__name__)
         try:
             key = f"{body['step']}/{body['attempt']}/{EventKind.FAILED}"
-            self._book.ledger.record(EventKind.FAILED, fact | error_body, key=key)
+            self._state.ledger.record(EventKind.FAILED, fact | error_body, key=key)
         except CellError as second:  # the first error is the one to act on
             error.add_note(f"and the failure could not be journalled: {second}")
 
     async def _stop_robot(self) -> bool:
         """Ask the robot to stop and wait; True once it stands still."""
-        return await finish_cleanup(stop_and_wait(self._book.cell))
+        return await finish_cleanup(stop_and_wait(self._state.cell))
 
     async def _wait_at_gate(self, name: str) -> None:
-        gate = self._book.gate
+        gate = self._state.gate
         if not gate.is_closed:
             return
-        self._book.ledger.record(EventKind.PAUSED, {"before": name})
+        self._state.ledger.record(EventKind.PAUSED, {"before": name})
         self._announce_progress("paused", name)
         await gate.wait_until_open()
-        self._book.ledger.record(EventKind.CONTINUED, {"before": name})
+        self._state.ledger.record(EventKind.CONTINUED, {"before": name})
         self._announce_progress("resumed", name)
 
     async def _confirm_after_resume(self, name: str, effect: StepEffect) -> None:
         """Before a resumed run acts for the first time, a person has looked."""
-        book = self._book
+        state = self._state
         if (
-            book.cleared
-            or not book.past.resumed
-            or (effect is StepEffect.NONE and book.past.in_doubt is None)
+            state.cleared
+            or not state.past.resumed
+            or (effect is StepEffect.NONE and state.past.in_doubt is None)
         ):
             return
         doubt = (
-            f"Step '{book.past.in_doubt}' was interrupted and may have acted. " if book.past.in_doubt else ""
+            f"Step '{state.past.in_doubt}' was interrupted and may have acted. "
+            if state.past.in_doubt
+            else ""
         )
         text = make_message(
             "{doubt}Look at the robot. May it move from where it stands? Next: {recommended}.",
@@ -337,8 +339,8 @@ class Run:
             recommended=name,
         )
         await self._confirm_go_on(Instruction("may_move", text), name)
-        book.cleared = True
-        book.cell.motion.note_approval(asyncio.get_running_loop().time())
+        state.cleared = True
+        state.cell.motion.note_approval(asyncio.get_running_loop().time())
 
     async def _may_retry(self, name: str, error: CellError) -> bool:
         text = make_message("{error} Look at the robot. Try '{name}' again?", error=error, name=name)
@@ -350,13 +352,13 @@ class Run:
 
     async def _confirm_go_on(self, instruction: Instruction, name: str) -> None:
         try:
-            answer = await self._book.cell.operator.confirm(instruction)
+            answer = await self._state.cell.operator.confirm(instruction)
         except RefusedError as error:
             raise DeclinedError(
                 make_message("declined: {instruction_text}", instruction_text=instruction.text),
                 remedy="Resume when it is safe.",
             ) from error
-        self._book.ledger.record(
+        self._state.ledger.record(
             EventKind.APPROVAL,
             {"before": name, "key": instruction.key, "who": answer.who, "text": instruction.text},
         )
@@ -364,15 +366,15 @@ class Run:
     def _announce_progress(
         self, kind: str, step: str, *, message: str = "", value: Any = None, task: StepTask | None = None
     ) -> None:
-        book = self._book
-        index = min(book.done + (kind not in ("finding", "replayed")), max(book.expected, book.done + 1))
-        progress = StepProgress(kind, step, index, max(book.expected, index), message, value)
+        state = self._state
+        index = min(state.done + (kind not in ("finding", "replayed")), max(state.expected, state.done + 1))
+        progress = StepProgress(kind, step, index, max(state.expected, index), message, value)
         if task is not None:
             progress = replace(progress, does=task.activity_name, page=task.page, goal_rad=task.goal_rad)
-        book.announce(progress)
+        state.announce(progress)
 
 
-def _lend_as_it_is(cell: Cell) -> Cell:
+def _keep_cell(cell: Cell) -> Cell:
     return cell
 
 

@@ -40,7 +40,7 @@ def remove_left_behind(folder: Path, *, deep: bool = True, least_age_s: float = 
             return
 
 
-def tidy_once(folder: Path) -> None:
+def remove_drafts_once(folder: Path) -> None:
     """Remove from the folder of a cell's data what killed processes left there, once in the life of this process."""
     if (folder, True) not in _tidied:
         _tidied.add((folder, True))

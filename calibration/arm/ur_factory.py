@@ -142,7 +142,7 @@ def calibration_hash(absolute: DhTable) -> str:
     return f"calib_{_libstdcxx_hash(text.encode())}"
 
 
-def table_of_hash(table: DhTable, wanted: str) -> DhTable | None:
+def table_of_hash(table: DhTable, target_hash: str) -> DhTable | None:
     """Return the same arm's table written so that its hash is the one wanted; None where no way of writing has it.
 
     A table has many forms: where axes are nearly parallel theta may be half a turn on, with a and alpha of the
@@ -158,7 +158,7 @@ def table_of_hash(table: DhTable, wanted: str) -> DhTable | None:
         for turns in itertools.product((0, -1, 1), repeat=len(turning)):
             written = rows.copy()
             written[turning, 0] += 2.0 * math.pi * np.array(turns)
-            if calibration_hash(found := DhTable.from_rows(written)) == wanted:
+            if calibration_hash(found := DhTable.from_rows(written)) == target_hash:
                 return found
     return None
 
@@ -167,8 +167,8 @@ def _to_hayati(row: Array, *, backwards: bool) -> tuple[Array, float, float]:
     """Return the row with d = 0 and beta, and the turn and travel left for the next joint."""
     plain = _row_matrix(row)
     direction, point = plain[:3, 2], plain[:3, 3]
-    pierced = point - direction * (point[2] / direction[2])
-    theta, a = math.atan2(pierced[1], pierced[0]), math.hypot(pierced[0], pierced[1])
+    crossing = point - direction * (point[2] / direction[2])
+    theta, a = math.atan2(crossing[1], crossing[0]), math.hypot(crossing[0], crossing[1])
     if backwards:
         theta, a = theta + math.pi, -a
     c, s = math.cos(theta), math.sin(theta)

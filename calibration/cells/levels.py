@@ -81,11 +81,11 @@ class CellTrial:
     @cached_property
     def folds(self) -> Rows:
         """The fold of every row (total,), -1 for rows that are always fitted."""
-        dealt = np.full(len(self.groups), -1)
+        fold_of_row = np.full(len(self.groups), -1)
         compared = np.flatnonzero(self.is_compared)
         groups = Grouping(self.groups, "").of_rows(compared)
-        dealt[compared] = assign_folds(groups, self.options.folds, self.options.seed)
-        return dealt
+        fold_of_row[compared] = assign_folds(groups, self.options.folds, self.options.seed)
+        return fold_of_row
 
     def layout_of(self, level: int) -> CellLayout:
         """Return what a level leaves unknown, of that what the options free."""

@@ -12,7 +12,11 @@ from cellcal.calibration.cells.state import CellLayout, CellState
 from cellcal.calibration.cells.system import CellProblem, SeriesRows, series_residuals, whole_columns
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.identification.group_effect import GroupEffect, expected_of, group_effect
-from cellcal.calibration.identification.leverage import CROWDED, channel_groups, standardise_residuals
+from cellcal.calibration.identification.leverage import (
+    MOST_MEAN_LEVERAGE,
+    channel_groups,
+    standardise_residuals,
+)
 from cellcal.calibration.identification.observations import PoseObservations, Rows
 from cellcal.calibration.identification.robust import find_outliers, rejection_limit
 
@@ -192,9 +196,9 @@ def _rescale_problem(
 def _standardised_residuals(fit: CellFit, series: SeriesRows, number: int, weights: Array) -> Array:
     """Return the residuals of a series (channels, N), each in deviations of what it may be."""
     whitened = series_residuals(series, fit.state)
-    crowd = float(fit.learnt[number].sum()) / whitened.size
-    if crowd < CROWDED:
-        raised: Array = whitened / np.sqrt(1.0 - crowd)
+    mean_leverage = float(fit.learnt[number].sum()) / whitened.size
+    if mean_leverage < MOST_MEAN_LEVERAGE:
+        raised: Array = whitened / np.sqrt(1.0 - mean_leverage)
         return raised
     columns, _ = whole_columns(fit.layout, fit.state, series)
     return standardise_residuals(whitened, columns, fit.covariance, weights)

@@ -16,7 +16,7 @@ _STUCK = 1e3  # of the damping: such steps are too small to matter, and still do
 _STEPS = 80
 _STEPS_BEYOND = 30
 _RESTING = 1e-6  # slope over distance: no direction leads nearer
-_KICKS_RAD = (0.15, -0.15)
+_RESTART_STEPS_RAD = (0.15, -0.15)
 _WORTH = 1e-3  # of the squared distance, or another resting place is as good
 
 
@@ -54,7 +54,7 @@ class BoundedSearch:
     def approach_poses(self, reach: ReachTolerance) -> None:
         """Approach; look on both sides of resting places where the arm is singular, and keep what is nearer."""
         self.take_steps(reach, _STEPS)
-        for way in _KICKS_RAD:
+        for way in _RESTART_STEPS_RAD:
             self._search_beyond(reach, way)
 
     def find_pushes(self) -> tuple[Flags, Flags]:

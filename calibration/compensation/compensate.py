@@ -179,13 +179,13 @@ def _solve_poses(
     rest = np.zeros(len(start), dtype=bool)
     for first in range(0, len(start), _BLOCK):
         block = slice(first, first + _BLOCK)
-        rest[block] = _solve_quickly(moved, target(block), outcome.view_block(block), limits)
+        rest[block] = _solve_unbounded(moved, target(block), outcome.view_block(block), limits)
     # Together, because many steps of a few points cost as much as many steps of a block.
     remaining = np.flatnonzero(rest)
     outcome.status[remaining] = PointStatus.SINGULAR
     for first in range(0, len(remaining) if careful else 0, _BLOCK):
         rows = remaining[first : first + _BLOCK]
-        _solve_carefully(moved, target(rows), outcome, rows, limits)
+        _solve_bounded(moved, target(rows), outcome, rows, limits)
     return Compensation(
         np.ascontiguousarray(outcome.joints.T),
         outcome.status,
@@ -231,7 +231,7 @@ class _PointResults:
         self.angle_rad[rows] = gap.angle_rad[chosen]
 
 
-def _solve_quickly(
+def _solve_unbounded(
     moved: TipArm, target: TargetPoses, outcome: _PointResults, limits: CompensationLimits
 ) -> Flags:
     """Take a few Newton steps for all points of a block, and return which ones need more care."""
@@ -258,8 +258,8 @@ def _solve_quickly(
     model, going = moved.model, outcome.joints
     inside = (beyond_limits(model, going.T) <= 0.0).all(axis=1)
     near = (np.abs(going - outcome.start) <= limits.branch_rad).all(axis=0)
-    astray: Flags = (outcome.status != PointStatus.CONVERGED) | ~inside | ~near
-    return astray
+    has_failed: Flags = (outcome.status != PointStatus.CONVERGED) | ~inside | ~near
+    return has_failed
 
 
 def _quick_step(arm: TipArm, gap: PoseGap, limits: CompensationLimits) -> Array:
@@ -273,7 +273,7 @@ def _quick_step(arm: TipArm, gap: PoseGap, limits: CompensationLimits) -> Array:
     return step
 
 
-def _solve_carefully(
+def _solve_bounded(
     moved: TipArm,
     target: TargetPoses,
     outcome: _PointResults,

@@ -131,8 +131,8 @@ def assign_folds(grouping: Grouping, folds: int, seed: int) -> Rows:
         chosen = drawn[np.argsort(filled[drawn], kind="stable")][: len(some)]
         fold_of_group[some] = chosen
         filled[chosen] += sizes[some]
-    dealt: Rows = fold_of_group[grouping.groups]
-    return dealt
+    fold_of_row: Rows = fold_of_group[grouping.groups]
+    return fold_of_row
 
 
 def held_out_errors(folds: Rows, errors_without: Callable[[Rows, Rows], Array]) -> Array:

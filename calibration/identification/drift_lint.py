@@ -53,8 +53,8 @@ def drift_with(quantity: Array, left_m: Array, groups: Rows) -> ResidualDrift | 
     ratio = np.abs(slope) / np.maximum(sigma, 1e-300)
     each = np.minimum(2.0 * (1.0 - scipy.special.stdtr(number - 1, ratio)) * len(slope), 1.0)
     # Sure and large in one channel: attitudes without noise follow anything surely, by nanometres.
-    sure = each < _BY_CHANCE
-    size = float(np.linalg.norm(slope[sure] if sure.any() else slope))
+    is_significant = each < _BY_CHANCE
+    size = float(np.linalg.norm(slope[is_significant] if is_significant.any() else slope))
     return ResidualDrift(slope, sigma, float(each.min()), size * float(np.ptp(quantity)))
 
 

@@ -36,7 +36,7 @@ _RIPPLE_RAD = float(np.deg2rad(0.02))
 _SAG_RAD_PER_M = float(np.deg2rad(0.1))
 _BENDING_RAD_PER_M = float(np.deg2rad(0.05))
 _PLAY_RAD = float(np.deg2rad(0.02))
-_WANDER_M = 3e-4  # of device and target, over the whole series
+_MOST_SPREAD_M = 3e-4  # of device and target, over the whole series
 _ORDERS = (1, 2, 3, 4)
 _ABOUT_X = ("alpha", "rx")
 _PLACES = ("base", "anchor", "tool")
@@ -203,7 +203,9 @@ def _effect_covariances(
         if parameter.role == "geometry" and parameter.name not in fitted:
             shared.append(columns[i] * parameter.prior)
     play = [columns[i] * _PLAY_RAD for i, p in enumerate(parameters) if p.role == "offset"]
-    moved = [columns[i] * _WANDER_M for i, p in enumerate(parameters) if p.unit == "m" and p.role in _PLACES]
+    moved = [
+        columns[i] * _MOST_SPREAD_M for i, p in enumerate(parameters) if p.unit == "m" and p.role in _PLACES
+    ]
     rank = np.argsort(np.argsort(order)) / max(len(order) - 1, 1)
     wander = np.minimum(rank[:, None], rank[None])
     return (

@@ -74,8 +74,8 @@ def _mistaken_likelihood(sizes: Array, channels: int) -> float:
 
 
 def _log_normal(sizes: Array, channels: int, scale: float) -> Array:
-    bell: Array = -channels / 2 * np.log(2.0 * np.pi) - (sizes / scale) ** 2 / 2
-    return bell + _log_shell(sizes, channels, scale)
+    normal_density: Array = -channels / 2 * np.log(2.0 * np.pi) - (sizes / scale) ** 2 / 2
+    return normal_density + _log_shell(sizes, channels, scale)
 
 
 def _log_shell(sizes: Array, channels: int, scale: float) -> Array:

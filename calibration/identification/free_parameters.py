@@ -162,10 +162,10 @@ def starting_state(
     if rest:
         own = {term.name for term in terms}
         others = {term.name: term for term in all_joint_terms(model)}
-        strange = sorted(rest.keys() - others.keys())
-        if strange:
+        unknown_names = sorted(rest.keys() - others.keys())
+        if unknown_names:
             raise CalibrationError(
-                f"{model.label} has no parameter {strange[0]!r}.",
+                f"{model.label} has no parameter {unknown_names[0]!r}.",
                 remedy="Start from a set of the same model.",
             )
         terms = (*terms, *(others[name] for name in rest if name not in own))

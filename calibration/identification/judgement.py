@@ -124,7 +124,7 @@ def _judge_fold(
     training, held_rows = np.flatnonzero(~is_held), np.flatnonzero(is_held)
     training = training[evenly_spaced(len(training), _MOST_ROWS)]
     choice = select_level(model, observations.select_rows(training), grouping.of_rows(training), options)
-    rows, unsure = _held_out_mountings(choice, observations, training, held_rows)
+    rows, uncertain_rows = _held_out_mountings(choice, observations, training, held_rows)
     held_observations = with_mounting(observations.select_rows(held_rows), rows)
     mounted = choice.mounted_observations
     frames, fit = (choice.fit_level(model, level, options) for level in (FRAMES, choice.level))
@@ -140,7 +140,7 @@ def _judge_fold(
         own = 3.0 * residual.predict_residual(held_observations.joints_rad)[1] ** 2
     breaks = tuple(int(training[found.row]) for found in choice.breaks)
     variances = place_variances(fit.fit, held_observations)
-    return _FoldJudgement(before, after, choice.level, breaks, unsure, smooth, variances, own)
+    return _FoldJudgement(before, after, choice.level, breaks, uncertain_rows, smooth, variances, own)
 
 
 def _join_judgement(folds: Rows, judged: Sequence[_FoldJudgement]) -> Judgement:
@@ -189,7 +189,7 @@ def _held_out_mountings(
     """
     first = [int(training[found.row]) for found in choice.breaks]
     mountings = mounting_of(len(observations), first)[held_rows]
-    unsure = [np.arange(0)]
+    uncertain_rows = [np.arange(0)]
     for mounting, found in enumerate(choice.breaks):
         last = int(training[found.row - 1])
         between = np.flatnonzero((held_rows > last) & (held_rows < first[mounting]))
@@ -198,5 +198,5 @@ def _held_out_mountings(
                 choice.places, observations.select_rows(held_rows[between]), mounting
             )
             mountings[between] = mounting + (np.arange(len(between)) >= change_between(*both))
-            unsure.append(held_rows[between])
-    return mountings, np.concatenate(unsure)
+            uncertain_rows.append(held_rows[between])
+    return mountings, np.concatenate(uncertain_rows)

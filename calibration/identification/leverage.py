@@ -5,7 +5,9 @@ import numpy as np
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.identification.estimator import ArmFit, FitProblem, place_columns, whitened_residuals
 
-CROWDED = 0.05  # unknowns a reading: with fewer, what single rows do to the fit is not worth the work
+MOST_MEAN_LEVERAGE = (
+    0.05  # unknowns a reading: with fewer, what single rows do to the fit is not worth the work
+)
 _SHOWING = 200  # rows
 _LEAST_SHARE = 0.05  # of a row's variance that is taken to be left in its residual
 
@@ -43,9 +45,9 @@ def standardised_residuals(fit: ArmFit, problem: FitProblem, weights: Array) -> 
     ``I - H`` if the row was fitted, ``I + H`` if not, and about ``I + (1 - 2 w) H`` between. Where unknowns are
     few against readings, all residuals are raised by the mean instead.
     """
-    crowd = effective_unknowns(fit) / (problem.observations.channels * len(problem.observations))
-    if crowd < CROWDED:
-        raised: Array = whitened_residuals(fit.state, problem) / np.sqrt(1.0 - crowd)
+    mean_leverage = effective_unknowns(fit) / (problem.observations.channels * len(problem.observations))
+    if mean_leverage < MOST_MEAN_LEVERAGE:
+        raised: Array = whitened_residuals(fit.state, problem) / np.sqrt(1.0 - mean_leverage)
         return raised
     columns, residuals = place_columns(fit.layout, fit.state, problem)
     return standardise_residuals(residuals, columns, fit.covariance, weights)

@@ -126,8 +126,8 @@ def refuse_misfit(
         # A zero far off is a cause itself, which the fit found by chance: any that fits better takes its place.
         limit_m = stands.score_m / (1.0 if far_zeros(stands) else _DECISIVE)
         causes = _explaining_causes(model, observations, limit_m, names, others)
-        sure_m = min(stands.score_m / _DECISIVE, max(_GROSS * motion_m, _GROSS_M))
-        causes = causes or _slides(model, some, sure_m, names)
+        decisive_m = min(stands.score_m / _DECISIVE, max(_GROSS * motion_m, _GROSS_M))
+        causes = causes or _slides(model, some, decisive_m, names)
         if causes:
             raise misfit_error(model, stands.score_m, motion_m, causes)
     if stands.score_m <= max(_GROSS * motion_m, _GROSS_M):
@@ -318,7 +318,7 @@ def _explaining_causes(
     found: list[tuple[MisfitCandidate, MisfitScore]] = []
     for candidate in candidates:
         fitted = fit_quickly(candidate.model, candidate.observations)
-        if fitted.score_m / candidate.scale <= limit_m and _is_believable(candidate, fitted):
+        if fitted.score_m / candidate.scale <= limit_m and _is_plausible(candidate, fitted):
             found.append(
                 (replace(candidate, reading=with_fitted_zeros(candidate.reading, fitted, names)), fitted)
             )
@@ -360,6 +360,6 @@ def _slides(
     return tuple(sorted(found, key=lambda cause: cause.remaining_m)[:1])
 
 
-def _is_believable(candidate: MisfitCandidate, fitted: MisfitScore) -> bool:
+def _is_plausible(candidate: MisfitCandidate, fitted: MisfitScore) -> bool:
     motion_m = motion_of(candidate.model, candidate.observations)
     return fitted.score_m <= max(_GROSS * motion_m, _GROSS_M)

@@ -27,9 +27,9 @@ class RowsApart:
     rows: Rows  # of the series
     fits_alone: bool  # they fit the robot by themselves, from another place
 
-    def say_in_file(self, model: RobotModel, file_rows: Rows) -> Lint:
+    def describe_in_file(self, model: RobotModel, file_rows: Rows) -> Lint:
         """Return the note that names them; ``file_rows`` are the numbers of the series' rows in the file."""
-        listed = _say_rows(file_rows[self.rows])
+        listed = _describe_rows(file_rows[self.rows])
         if self.fits_alone:
             says = make_message(
                 "{count} rows that are far off the others ({listed}; the first is row 0) fit {model_name} by "
@@ -81,9 +81,9 @@ def rows_apart(found: Identification, file_rows: Rows) -> list[Lint]:
     apart = find_rows_apart(found)
     if apart is None:
         return []
-    said = apart.say_in_file(found.state.nominal, file_rows)
+    lint = apart.describe_in_file(found.state.nominal, file_rows)
     others = np.setdiff1d(np.arange(len(found.fit_m)), apart.rows)
-    return [replace(said, message=join_messages(" ", [said.message, *_say_others(found, others)]))]
+    return [replace(lint, message=join_messages(" ", [lint.message, *_describe_others(found, others)]))]
 
 
 def _apart(found: Identification) -> tuple[Rows, Rows]:
@@ -104,7 +104,7 @@ def _apart(found: Identification) -> tuple[Rows, Rows]:
     return np.flatnonzero(rejected), mounting
 
 
-def _say_others(found: Identification, others: Rows) -> list[str]:
+def _describe_others(found: Identification, others: Rows) -> list[str]:
     held_out_m = found.judgement.held_out_m
     if len(held_out_m) != len(found.fit_m):
         return []
@@ -112,7 +112,7 @@ def _say_others(found: Identification, others: Rows) -> list[str]:
     return [make_message("All other rows: {rmse_mm:.3f} mm held out.", rmse_mm=rmse_mm)]
 
 
-def _say_rows(rows: Rows) -> str:
+def _describe_rows(rows: Rows) -> str:
     """Return numbers of rows as ranges."""
     parts = np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1)
     names = [

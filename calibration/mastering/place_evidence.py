@@ -24,7 +24,7 @@ _NEAR_M, _NEAR_RAD = (
     0.02,
     0.02,
 )  # how far the nominal arm may be wrong about a place, or about an instrument's
-_KNOCKED_M = 0.005  # how far a knock may have moved a tip
+_LARGEST_KNOCK_M = 0.005  # how far a knock may have moved a tip
 _TIP_CHANGED_M = 0.0015  # … and how far it may be from where it was without one
 _TIP = "the tip"
 _MOVED_SIGMAS = 6.0  # between fixed targets, then and now
@@ -107,7 +107,10 @@ class PlaceProblem:
             by_turn=_stack_rows(every[len(self._all_captures) :], by_joint[len(self._all_captures) :])
             @ self._per_turn,
             scatter=(conditioned + conditioned.T) / 2.0,
-            parts={_TIP: columns[first:, :3] * _KNOCKED_M, **bent_links(geometry, self._model.axis_count)},
+            parts={
+                _TIP: columns[first:, :3] * _LARGEST_KNOCK_M,
+                **bent_links(geometry, self._model.axis_count),
+            },
             rows=rows,
             equipment=Equipment(_TIP, (_TIP,), columns[first:, :3] * _TIP_CHANGED_M, ()),
         )

@@ -27,7 +27,7 @@ _STEP_RAD = float(np.deg2rad(20.0))
 _START_STEP_RAD = float(np.deg2rad(25.0))
 _START_SHARE = 0.35  # of the axes that turn before each pose of the first guess
 _TRIES, _ROUNDS, _BREADTH = 2, 160, 8
-_VAGUE_S = 200.0  # what one e-fold of missing certainty may cost in robot time
+_UNCERTAINTY_COST_S = 200.0  # what one e-fold of missing certainty may cost in robot time
 _FORBIDDEN_S = 100.0  # for each corner that breaks a limit: far more than it could save
 _WARM_S = 30.0
 _AMPLE_POWER = 2.0
@@ -178,7 +178,7 @@ class WalkPlanner:
 
     def walk_cost(self, walks: Array, start: Array) -> Array:
         """Return (B,) [s]: the time of walks (B, K, n) [rad] from ``start``, and what is left vague or forbidden."""
-        vague = np.maximum(0.0, np.log(self.turn_sigmas(walks) / GOAL_TURNS)).sum(axis=1)
+        excess_uncertainty = np.maximum(0.0, np.log(self.turn_sigmas(walks) / GOAL_TURNS)).sum(axis=1)
         whole = np.concatenate([np.broadcast_to(start, (len(walks), 1, len(start))), walks], axis=1)
         stops = walk_corners(whole)
         turned = np.any(stops != np.concatenate([whole[:, :1], stops[:, :-1]], axis=1), axis=2)
@@ -187,7 +187,9 @@ class WalkPlanner:
             bool
         )  # where no axis turned, nothing new is to be seen
         costs: Array = (
-            self.jog_timing.walk_seconds(whole) + _VAGUE_S * vague + _FORBIDDEN_S * forbidden.sum(axis=1)
+            self.jog_timing.walk_seconds(whole)
+            + _UNCERTAINTY_COST_S * excess_uncertainty
+            + _FORBIDDEN_S * forbidden.sum(axis=1)
         )
         return costs
 

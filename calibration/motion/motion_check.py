@@ -26,7 +26,7 @@ from cellcal.calibration.motion.motion_quantities import (
 from cellcal.calibration.motion.position_uncertainty import PositionUncertainty
 
 _MOST_SLIDE_MARGIN_M = 0.005  # of a joint that slides: a quill travels 0.1 to 0.3 m
-_HOPELESS_RAD = 1.0  # beyond a joint's limit
+_FAR_BEYOND_RAD = 1.0  # beyond a joint's limit
 _RATE_SAMPLE_RAD = 0.02  # paths are looked at this densely; more so where collisions are checked
 
 
@@ -240,7 +240,7 @@ def _far_outside(model: RobotModel, targets: Array) -> list[MotionFinding]:
     """Refuse targets, the last row a start, far beyond the limits: a way there is not worth looking at."""
     beyond = np.maximum(model.lower_rad - targets, targets - model.upper_rad)
     findings = []
-    for index in np.flatnonzero((beyond > _HOPELESS_RAD).any(axis=1)):
+    for index in np.flatnonzero((beyond > _FAR_BEYOND_RAD).any(axis=1)):
         axis = int(np.argmax(beyond[index]))
         found = float(targets[index, axis])
         limit = float(model.lower_rad[axis] if found < model.lower_rad[axis] else model.upper_rad[axis])

@@ -37,14 +37,14 @@ class LimitExcess:
 
     def forgive_start(self, stays: NDArray[np.bool_]) -> "LimitExcess":
         """Drop the start, the first row; forgive each quantity on the way what it breaks there, not at a stay."""
-        forgiven = np.where(stays[:, None], 0.0, np.maximum(self.excess[0], 0.0))
+        start_excess = np.where(stays[:, None], 0.0, np.maximum(self.excess[0], 0.0))
         limit = np.broadcast_to(self.limit, self.excess.shape)[1:]
         uncertainty = None if self.uncertainty is None else self.uncertainty[1:]
         return LimitExcess(
             self.check,
             self.found[1:],
             limit,
-            self.excess[1:] - forgiven,
+            self.excess[1:] - start_excess,
             self.unit,
             self.quantity_names,
             uncertainty,

@@ -113,7 +113,7 @@ def _points_together(measured_points: Sequence[WirePoints]) -> tuple[Array, Arra
         mean = np.array([*np.ravel(points.found_m), *points.of_wire])
         own = np.linalg.inv(np.array(points.covariance))
         first = wires.index(wires[r]) == r  # the others bring no belief of their own
-        believed, weight = _wire_belief(points, size)
+        believed, weight = _wire_prior(points, size)
         information[np.ix_(index, index)] += own if first else own - weight
         pull[index] += own @ mean if first else own @ mean - weight @ believed
     covariance = np.asarray(np.linalg.inv(information), dtype=np.float64)
@@ -121,7 +121,7 @@ def _points_together(measured_points: Sequence[WirePoints]) -> tuple[Array, Arra
     return together[:every], covariance[:every, :every]
 
 
-def _wire_belief(points: WirePoints, size: int) -> tuple[Array, Array]:
+def _wire_prior(points: WirePoints, size: int) -> tuple[Array, Array]:
     """Return the prior mean and information matrix (inverse covariance) of a wire's parameters."""
     believed = np.array([*np.zeros(size), *points.believed])
     return believed, np.diag([*np.zeros(size), *(sigma**-2 for sigma in points.sigma)])

@@ -203,16 +203,16 @@ def _against_controller(pairs: TagPairs, nominal: Array) -> tuple[str, ...]:
     controller_rotations = robot.to_rotations()
     at = np.einsum("nji,nj->ni", nominal[:, :3, :3], robot.to_positions() - nominal[:, :3, 3])
     turn = np.swapaxes(nominal[:, :3, :3], 1, 2) @ controller_rotations
-    wander = float(np.linalg.norm(at - np.median(at, axis=0), axis=1).max())
+    spread_m = float(np.linalg.norm(at - np.median(at, axis=0), axis=1).max())
     turned = float(np.abs(turn - turn[0]).max())
-    if wander > _SAME_POSE_M or turned > 0.01:
+    if spread_m > _SAME_POSE_M or turned > 0.01:
         raise CalibrationError(
             make_message(
                 "the joints of {source} do not belong to its poses by the model: the tool would wander by "
                 "{wander_mm:.2f} mm.",
                 source=robot.source,
-                wander_mm=wander * 1e3,
+                wander_mm=spread_m * 1e3,
             ),
             remedy="Choose the robot's own model; see the units of the joints and how J2 and J3 are coupled.",
         )
-    return (f"the robot's poses agree with its joints and the model within {wander * 1e3:.3f} mm",)
+    return (f"the robot's poses agree with its joints and the model within {spread_m * 1e3:.3f} mm",)

@@ -273,8 +273,8 @@ def _refuse_bad(name: FaceName, face: CornerFace) -> None:
 
 
 def _refuse_wrong_side(name: FaceName, outward: Array, face: CornerFace) -> None:
-    felt = np.array(face.outward) / np.linalg.norm(face.outward)
-    angle = math.acos(float(np.clip(outward @ felt, -1.0, 1.0)))
+    probe_direction = np.array(face.outward) / np.linalg.norm(face.outward)
+    angle = math.acos(float(np.clip(outward @ probe_direction, -1.0, 1.0)))
     if angle > WRONG_SIDE_RAD:
         raise DegenerateDataError(
             make_message(

@@ -7,7 +7,7 @@ import numpy as np
 
 from cellcal.calibration.arm.kinematics import RobotModel
 from cellcal.calibration.geometry import Array
-from cellcal.calibration.wires.network import WireBelief, WireEquations, WireMounting
+from cellcal.calibration.wires.network import WireEquations, WireMounting, WireNetworkPrior
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -20,7 +20,7 @@ class WirePrediction:
 
 def expected_covariance(
     model: RobotModel,
-    belief: WireBelief,
+    network_prior: WireNetworkPrior,
     mountings: Sequence[WireMounting],
     places: Sequence[int],
     factor: float,
@@ -38,7 +38,7 @@ def expected_covariance(
     factor : float
         How much larger the disturbances are than believed [1].
     """
-    network, index = WireEquations(model, belief, mountings), _coordinate_indices(places)
+    network, index = WireEquations(model, network_prior, mountings), _coordinate_indices(places)
     terms = network.wire_terms(network.nominal)
     spread = terms.by_parameter * network.sigma
     total = spread @ spread.T + network.length_covariance(terms, factor)
@@ -49,7 +49,7 @@ def expected_covariance(
 
 def look_ahead(
     model: RobotModel,
-    belief: WireBelief,
+    network_prior: WireNetworkPrior,
     mountings: Sequence[WireMounting],
     candidates: WireMounting,
     place: int,
@@ -75,23 +75,30 @@ def look_ahead(
     ----------
     V. V. Fedorov, Theory of optimal experiments, 1972.
     """
-    network, index = WireEquations(model, belief, [*mountings, candidates]), _coordinate_indices([place])
+    network, index = (
+        WireEquations(model, network_prior, [*mountings, candidates]),
+        _coordinate_indices([place]),
+    )
     first = int(network.rows[-2])
     covariance, gains, _ = _condition_on_rows(network, index, first, factor)
     return WirePrediction(covariance, gains)
 
 
 def best_order(
-    model: RobotModel, belief: WireBelief, measured: Sequence[WireMounting], candidates: WireMounting, k: int
+    model: RobotModel,
+    network_prior: WireNetworkPrior,
+    measured: Sequence[WireMounting],
+    candidates: WireMounting,
+    k: int,
 ) -> tuple[int, ...]:
     """Return k candidates of a mounting, best first, for the place that this mounting is there to find.
 
     Greedy; the place is the exit if it is the less well known one, else the hook.
     """
-    network = WireEquations(model, belief, [*measured, candidates])
-    exit_sigma = belief.exits[candidates.exit].sigma_m
-    hook = len(belief.exits) + candidates.hook
-    place = candidates.exit if exit_sigma >= belief.hooks[candidates.hook].sigma_m else hook
+    network = WireEquations(model, network_prior, [*measured, candidates])
+    exit_sigma = network_prior.exits[candidates.exit].sigma_m
+    hook = len(network_prior.exits) + candidates.hook
+    place = candidates.exit if exit_sigma >= network_prior.hooks[candidates.hook].sigma_m else hook
     _, gains, state = _condition_on_rows(network, _coordinate_indices([place]), int(network.rows[-2]), 1.0)
     chosen: list[int] = []
     while len(chosen) < min(k, len(gains)):

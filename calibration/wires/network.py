@@ -44,7 +44,7 @@ class WirePlace:
 
 
 @dataclass(frozen=True, slots=True)
-class WireBelief:
+class WireNetworkPrior:
     """Knowledge of wire and arm before measuring; ``wire`` gives zero, scale, geometry and disturbances.
 
     With the sag of the joints among the parameters, what is left of flexing is small: the defaults of
@@ -76,7 +76,7 @@ class WireBelief:
     @classmethod
     def with_certified_scale(
         cls, wire: WirePrior, exits: tuple[WirePlace, ...], hooks: tuple[WirePlace, ...], sigma_scale: float
-    ) -> "WireBelief":
+    ) -> "WireNetworkPrior":
         """Return the belief for a wire whose scale is certified, with sag told apart from other disturbances."""
         disturbed = replace(
             wire,
@@ -105,8 +105,10 @@ class WireMounting:
 class WireEquations:
     """The linear algebra that a fit and a design share: parameters, priors, lengths and their covariance."""
 
-    def __init__(self, model: RobotModel, belief: WireBelief, mountings: Sequence[WireMounting]) -> None:
-        self.model, self.belief, self.mountings = model, belief, mountings
+    def __init__(
+        self, model: RobotModel, network_prior: WireNetworkPrior, mountings: Sequence[WireMounting]
+    ) -> None:
+        self.model, self.network_prior, self.mountings = model, network_prior, mountings
         self.free = free_geometry(model)
         self.sag = gravity_terms(model)
         joints = [np.array(m.joints_rad, dtype=float).reshape(-1, model.axis_count) for m in mountings]
@@ -118,7 +120,7 @@ class WireEquations:
         moved = np.array([*(term.joint for term in self.sag), *loaded], dtype=np.intp)
         self._sagging = np.linalg.inv(model.joint_coupling).T[moved]
         self._sag_values = np.vstack([term_values(model, self.poses.joints_rad, self.sag), flanks])
-        wire, places = belief.wire, (*belief.exits, *belief.hooks)
+        wire, places = network_prior.wire, (*network_prior.exits, *network_prior.hooks)
         self.first = 3 * len(places)  # zero, scale, lip, slow linearity; then geometry, sag, flanks
         angle, length = wire.sigma_angle_rad, wire.sigma_length_m
         sizes = (
@@ -129,17 +131,17 @@ class WireEquations:
         self.nominal = np.concatenate(
             [
                 *[np.array(p.at_m) for p in places],
-                [wire.zero_m, *belief.wire_values()],
+                [wire.zero_m, *network_prior.wire_values()],
                 np.zeros(int(self.free.sum()) + len(moved)),
             ]
         )
         self.sigma = np.concatenate(
             [
                 *[np.full(3, p.sigma_m) for p in places],
-                [wire.sigma_zero_m, *belief.wire_sigmas()],
+                [wire.sigma_zero_m, *network_prior.wire_sigmas()],
                 sizes[self.free],
-                np.full(len(self.sag), belief.sigma_sag_rad_m),
-                np.full(len(loaded), belief.sigma_flank_rad),
+                np.full(len(self.sag), network_prior.sigma_sag_rad_m),
+                np.full(len(loaded), network_prior.sigma_flank_rad),
             ]
         )
 
@@ -178,14 +180,14 @@ class WireEquations:
             WirePoses.from_record_side(self.poses.joints_rad[rows], self.poses.sigma_m[rows]),
         )
         exit_at = slice(3 * mounting.exit, 3 * mounting.exit + 3)
-        hook = len(self.belief.exits) + mounting.hook
+        hook = len(self.network_prior.exits) + mounting.hook
         hook_at = slice(3 * hook, 3 * hook + 3)
         inner = np.concatenate([x[exit_at], x[hook_at], x[first : first + 2], geometry])
         terms = wire_terms(self.model, inner, poses)
         by_inner = terms.by_parameter
         by_x[rows, exit_at], by_x[rows, hook_at] = by_inner[:, :3], by_inner[:, 3:6]
         by_x[rows, first : first + 2] = by_inner[:, 6:8]
-        turns = 2.0 * np.pi * terms.lengths / self.belief.range_m
+        turns = 2.0 * np.pi * terms.lengths / self.network_prior.range_m
         by_x[rows, first + 3 : first + WIRE_PARAMETERS] = np.column_stack([np.sin(turns), np.cos(turns)])
         end = first + WIRE_PARAMETERS + int(self.free.sum())
         by_x[rows, first + WIRE_PARAMETERS : end] = by_inner[:, 8:][:, self.free]
@@ -202,21 +204,25 @@ class WireEquations:
 
     def disturbance_covariance(self, terms: WireTerms, factor: float = 1.0) -> Array:
         """Return (N, N) [m^2]: what no parameter describes, larger by a factor than believed."""
-        return disturbance_covariance(self.belief.wire.scale_disturbances(factor), terms, terms)
+        return disturbance_covariance(self.network_prior.wire.scale_disturbances(factor), terms, terms)
 
     def _noise_covariance(self, terms: WireTerms) -> Array:
-        noise = np.diag(terms.noise_variance(self.belief.wire))
+        noise = np.diag(terms.noise_variance(self.network_prior.wire))
         for m, mounting in enumerate(self.mountings):
             rows = slice(self.rows[m], self.rows[m + 1])
             if mounting.another_day:
-                hook = 3 * (len(self.belief.exits) + mounting.hook)
+                hook = 3 * (len(self.network_prior.exits) + mounting.hook)
                 hung = terms.by_parameter[rows][:, [hook, hook + 1, hook + 2, self.first]]
-                noise[rows, rows] += hung @ hung.T * self.belief.wire.sigma_session_m**2
+                noise[rows, rows] += hung @ hung.T * self.network_prior.wire.sigma_session_m**2
         for exit_, mouth, mouth_rows in self._mouths:
-            exit_m = np.array(self.belief.exits[exit_].at_m)
+            exit_m = np.array(self.network_prior.exits[exit_].at_m)
             towards = -terms.by_parameter[mouth_rows, 3 * exit_ : 3 * exit_ + 3]
             wire = WireExit.from_wires(towards, terms.lengths[mouth_rows], exit_m, mouth)
-            sigma = self.belief.sigma_unseen_mouth_rad if mouth is None else self.belief.sigma_mouth_rad
-            turned = sigma * self.belief.exit_radius_m * wire.by_mouth()
+            sigma = (
+                self.network_prior.sigma_unseen_mouth_rad
+                if mouth is None
+                else self.network_prior.sigma_mouth_rad
+            )
+            turned = sigma * self.network_prior.exit_radius_m * wire.by_mouth()
             noise[np.ix_(mouth_rows, mouth_rows)] += turned @ turned.T
         return np.asarray(noise, dtype=np.float64)

@@ -10,7 +10,13 @@ from cellcal.calibration.errors import CalibrationError, DegenerateDataError
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.uncertainty import chi_square_limit
 from cellcal.calibration.wires.model import WireTerms
-from cellcal.calibration.wires.network import WIRE_PARAMETERS, Triple, WireBelief, WireEquations, WireMounting
+from cellcal.calibration.wires.network import (
+    WIRE_PARAMETERS,
+    Triple,
+    WireEquations,
+    WireMounting,
+    WireNetworkPrior,
+)
 
 _MAX_ITERATIONS = 15
 _SETTLED = 1e-4  # of a parameter's deviation
@@ -64,7 +70,9 @@ class WireNetwork:
         return _covariance_block(np.array(self.covariance), [len(self.exits_m) + h for h in hooks])
 
 
-def fit_network(model: RobotModel, belief: WireBelief, mountings: Sequence[WireMounting]) -> WireNetwork:
+def fit_network(
+    model: RobotModel, network_prior: WireNetworkPrior, mountings: Sequence[WireMounting]
+) -> WireNetwork:
     r"""Fit all exits, hooks, the wire and the arm's errors to lengths from several mountings.
 
     ``y = z + s |a_e - T(q + sag(q), g) h_k| + r (phi - sin phi) + d + e``: zero z, scale s, exit a, hook h,
@@ -75,7 +83,7 @@ def fit_network(model: RobotModel, belief: WireBelief, mountings: Sequence[WireM
     ----------
     model : RobotModel
         Nominal model.
-    belief : WireBelief
+    network_prior : WireNetworkPrior
         Places with their deviations, and the priors of everything else.
     mountings : sequence of Mounting
         Lengths with the controller's joints [m, rad].
@@ -102,15 +110,17 @@ def fit_network(model: RobotModel, belief: WireBelief, mountings: Sequence[WireM
     ----------
     Derived in calibration/README.md, section 6. Lip: a wire bent by phi around radius r is r (phi - sin phi) longer.
     """
-    return _make_result(*_fit_network(model, belief, mountings))
+    return _make_result(*_fit_network(model, network_prior, mountings))
 
 
-def length_misses(model: RobotModel, belief: WireBelief, mountings: Sequence[WireMounting]) -> Array:
+def length_misses(
+    model: RobotModel, network_prior: WireNetworkPrior, mountings: Sequence[WireMounting]
+) -> Array:
     """Return what every length misses the same fit by, measured minus computed, one mounting after the other [m].
 
     A length whose deviation is a metre weighs nothing in the fit, and its miss is told all the same.
     """
-    _, solved, lengths, _ = _fit_network(model, belief, mountings)
+    _, solved, lengths, _ = _fit_network(model, network_prior, mountings)
     return np.asarray(lengths - solved.terms.lengths, dtype=np.float64)
 
 
@@ -125,11 +135,11 @@ class _NetworkEstimate:
 
 
 def _fit_network(
-    model: RobotModel, belief: WireBelief, mountings: Sequence[WireMounting]
+    model: RobotModel, network_prior: WireNetworkPrior, mountings: Sequence[WireMounting]
 ) -> tuple[WireEquations, _NetworkEstimate, Array, float]:
     """Return the fit with the lengths it is of, and how much larger the disturbances are than believed."""
-    _check_mountings(model, belief, mountings)
-    network = WireEquations(model, belief, mountings)
+    _check_mountings(model, network_prior, mountings)
+    network = WireEquations(model, network_prior, mountings)
     lengths = np.concatenate([m.lengths_m for m in mountings])
     solved = _solve_network(network, lengths, 1.0)
     factor = _disturbance_factor(network, solved)
@@ -168,8 +178,8 @@ def _disturbance_factor(network: WireEquations, solved: _NetworkEstimate) -> flo
         lower = np.linalg.cholesky(scatter + factor**2 * disturbance)
         white = np.linalg.solve(lower, solved.innovation)
         misfits.append(float(white @ white) + 2.0 * float(np.log(np.diag(lower)).sum()))
-    surprise = (np.log(factors) / _LOG_FACTOR_SIGMA) ** 2
-    return float(factors[np.argmin(np.array(misfits) + surprise)])
+    prior_misfit = (np.log(factors) / _LOG_FACTOR_SIGMA) ** 2
+    return float(factors[np.argmin(np.array(misfits) + prior_misfit)])
 
 
 def _make_result(
@@ -181,7 +191,7 @@ def _make_result(
     worst = int(np.argmax(deviations))
     mounting = int(np.searchsorted(network.rows, worst, side="right")) - 1
     first, places = network.first, solved.x[: network.first].reshape(-1, 3)
-    exits = len(network.belief.exits)
+    exits = len(network.network_prior.exits)
     residuals = lengths - solved.terms.lengths
     return WireNetwork(
         exits_m=tuple(_to_triple(p) for p in places[:exits]),
@@ -204,7 +214,9 @@ def _make_result(
     )
 
 
-def _check_mountings(model: RobotModel, belief: WireBelief, mountings: Sequence[WireMounting]) -> None:
+def _check_mountings(
+    model: RobotModel, network_prior: WireNetworkPrior, mountings: Sequence[WireMounting]
+) -> None:
     if not mountings:
         raise DegenerateDataError("no length was taken.", remedy="Mount the wire and capture some poses.")
     for m, mounting in enumerate(mountings, 1):
@@ -218,7 +230,9 @@ def _check_mountings(model: RobotModel, belief: WireBelief, mountings: Sequence[
             raise CalibrationError(f"mounting {m}: every length needs its joints and its deviation")
         if any(len(joints) != model.axis_count for joints in mounting.joints_rad):
             raise CalibrationError(f"mounting {m}: every length needs {model.axis_count} joint angles")
-        if not (0 <= mounting.exit < len(belief.exits) and 0 <= mounting.hook < len(belief.hooks)):
+        if not (
+            0 <= mounting.exit < len(network_prior.exits) and 0 <= mounting.hook < len(network_prior.hooks)
+        ):
             raise CalibrationError(f"mounting {m} names an exit or a hook that is not described")
         _check_numbers(mounting, m)
 

@@ -174,8 +174,8 @@ def _disturbance_factor(fit: _ReferenceFit, prior: WirePrior) -> float:
         ..., 0
     ]
     misfit = squares @ fit.innovation + np.linalg.slogdet(totals)[1]
-    surprise = (np.log(factors) / _LOG_FACTOR_SIGMA) ** 2
-    return float(factors[np.argmin(misfit + surprise)])
+    prior_misfit = (np.log(factors) / _LOG_FACTOR_SIGMA) ** 2
+    return float(factors[np.argmin(misfit + prior_misfit)])
 
 
 def _check_record(model: RobotModel, joints: Array, lengths: Array, sigmas: Array) -> None:

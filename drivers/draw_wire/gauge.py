@@ -40,7 +40,7 @@ class DrawWire:
         self._link, self._table, self._options = link, table, options
         self._step_m = 0.0
         self._offset: int | None = None
-        link.greet = self._check_device
+        link.check_server = self._check_device
 
     @property
     def name(self) -> str:
@@ -107,7 +107,7 @@ class DrawWire:
         return LengthReading(value_m, self._options.sigma_m, taken_at_s, raw)
 
     async def _check_device(self, link: CanopenLink) -> None:
-        read = link.read_during_greeting
+        read = link.read_during_check
         device_type = await self._read_value("device_type", read)
         if device_type & 0xFFFF != self._table.device_profile:
             raise self._wrong_device_error(

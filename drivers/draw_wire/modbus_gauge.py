@@ -38,7 +38,7 @@ class ModbusDrawWire:
     def __init__(self, link: ModbusLink, table: EncoderMap, options: EncoderOptions) -> None:
         self._link, self._table, self._options = link, table, options
         self._offset: int | None = None
-        link.greet = self._check_device
+        link.check_server = self._check_device
 
     @property
     def name(self) -> str:
@@ -101,7 +101,7 @@ class ModbusDrawWire:
             return await self._link.read(self._table.first + 1, self._table.words)
 
     async def _check_device(self, link: ModbusLink) -> None:
-        block = await link.read_during_greeting(self._table.first + 1, self._table.words)
+        block = await link.read_during_check(self._table.first + 1, self._table.words)
         self._require_same(block)
 
     def _require_same(self, block: Words) -> None:

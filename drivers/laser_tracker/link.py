@@ -57,7 +57,7 @@ class EmsconLink:
     def __init__(self, device: str, address: str, port: int, deadline_s: float) -> None:
         self.device, self._address, self._port, self._deadline_s = device, address, port, deadline_s
         self.trace = FrameTrace(device)
-        self.greet: Callable[[], Awaitable[None]] | None = None
+        self.check_server: Callable[[], Awaitable[None]] | None = None
         self.on_change: Callable[[int], None] = lambda _code: None
         self._backoff = Backoff()
         self._writer: asyncio.StreamWriter | None = None
@@ -82,8 +82,8 @@ class EmsconLink:
         await self._backoff.wait()
         try:
             await self._open_connection()
-            if self.greet is not None:
-                await self.greet()
+            if self.check_server is not None:
+                await self.check_server()
         except BaseException:
             self._backoff.note_failure()
             self._drop_connection(self._connection_lost_error("the connection was given up."))

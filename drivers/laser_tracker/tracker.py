@@ -76,7 +76,7 @@ class LaserTracker:
         self._moved = ""
         self._marks: tuple[float, ...] | None = None
         self._initialised = False
-        link.greet = self._check_device
+        link.check_server = self._check_device
         link.on_change = self._on_status_change
 
     @property

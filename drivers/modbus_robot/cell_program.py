@@ -258,7 +258,7 @@ class _Heartbeat:
     def __init__(self, stale_after_s: float, heartbeat_s: float) -> None:
         self._stale_after_s, self._heartbeat_s = stale_after_s, heartbeat_s
         self._counter: int | None = None
-        self._changed_s = self._beaten_s = time.monotonic()
+        self._changed_s = self._last_beat_s = time.monotonic()
 
     def is_alive(self, counter: int) -> bool:
         now_s = time.monotonic()
@@ -268,9 +268,9 @@ class _Heartbeat:
 
     def beat_is_due(self) -> bool:
         now_s = time.monotonic()
-        if now_s - self._beaten_s < self._heartbeat_s:
+        if now_s - self._last_beat_s < self._heartbeat_s:
             return False
-        self._beaten_s = now_s
+        self._last_beat_s = now_s
         return True
 
 

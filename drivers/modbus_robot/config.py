@@ -68,7 +68,7 @@ class ModbusRobotConfig(BaseModel):
             self.address,
             self.port,
             deadline_s=_TELEGRAM_SHARE * self.deadline_s,
-            greet=SerialCheck(profile, self.serial),
+            check_server=SerialCheck(profile, self.serial),
         )
         panel = RegisterClient(link, profile)
         options = ModbusMotionOptions(

@@ -117,7 +117,7 @@ class SerialCheck:
         self._register, self._expected = profile.registers["serial"], expected
 
     async def __call__(self, link: ModbusLink) -> None:
-        words = await link.read_during_greeting(self._register.address, self._register.words)
+        words = await link.read_during_check(self._register.address, self._register.words)
         found = decode_text(self._register, words)
         if found != self._expected:
             raise self._wrong_device_error(link.device, found)

@@ -13,7 +13,7 @@ from cellcal.drivers.programs.file_declarations import FileDeclarations, Routine
 Routine: TypeAlias = tuple[str, str]  # its file and name
 _CALLED = "{} in {}, which its program calls, sets another tool or frame"
 _CALLER = "{} in {} sets the tool or frame before its program is called, or may"
-_UNGIVEN = "{} in {} calls a program that was not given, which may set another tool or frame"
+_MISSING_PROGRAM = "{} in {} calls a program that was not given, which may set another tool or frame"
 _NOT_GIVEN = "~"  # what a program sets that was not given; behind all numbers and names
 
 
@@ -54,7 +54,7 @@ class BatchCalls:
             below += self._resets_below[number]
         if below:
             value, subject = below[0]
-            return self._name_text(_UNGIVEN if value == _NOT_GIVEN else _CALLED, subject)
+            return self._name_text(_MISSING_PROGRAM if value == _NOT_GIVEN else _CALLED, subject)
         above = [subject for (_, marks), has in effects if not has for value, subject in marks[number]
                  if value != _NOT_GIVEN]  # fmt: skip
         if not above and not own.resets:

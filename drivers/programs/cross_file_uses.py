@@ -118,19 +118,19 @@ class BatchDeclarations:
         """Return of very many uses those that decide: an array has thousands, for each of its elements."""
         if len(uses) <= _MANY_USES:
             return uses
-        whys: dict[str | None, tuple[MoveFrames, str]] = {}
+        reasons: dict[str | None, tuple[MoveFrames, str]] = {}
         frames: dict[tuple[str, str], tuple[MoveFrames, str]] = {}
         for move_frames, file in uses:
             why = move_frames.why or self._calls.why_reached(file, move_frames.routine)
             if why:
                 decisive = (move_frames._replace(why=why), file)
-                if why != COPIED or len(whys) < _MANY_USES:
-                    whys.setdefault(lower_name(move_frames.frame) if why == COPIED else None, decisive)
+                if why != COPIED or len(reasons) < _MANY_USES:
+                    reasons.setdefault(lower_name(move_frames.frame) if why == COPIED else None, decisive)
             elif len(frames) < _MANY_USES:
                 frames.setdefault(
                     (lower_name(move_frames.tool), lower_name(move_frames.frame)), (move_frames, file)
                 )
-        return [*whys.values(), *frames.values()]
+        return [*reasons.values(), *frames.values()]
 
     def _give_uses(self) -> None:
         """Find for every name that is used whose declaration it means."""
@@ -195,9 +195,9 @@ class BatchDeclarations:
         """Give uses of a name that a file sees to whose declaration it means."""
         bare = array_name_of(name)
         owners, declared = self.find_declarations(file, bare)
-        gone_to = frozenset(each for each, _ in uses if each.why not in NO_MOTION)
-        if not owners and gone_to and bare not in self._other_data:
-            self._absent[file][name] = self._absent[file].get(name, frozenset()) | gone_to
+        motion_uses = frozenset(each for each, _ in uses if each.why not in NO_MOTION)
+        if not owners and motion_uses and bare not in self._other_data:
+            self._absent[file][name] = self._absent[file].get(name, frozenset()) | motion_uses
         for owner in owners:
             self._add_uses(owner, declared + name[len(bare) :], uses)
 

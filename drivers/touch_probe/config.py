@@ -62,7 +62,7 @@ class _CouplerConfig(BaseModel):
         wiring = CouplerWiring(self.serial, digital_input, analogue_input, echo, self.echo_ms * 1e-3)
         link = ModbusLink(self.name, self.address, self.port, deadline_s=_TELEGRAM_SHARE * self.deadline_s)
         coupler = Coupler(link, load_map(), wiring)
-        link.greet = coupler.check_device
+        link.check_server = coupler.check_device
         return coupler
 
 

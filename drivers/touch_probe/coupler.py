@@ -150,11 +150,11 @@ class Coupler:
         """Check constants and MAC-ID at every connect; forget what was known of the rail."""
         self._words, self._echo_due_s, self._echo_shown = 0, None, None
         constants = self.table.registers["constants"]
-        found = await link.read_during_greeting(constants.address + 1, constants.words)
+        found = await link.read_during_check(constants.address + 1, constants.words)
         if found != self.table.constants.values:
             raise self._wrong_device_error("is no coupler of the WAGO 750 series")
         mac = self.table.registers["mac"]
-        serial = _mac_text(await link.read_during_greeting(mac.address + 1, mac.words))
+        serial = _mac_text(await link.read_during_check(mac.address + 1, mac.words))
         if serial != _plain_serial(self.wiring.serial):
             raise self._wrong_device_error(f"is the coupler {serial}, cell.toml says {self.wiring.serial}")
 

@@ -53,7 +53,7 @@ _log = logging.getLogger(__name__)
 
 _REMOTE_KNOWN_S = 1.0
 _OLD_PROGRAM_S = 0.6  # ours, left by a session that was killed, ends by its watchdog
-_STOP_HEARD_S = 0.5
+_STOP_RECEIVED_S = 0.5
 _STUCK_S = 1.0
 _PATH_RAD = 0.05
 _SLOWER = 1.5
@@ -282,7 +282,7 @@ class UniversalRobot(ReadingUniversalRobot):
         if not session.is_usable:
             return False
         with contextlib.suppress(DeviceError):
-            await session.decelerate_arm(self._options.stop_deceleration_rad_s2, deadline_s=_STOP_HEARD_S)
+            await session.decelerate_arm(self._options.stop_deceleration_rad_s2, deadline_s=_STOP_RECEIVED_S)
             return True
         return False
 

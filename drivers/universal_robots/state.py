@@ -168,8 +168,8 @@ class StateClient:
         version = await self._send_request(MessageType.VERSION)
         if len(version) != 16:
             raise self._protocol_error("a version of another size", version)
-        wish = struct.pack(">d", self._rate_hz) + _NAMES.encode()
-        self._accept_recipe(await self._send_request(MessageType.OUTPUTS, wish))
+        recipe_request = struct.pack(">d", self._rate_hz) + _NAMES.encode()
+        self._accept_recipe(await self._send_request(MessageType.OUTPUTS, recipe_request))
         if await self._send_request(MessageType.START) != b"\x01":
             raise self._refused_error(
                 "refused to send its state", "Disconnect other RTDE clients, or restart it."

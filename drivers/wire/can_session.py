@@ -75,7 +75,7 @@ class CanSession:
         self.emergencies_cleared = 0
         self.foreign_at_s = float("-inf")
         self._heartbeat_s = 0.0  # period that is watched; 0 while it is not
-        self._heard_s = time.monotonic()
+        self._last_received_s = time.monotonic()
         self._odd_frame = ""
         self._answers = 0
         self._closing = threading.Event()
@@ -105,12 +105,12 @@ class CanSession:
 
     def watch_heartbeat(self, period_s: float) -> None:
         """From here on the node has to be heard within 2.5 periods."""
-        self._heard_s = time.monotonic()
+        self._last_received_s = time.monotonic()
         self._heartbeat_s = period_s
 
     def heartbeat_age_s(self) -> float:
         """Return how long ago the node was heard."""
-        return time.monotonic() - self._heard_s
+        return time.monotonic() - self._last_received_s
 
     def has_foreign_master(self) -> bool:
         """Return whether another master has commanded this node lately."""
@@ -233,7 +233,7 @@ class CanSession:
             self.foreign_at_s = time.monotonic()
 
     def _take_heartbeat(self, data: bytes) -> None:
-        self._heard_s = time.monotonic()
+        self._last_received_s = time.monotonic()
         if data[:1] == b"\0":
             self._mark_dead(f"node {self._id} has restarted; what it was told before is lost")
 

@@ -33,7 +33,7 @@ from cellcal.drivers.wire.trace import FrameTrace
 from cellcal.drivers.wire.worker import CallWorker
 
 T = TypeVar("T")
-Greeting = Callable[["CanopenLink"], Awaitable[None]]
+ServerCheck = Callable[["CanopenLink"], Awaitable[None]]
 
 _HEARTBEAT_TIME = 0x1017
 _ANSWER_SHARE = 0.3  # of the deadline, for one SDO answer
@@ -49,7 +49,7 @@ class CanopenLink:
     ) -> None:
         self.device = device
         self.trace = FrameTrace(device)
-        self.greet: Greeting | None = None
+        self.check_server: ServerCheck | None = None
         self._options, self._id, self._heartbeat_s = options, node_id, heartbeat_s
         self._deadline_s = deadline_s
         self._session: CanSession | None = None
@@ -116,7 +116,7 @@ class CanopenLink:
                 await self._ready_session(), lambda s: s.download_object(index, subindex, data)
             )
 
-    async def read_during_greeting(self, index: int, subindex: int) -> bytes:
+    async def read_during_check(self, index: int, subindex: int) -> bytes:
         """Read while the connection is being made; for greetings only."""
         if self._session is None:
             raise UnreachableError(self.device, "the CAN bus was closed.", remedy=_DAEMON)
@@ -131,8 +131,8 @@ class CanopenLink:
         try:
             session = await self._connect_session()
             await self._start_heartbeat(session)
-            if self.greet is not None:
-                await self.greet(self)
+            if self.check_server is not None:
+                await self.check_server(self)
         except BaseException:
             self._backoff.note_failure()
             await self.close()

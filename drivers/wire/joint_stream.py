@@ -199,10 +199,10 @@ class JointStream(asyncio.DatagramProtocol):
 
     def _patience_s(self, now_s: float) -> float:
         """Return how long to wait for a packet: of a stream that has been silent for long, hardly at all."""
-        heard_at_s = self._received[-1].at_s if self._received else self._opened_at_s
+        last_received_at_s = self._received[-1].at_s if self._received else self._opened_at_s
         return (
             _PATIENCE_AFTER_SILENCE_S
-            if now_s - heard_at_s > self.settings.silent_s
+            if now_s - last_received_at_s > self.settings.silent_s
             else self.settings.silent_s
         )
 

@@ -36,7 +36,7 @@ from cellcal.drivers.wire.tables import CodeEntry, code_table
 from cellcal.drivers.wire.trace import FrameTrace
 
 Words = tuple[int, ...]
-Greeting = Callable[["ModbusLink"], Awaitable[None]]
+ServerCheck = Callable[["ModbusLink"], Awaitable[None]]
 _Ask = Callable[[AsyncModbusTcpClient], Awaitable[ModbusPDU]]
 
 _READ, _WRITE_COIL, _WRITE = 3, 5, 16
@@ -57,16 +57,16 @@ class ModbusLink:
     """One Modbus TCP connection at a time, one request at a time, addresses counted from 1."""
 
     def __init__(
-        self, device: str, host: str, port: int, *, deadline_s: float, greet: Greeting | None = None
+        self, device: str, host: str, port: int, *, deadline_s: float, check_server: ServerCheck | None = None
     ) -> None:
         self.device = device
         self.trace = FrameTrace(device)
         self._is_unreadable = False
         self._host, self._port, self._deadline_s = host, port, deadline_s
-        self.greet = greet
+        self.check_server = check_server
         self._client: AsyncModbusTcpClient | None = None
         self._lost: asyncio.Future[None] | None = None
-        self._greeted = False
+        self._is_checked = False
         self._turn = asyncio.Lock()
         self._backoff = Backoff()
 
@@ -83,7 +83,7 @@ class ModbusLink:
     async def read(self, address: int, count: int) -> Words:
         """Read ``count`` holding registers (FC 3). A busy device is asked again a few times."""
         async with self._turn:
-            return await self._read_patiently(lambda: self._read_once(address, count))
+            return await self._read_with_retries(lambda: self._read_once(address, count))
 
     async def write(self, address: int, words: Sequence[int]) -> None:
         """Write holding registers in one telegram (FC 16). Never repeated by itself."""
@@ -117,11 +117,11 @@ class ModbusLink:
                 )
                 raise self._foreign_answer_error(what)
 
-    async def read_during_greeting(self, address: int, count: int) -> Words:
+    async def read_during_check(self, address: int, count: int) -> Words:
         """Read while the connection is being made; for greetings only. A busy device is asked again, too."""
-        return await self._read_patiently(lambda: self._ask_registers(address, count))
+        return await self._read_with_retries(lambda: self._ask_registers(address, count))
 
-    async def _read_patiently(self, read: Callable[[], Awaitable[Words]]) -> Words:
+    async def _read_with_retries(self, read: Callable[[], Awaitable[Words]]) -> Words:
         for pause_s in _BUSY_PAUSES_S:
             with suppress(_BusyAnswer):
                 return await read()
@@ -147,15 +147,15 @@ class ModbusLink:
         return words
 
     async def _ensure_connected(self) -> None:
-        if self._client is not None and self._client.connected and self._greeted:
+        if self._client is not None and self._client.connected and self._is_checked:
             return
         self._drop_connection()
         await self._backoff.wait()
         try:
             await self._open_connection()
-            if self.greet is not None:
-                await self.greet(self)
-            self._greeted = True
+            if self.check_server is not None:
+                await self.check_server(self)
+            self._is_checked = True
         except BaseException:
             self._backoff.note_failure()
             self._drop_connection()
@@ -287,7 +287,7 @@ class ModbusLink:
             self._lost.set_result(None)
 
     def _drop_connection(self) -> None:
-        client, self._client, self._greeted = self._client, None, False
+        client, self._client, self._is_checked = self._client, None, False
         if client is None:
             return
         transport = client.ctx.transport

@@ -119,13 +119,13 @@ class ChildProcess:
                 await asyncio.gather(process.wait(), *self._tasks, return_exceptions=True)
 
     async def _spawn_child(self) -> None:
-        ours, theirs = socket.socketpair()
-        with theirs:
+        ours, child_socket = socket.socketpair()
+        with child_socket:
             path = os.pathsep.join(p for p in (_ROOT, os.environ.get("PYTHONPATH", "")) if p)
             try:
                 self._process = await asyncio.create_subprocess_exec(
-                    sys.executable, "-m", self._module, str(theirs.fileno()),
-                    pass_fds=(theirs.fileno(),), start_new_session=True,  # Ctrl-C is for the parent
+                    sys.executable, "-m", self._module, str(child_socket.fileno()),
+                    pass_fds=(child_socket.fileno(),), start_new_session=True,  # Ctrl-C is for the parent
                     stdin=asyncio.subprocess.DEVNULL,
                     stdout=asyncio.subprocess.PIPE, stderr=asyncio.subprocess.STDOUT,
                     env={**os.environ, "PYTHONPATH": path},

@@ -40,7 +40,7 @@ class ProgramHandshake(ABC):
         """Return what the program does; OFF where it does not say."""
 
     @abstractmethod
-    async def _read_life(self) -> int:
+    async def _read_heartbeat_counter(self) -> int:
         """Return the number that the controller raises as long as the program runs."""
 
     @abstractmethod
@@ -97,10 +97,13 @@ class ProgramHandshake(ABC):
         """
         await self.beat()
         await self._release_stop()
-        before = await self._read_life()
+        before = await self._read_heartbeat_counter()
         for _ in range(_POLLS_AT_START):
             await self.beat()
-            alive = await self._read_state() is ProgramState.WAITING and await self._read_life() != before
+            alive = (
+                await self._read_state() is ProgramState.WAITING
+                and await self._read_heartbeat_counter() != before
+            )
             if alive and await self._read_request() == await self._read_acknowledged():
                 return
             await asyncio.sleep(_POLL_S)
@@ -117,12 +120,12 @@ class ProgramHandshake(ABC):
             The program runs on and has not confirmed the stop.
         """
         await self._order_stop()
-        before = await self._read_life()
+        before = await self._read_heartbeat_counter()
         for _ in range(_POLLS_AT_STOP):
             if await self._read_state() in (ProgramState.STOPPED, ProgramState.OFF):
                 return
             await asyncio.sleep(_POLL_S)
-        if await self._read_life() != before:
+        if await self._read_heartbeat_counter() != before:
             raise self._stop_unconfirmed_error()
 
     async def has_finished(self, request: int) -> bool:

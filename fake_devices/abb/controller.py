@@ -46,7 +46,7 @@ class AbbController:
         self, arm: SimulatedArm, serial: str, real_s: Callable[[], float], counters: ShownJoints
     ) -> None:
         self.arm, self.serial, self.counters = arm, serial, counters
-        arm.perceive = counters.to_shown_joints
+        arm.convert_to_shown = counters.to_shown_joints
         self.title = arm.model.name.removeprefix("abb_").upper()
         self.mode, self.motors, self.speed_percent = "AUTO", "motoron", 100
         self.has_second_robot = False

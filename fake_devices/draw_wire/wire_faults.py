@@ -36,7 +36,7 @@ def wire_faults(gauge: WireGauge) -> dict[str, Happening]:
         "mount_wire": mount_wire,
         "hook_wire": lambda parameters: gauge.hook_to(int(parameters.pop("target"))),
         "wire_home": lambda _parameters: gauge.go_home(),
-        "outlier": lambda parameters: gauge.spoil_next(
+        "outlier": lambda parameters: gauge.corrupt_next(
             float(parameters.pop("m", 0.008)), int(parameters.pop("count", 1))
         ),
     }

@@ -47,7 +47,7 @@ class FakeFanucRmiRobot(NetworkedRobot):
             "alarm": lambda p: c.raise_alarm(str(p.pop("text", "SRVO-062 BZAL alarm (Group:1 Axis:3)"))),
             "clear_alarms": lambda _: c.clear_alarms(),
             "sequence_restarts": lambda p: self._restart_sequence(bool(p.pop("on", True))),
-            "hang_up": lambda _: self.server.hang_up(),
+            "hang_up": lambda _: self.server.drop_connection(),
         }
 
     def _begin_tasks(self) -> list[asyncio.Task[None]]:

@@ -47,7 +47,7 @@ class RmiServer:
         self._first.close()
         self._second.close()
 
-    def hang_up(self) -> None:
+    def drop_connection(self) -> None:
         """Cut every connection."""
         self._first.cut_connections()
         self._second.cut_connections()

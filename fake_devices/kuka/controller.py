@@ -37,7 +37,7 @@ class KukaController:
     ) -> None:
         self.arm, self.zeros = arm, zeros
         self.serial, self.title = names
-        arm.perceive = zeros.to_shown_joints
+        arm.convert_to_shown = zeros.to_shown_joints
         self.mastering_deg = [0.0] * 6  # the angle at each notch
         self.mode, self.override_percent = "AUT", 100
         self.safety_closed, self.stop_message, self.drives_on = True, False, True

@@ -66,7 +66,7 @@ class FakeKukaRobot(NetworkedRobot):
             "mend": lambda _: c.mend(),
             "mounted": lambda p: c.mount([float(value) for value in p.pop("xyzabc")]),
             "external_tool": lambda _: c.use_external_tool(),
-            "hang_up": lambda _: self.server.hang_up(),
+            "hang_up": lambda _: self.server.drop_connection(),
             "exchanged": self._exchange_arm,
             "old_server": lambda _: self._use_server(c3=False),
             "new_server": lambda _: self._use_server(c3=True),
@@ -116,7 +116,7 @@ class FakeKukaRobot(NetworkedRobot):
     def _exchange_arm(self, parameters: dict[str, Any]) -> None:
         """Let another controller answer at this address from the next connection on."""
         self.controller.serial = str(parameters.pop("serial"))
-        self.server.hang_up()
+        self.server.drop_connection()
 
     def _turn_switch(self, mode: str) -> None:
         self.controller.mode = mode

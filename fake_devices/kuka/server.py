@@ -9,7 +9,7 @@ Modelled
     flag; C3 Bridge with an error code and flag 0. Faults ``silent``, ``refuse``, ``reset``, ``split``, ``stale`` (an
     answer to an earlier tag first), ``short`` (lengths that do not fit).
 Not modelled
-    The other types; 10 clients at most; the idle limit of 30 s comes when a test asks for it (``hang_up``).
+    The other types; 10 clients at most; the idle limit of 30 s comes when a test asks for it (``drop_connection``).
 """
 
 import asyncio
@@ -32,7 +32,7 @@ class ProxyPort(ListeningPort):
         self._table, self._faults = table, faults
         self.is_c3 = True
 
-    def hang_up(self) -> None:
+    def drop_connection(self) -> None:
         """End every connection in good order, as KUKAVARPROXY does with clients that are silent for 30 s."""
         for writer in tuple(self._connections.values()):
             writer.close()

@@ -59,7 +59,7 @@ class FakeLaserTracker:
             ),
             "air": self._change_air,
             "entered_temperature": self._enter_temperature,
-            "spoil": self._spoil_result,
+            "spoil": self._corrupt_result,
             "refuse_command": self._refuse_command,
             "event": lambda parameters: self.server.broadcast(at.status_change(int(parameters.pop("code")))),
             "not_initialised": lambda _parameters: setattr(self.controller, "initialised", False),
@@ -96,7 +96,7 @@ class FakeLaserTracker:
     def clear_faults(self) -> None:
         self._faults.clear_all()
         self.controller.refusals.clear()
-        self.controller.setup.spoil.clear()
+        self.controller.setup.corrupt.clear()
 
     def _set_by_other(self, parameters: Parameters, name: str, value: object) -> None:
         self.controller.other_program(name, value, bool(parameters.pop("silently", False)))
@@ -107,9 +107,9 @@ class FakeLaserTracker:
             parameters, "settings", tuple(parameters.pop("settings", (2, 1, 1, 0, 1, 0, 1, 0, 0)))
         )
 
-    def _spoil_result(self, parameters: Parameters) -> None:
+    def _corrupt_result(self, parameters: Parameters) -> None:
         """Put something else for one of the result's numbers, counted as the header counts its doubles."""
-        self.controller.setup.spoil[int(parameters.pop("value", 0))] = float(parameters.pop("to", math.nan))
+        self.controller.setup.corrupt[int(parameters.pop("value", 0))] = float(parameters.pop("to", math.nan))
 
     def _refuse_command(self, parameters: Parameters) -> None:
         self.controller.refusals[int(parameters.pop("command"))] = int(parameters.pop("status"))

@@ -41,7 +41,7 @@ class EmsconSettings:
     stationary: tuple[int, ...] = (500, 1)
     reflector: int = 2
     compensation: int = 11
-    spoil: dict[int, float] = field(default_factory=dict)  # value index -> value, for faults
+    corrupt: dict[int, float] = field(default_factory=dict)  # value index -> value, for faults
 
     def length_factor(self) -> float:
         """Return units of length per metre."""
@@ -72,7 +72,7 @@ def result_packet(
     expected = np.sqrt(np.diag(covariance)) * per_m
     mixed = np.array([covariance[0, 1], covariance[0, 2], covariance[1, 2]]) * per_m**2
     spread = [*(scatter * per_m), float(np.linalg.norm(scatter)) * per_m]
-    hoped = [*expected, float(np.linalg.norm(expected))]
+    expected_values = [*expected, float(np.linalg.norm(expected))]
     is_try = setup.settings[6]
     if setup.mode == layout.MM_6D_STATIONARY:
         values = [
@@ -81,17 +81,17 @@ def result_packet(
             0.0,
             0.0,
             0.0,
-            *hoped,
+            *expected_values,
             *mixed,
             *_rotation_numbers(setup, turn @ measurement.turn),
             *weather,
         ]
-        return layout.probe_result(is_try, _PROBE_WORDS, _spoil_values(setup, values))
+        return layout.probe_result(is_try, _PROBE_WORDS, _corrupt_values(setup, values))
     if setup.statistics[0]:
-        values = [*value, *spread, *(0.0,) * 6, *hoped, *mixed, *weather]
-        return layout.single_result_2(setup.mode, is_try, _spoil_values(setup, values))
+        values = [*value, *spread, *(0.0,) * 6, *expected_values, *mixed, *weather]
+        return layout.single_result_2(setup.mode, is_try, _corrupt_values(setup, values))
     return layout.single_result(
-        setup.mode, is_try, _spoil_values(setup, [*value, *spread, *(0.0,) * 3, *hoped, *weather])
+        setup.mode, is_try, _corrupt_values(setup, [*value, *spread, *(0.0,) * 3, *expected_values, *weather])
     )
 
 
@@ -139,8 +139,8 @@ def _rotation_numbers(setup: EmsconSettings, rotation: Array) -> list[float]:
     ]
     each, total = TURN_RAD * per_rad, TURN_RAD * per_rad * math.sqrt(3.0)
     deviations = [0.3 * each, 0.3 * each, 0.3 * each, 0.3 * total, 0.0, 0.0, 0.0]
-    hoped = [each, each, each, total, 0.0, 0.0, 0.0]
-    return [*_quaternion_of(rotation), *(v * per_rad for v in angles), *deviations, *hoped]
+    expected_values = [each, each, each, total, 0.0, 0.0, 0.0]
+    return [*_quaternion_of(rotation), *(v * per_rad for v in angles), *deviations, *expected_values]
 
 
 def _quaternion_of(rotation: Array) -> list[float]:
@@ -158,7 +158,7 @@ def _quaternion_of(rotation: Array) -> list[float]:
     return [float(v) for v in vector * (1.0 if vector[0] >= 0 else -1.0)]
 
 
-def _spoil_values(setup: EmsconSettings, values: list[float]) -> list[float]:
-    for index, value in setup.spoil.items():
+def _corrupt_values(setup: EmsconSettings, values: list[float]) -> list[float]:
+    for index, value in setup.corrupt.items():
         values[index] = value
     return values

@@ -97,7 +97,7 @@ class TrackerServer(ListeningPort):
             self._send_bytes(writer, answer)
 
     def _send_bytes(self, writer: asyncio.StreamWriter, data: bytes) -> None:
-        data = self._spoil_packet(data)
+        data = self._corrupt_packet(data)
         slow, halves = self._faults.use_once("slow"), self._faults.use_once("half_packets")
         if slow is None and halves is None and not self._sending:
             if not writer.transport.is_closing():
@@ -111,7 +111,7 @@ class TrackerServer(ListeningPort):
         self._sending.add(task)
         task.add_done_callback(self._sending.discard)
 
-    def _spoil_packet(self, data: bytes) -> bytes:
+    def _corrupt_packet(self, data: bytes) -> bytes:
         size, kind = struct.unpack_from("<iI", data)
         if (cut := self._faults.use_once("truncated")) is not None:
             return data[: int(cut["bytes"])]
@@ -119,8 +119,8 @@ class TrackerServer(ListeningPort):
             return struct.pack("<iI", size + int(wrong["by"]), kind) + data[8:]
         if (wrong := self._faults.use_once("wrong_type")) is not None:
             return struct.pack("<iI", size, int(wrong["type"])) + data[8:]
-        if (junk := self._faults.use_once("garbage")) is not None:
-            return bytes((37 * i + 201) % 256 for i in range(int(junk["bytes"]))) + data
+        if (garbage := self._faults.use_once("garbage")) is not None:
+            return bytes((37 * i + 201) % 256 for i in range(int(garbage["bytes"]))) + data
         return data
 
 

@@ -86,7 +86,7 @@ class FakeModbusRobot:
         world.masterings[self._name] = self.controller
         self._faults = link_faults(world.clock.real_now_s, _REGISTER_FAULTS)
         self._map = RegisterMap(self.controller)
-        self._map.spoil = self._spoil_block
+        self._map.corrupt = self._corrupt_block
         host, port = str(table.get("address", "127.0.0.1")), int(table.get("port", 502))
         self.server = ModbusServer(host, port, _ServedRegisters(self._map), self._faults)
         self._tick: asyncio.Task[None] | None = None
@@ -154,16 +154,16 @@ class FakeModbusRobot:
         self._map.freeze_picture(False)
         self.world_faults.clear_faults()
 
-    def _spoil_block(self, block: RegisterAssignment, words: Words) -> Words:
+    def _corrupt_block(self, block: RegisterAssignment, words: Words) -> Words:
         if (
             self._faults.active_parameters("swapped_words") is not None
             and block.paired
             and block.address < 2000
         ):
             return [words[k ^ 1] if k ^ 1 < len(words) else words[k] for k in range(len(words))]
-        return self._spoil_position(words) if block.address == POSITION else words
+        return self._corrupt_position(words) if block.address == POSITION else words
 
-    def _spoil_position(self, words: Words) -> Words:
+    def _corrupt_position(self, words: Words) -> Words:
         if self._faults.active_parameters("nan") is not None:
             nan = [0x0000, 0x7FC0] * 9
             return [*nan, *words[18:26], *nan, *words[44:]]

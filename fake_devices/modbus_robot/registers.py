@@ -157,12 +157,12 @@ def _frame_access(store: list[list[float]], k: int) -> tuple[Read, Write]:
 
 
 class RegisterMap:
-    """All registers; ``spoil`` lets a fault change what a block shows."""
+    """All registers; ``corrupt`` lets a fault change what a block shows."""
 
     def __init__(self, controller: ModbusRobotController) -> None:
         self._blocks = blocks_of(controller)
         self._frozen: dict[int, Words] | None = None
-        self.spoil: Callable[[RegisterAssignment, Words], Words] = lambda _block, words: words
+        self.corrupt: Callable[[RegisterAssignment, Words], Words] = lambda _block, words: words
 
     def freeze_picture(self, frozen: bool) -> None:
         """Show the same picture from now on, as a hung program does; writes still arrive."""
@@ -177,7 +177,7 @@ class RegisterMap:
         for block in self._blocks:
             first, end = max(address, block.address), min(address + count, block.end_address)
             if first < end:
-                shown = self.spoil(block, self._shown_words(block))
+                shown = self.corrupt(block, self._shown_words(block))
                 words[first - address : end - address] = shown[first - block.address : end - block.address]
         return words
 

@@ -174,7 +174,7 @@ class ModbusServer(ListeningPort):
             return False
         if (slow := self.faults.use_once("slow")) is not None:
             await asyncio.sleep(float(slow["delay_s"]))
-        frame = self._spoilt_frame(tid, unit, response)
+        frame = self._corrupted_frame(tid, unit, response)
         if frame is None:
             return True
         if (cut := self.faults.use_once("cut")) is not None:
@@ -191,7 +191,7 @@ class ModbusServer(ListeningPort):
         await writer.drain()
         return True
 
-    def _spoilt_frame(self, tid: int, unit: int, response: bytes) -> bytes | None:
+    def _corrupted_frame(self, tid: int, unit: int, response: bytes) -> bytes | None:
         """Return the bytes to send; None while an answer is held back."""
         if self.faults.use_once("late_same_tid") is not None:
             late_response, self._late_response = self._late_response, response

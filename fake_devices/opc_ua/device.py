@@ -91,14 +91,14 @@ class FakeOpcUaRobot(NetworkedRobot):
         }
 
     def _build_table(self, faults: LinkFaults) -> NodeTable:
-        def spoil(path: str, value: ua.DataValue) -> ua.DataValue:
+        def corrupt(path: str, value: ua.DataValue) -> ua.DataValue:
             for kind in _VALUE_FAULTS:
                 found = faults.active_parameters(kind)
                 if found is not None and found["node"] and path.endswith(str(found["node"])):
-                    return _spoil_value(kind, found, value)
+                    return _corrupt_value(kind, found, value)
             return value
 
-        return SpaceBuilder(self.controller, self.layout, spoil).build()
+        return SpaceBuilder(self.controller, self.layout, corrupt).build()
 
     def _turn_mode_switch(self, parameters: dict[str, Any]) -> None:
         self.controller.mode = _MODES[str(parameters.pop("mode", "manual"))]
@@ -165,7 +165,7 @@ def _layout_of(settings: Mapping[str, Any], axes: int) -> RobotLayout:
     return _changed(usual, settings)
 
 
-def _spoil_value(kind: str, found: Mapping[str, Any], value: ua.DataValue) -> ua.DataValue:
+def _corrupt_value(kind: str, found: Mapping[str, Any], value: ua.DataValue) -> ua.DataValue:
     if kind == "bad_status":
         code = getattr(ua.StatusCodes, str(found["code"]), None)
         if code is None:

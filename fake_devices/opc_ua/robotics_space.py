@@ -44,7 +44,7 @@ _FOLDER, _BASE_OBJECT, _VARIABLE, _PROPERTY, _ANALOG = 61, 58, 63, 68, 17497
 _UNITS = {"deg": (17476, "deg"), "rad": (4405297, "rad"), "mm": (5066068, "mm"), "inch": (4804168, "in")}
 _ROTARY, _LINEAR = 1, 3
 
-Spoiler = Callable[[str, ua.DataValue], ua.DataValue]
+ValueFault = Callable[[str, ua.DataValue], ua.DataValue]
 
 
 @dataclass(frozen=True)
@@ -63,8 +63,8 @@ class RobotLayout:
 class SpaceBuilder:
     """Builds the nodes once; values are read when a client asks."""
 
-    def __init__(self, controller: RobotController, layout: RobotLayout, spoil: Spoiler) -> None:
-        self._controller, self._layout, self._spoil = controller, layout, spoil
+    def __init__(self, controller: RobotController, layout: RobotLayout, corrupt: ValueFault) -> None:
+        self._controller, self._layout, self._corrupt = controller, layout, corrupt
         self._started_at = datetime.now(UTC)
         self.table = NodeTable(layout.references_per_answer)
 
@@ -127,7 +127,7 @@ class SpaceBuilder:
         self.table.add_node(
             SpaceNode(
                 ua.NodeId(number), ua.NodeClass.Variable, self._name(BASE, name), ua.NodeId(_VARIABLE),
-                lambda: self._spoil(name, as_data_value(value())), ua.NodeId(24),
+                lambda: self._corrupt(name, as_data_value(value())), ua.NodeId(24),
             ),
             parent, HAS_COMPONENT,
         )  # fmt: skip
@@ -275,7 +275,7 @@ class SpaceBuilder:
         self.table.add_node(
             SpaceNode(
                 self._id(path), ua.NodeClass.Variable, self._name(uri, name), ua.NodeId(kind),
-                lambda: self._spoil(path, as_data_value(value())), ua.NodeId(24),
+                lambda: self._corrupt(path, as_data_value(value())), ua.NodeId(24),
             ),
             self._id(parent), how,
         )  # fmt: skip

@@ -42,7 +42,7 @@ class YaskawaController:
         self.home_counts = [-1207, -61118, -60950, 344, 2975, 15502]
         self.pulses_per_rad: Array = np.degrees(np.array(pulses_per_degree, dtype=float))
         self.lost_axes: set[int] = set()
-        arm.perceive = self.shown_joints
+        arm.convert_to_shown = self.shown_joints
         self.mode, self.has_servo_power = REMOTE, True
         self.holds = {"pendant": False, "external": False, "command": False}
         self.emergency_stop = False

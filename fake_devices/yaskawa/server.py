@@ -78,11 +78,11 @@ class RobotPort(asyncio.DatagramProtocol):
         self._answers += 1
         if self._faults.active_parameters("lossy") is not None and self._answers % 2:
             return
-        for packet in self._spoil(octets):
+        for packet in self._corrupt(octets):
             if self._transport is not None:
                 self._transport.sendto(packet, addr)
 
-    def _spoil(self, octets: bytes) -> list[bytes]:
+    def _corrupt(self, octets: bytes) -> list[bytes]:
         if self._faults.use_once("late") is not None:
             earlier, self._withheld = self._withheld, octets
             return [] if earlier is None else [earlier]

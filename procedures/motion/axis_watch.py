@@ -33,9 +33,9 @@ class AxisWatch:
         """Take a reading. A joint that turned back down begins to be followed from its new lowest place."""
         turned = np.asarray(self.drive.to_joints(np.array(counts), np.array(self.before)), dtype=float)
         self.turned_rad = turned
-        sank = (turned < self._low_rad) | (turned < self._high_rad - REVERSAL_RAD)
-        self._low_rad = np.where(sank, turned, self._low_rad)
-        self._high_rad = np.where(sank, turned, np.maximum(self._high_rad, turned))
+        has_turned_back = (turned < self._low_rad) | (turned < self._high_rad - REVERSAL_RAD)
+        self._low_rad = np.where(has_turned_back, turned, self._low_rad)
+        self._high_rad = np.where(has_turned_back, turned, np.maximum(self._high_rad, turned))
 
     def is_from_below(self, axis: int) -> bool:
         """Return whether the joint turned upwards last, far enough to change the tooth flank."""

@@ -47,7 +47,7 @@ class _DetourSearch:
         self._free: dict[int, dict[int, float]] = {0: {}}
         self._arrive = arrive
         self._shut: set[tuple[int, int]] = set()  # from a place to a pose
-        self._crooked: set[tuple[int, int]] = set()  # between two places
+        self._blocked_pairs: set[tuple[int, int]] = set()  # between two places
 
     def next_of(self, remaining: Mapping[int, Array]) -> tuple[int, int, float] | None:
         """Return from which place which pose is gone to by the shortest way, and how far the wire is wound then."""
@@ -97,11 +97,11 @@ class _DetourSearch:
     def _is_straight(self, one: int, other: int) -> bool:
         if other in self._free[one]:
             return True
-        if (one, other) in self._crooked:
+        if (one, other) in self._blocked_pairs:
             return False
         wound = self._arrive(self._places[one], self._places[other], self._wound_rad[one])
         if wound is None or abs(wound - self._wound_rad[other]) > SAME_WINDING_RAD:
-            self._crooked |= {(one, other), (other, one)}
+            self._blocked_pairs |= {(one, other), (other, one)}
             return False
         self._join_places(one, other)
         return True

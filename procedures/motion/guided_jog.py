@@ -51,15 +51,15 @@ async def jog_by_hand(cell: Cell, jog: HandJog) -> None:
     """
     store = motor_store(cell)
     watch = AxisWatch(await store.drive_train(), await store.encoder_counts())
-    forgiven = await _forgiven_rad(cell, watch, jog.axis)
+    allowance_rad = await _index_allowance_rad(cell, watch, jog.axis)
     progress_text, axis, names = "", jog.axis, cell.robot.capabilities.all_axis_names()
     for _ in range(TRIES):
         leg = _next_leg(jog, watch, axis, names)
-        await _ask_and_watch(cell, jog, leg, watch, forgiven, progress_text)
-        if _is_there(jog, watch, axis, forgiven):
+        await _ask_and_watch(cell, jog, leg, watch, allowance_rad, progress_text)
+        if _is_there(jog, watch, axis, allowance_rad):
             watch.accept_axis(axis)
-        other = watch.other_axis(jog.axis, _forgiven_others(forgiven, jog.axis))
-        if other is None and _is_there(jog, watch, jog.axis, forgiven):
+        other = watch.other_axis(jog.axis, _allowance_of_others(allowance_rad, jog.axis))
+        if other is None and _is_there(jog, watch, jog.axis, allowance_rad):
             return
         axis = jog.axis if other is None else other
         progress_text = "Not there yet. "
@@ -81,19 +81,19 @@ async def jog_by_hand(cell: Cell, jog: HandJog) -> None:
     )
 
 
-async def _forgiven_rad(cell: Cell, watch: AxisWatch, axis: int) -> Array:
+async def _index_allowance_rad(cell: Cell, watch: AxisWatch, axis: int) -> Array:
     """Return what each joint's count may jump when a motor that seeks its index finds it (n,)."""
     seeking = any(alarm.axis in (axis, None) for alarm in (await cell.robot.read_condition()).alarms)
     per_turn = np.abs(watch.drive.radians_per_turn())
     if not seeking:
         return np.zeros(len(per_turn))
-    forgiven = per_turn[:, axis].copy()
-    forgiven[axis] = per_turn[axis].sum()
-    return forgiven
+    allowance_rad = per_turn[:, axis].copy()
+    allowance_rad[axis] = per_turn[axis].sum()
+    return allowance_rad
 
 
-def _forgiven_others(forgiven: Array, axis: int) -> Array:
-    others = forgiven.copy()
+def _allowance_of_others(allowance_rad: Array, axis: int) -> Array:
+    others = allowance_rad.copy()
     others[axis] = 0.0
     return others
 
@@ -103,8 +103,8 @@ def _left_rad(jog: HandJog, watch: AxisWatch, axis: int) -> float:
     return goal - float(watch.turned_rad[axis])
 
 
-def _is_there(jog: HandJog, watch: AxisWatch, axis: int, forgiven: Array) -> bool:
-    allowed = jog.tolerance_rad + (float(forgiven[axis]) if axis == jog.axis else 0.0)
+def _is_there(jog: HandJog, watch: AxisWatch, axis: int, allowance_rad: Array) -> bool:
+    allowed = jog.tolerance_rad + (float(allowance_rad[axis]) if axis == jog.axis else 0.0)
     near = abs(_left_rad(jog, watch, axis)) <= allowed
     return near and (not jog.from_below or watch.is_from_below(axis))
 
@@ -120,7 +120,7 @@ def _next_leg(jog: HandJog, watch: AxisWatch, axis: int, names: tuple[str, ...])
 
 
 async def _ask_and_watch(
-    cell: Cell, jog: HandJog, leg: JogLeg, watch: AxisWatch, forgiven: Array, progress_text: str
+    cell: Cell, jog: HandJog, leg: JogLeg, watch: AxisWatch, allowance_rad: Array, progress_text: str
 ) -> None:
     """Ask for a leg, and show from the counts what is left of it until the person says that it stands."""
     words = Instruction(
@@ -139,7 +139,7 @@ async def _ask_and_watch(
         nonlocal shown
         with contextlib.suppress(DeviceError):  # the look after the answer raises it
             watch.take_counts(await store.encoder_counts())
-        shown = shown.after(watch, _forgiven_others(forgiven, leg.axis))
+        shown = shown.after(watch, _allowance_of_others(allowance_rad, leg.axis))
         if guides is not None:
             guides.show_guidance(shown.sentence, shown.as_json())
 

@@ -73,8 +73,8 @@ def winding_after(
     places = (limits.wire.anchor_in_base_m, limits.wire.hook_in_flange_m)
     owner, path, _ = sample_motion(here, way, limits.clearances)
     winds = wire_winding(model, np.vstack([here, path]), places)
-    unwound = abs(winds[-1]) < SAME_WINDING_RAD and wire_has_side(model, there[None], limits)[0]
-    if not unwound or np.abs(wound + winds).max() > limits.wire.wrap_rad - _SPARE_WINDING_RAD:
+    is_unwound = abs(winds[-1]) < SAME_WINDING_RAD and wire_has_side(model, there[None], limits)[0]
+    if not is_unwound or np.abs(wound + winds).max() > limits.wire.wrap_rad - _SPARE_WINDING_RAD:
         return None
     return wound + float(winds[np.count_nonzero(owner < len(way) - 1)])
 

@@ -35,7 +35,7 @@ from cellcal.procedures.steps.kit_bench import KitBench, choose_kit
 from cellcal.procedures.steps.place import PlaceKind
 
 MOST_FURTHER = 4
-HOPELESS_TURNS = 1.0
+MOST_SIGMA_TURNS = 1.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,7 +64,7 @@ async def record_places(
     own, room, seed = how
     offers = await run.solve("compare the kits", offers_at, bench, room, own, seed)
     chosen = await _choose_kit(run, offers, own)
-    if max(chosen.outlook.sigma_turns) > HOPELESS_TURNS:  # no number of places would help
+    if max(chosen.outlook.sigma_turns) > MOST_SIGMA_TURNS:  # no number of places would help
         kit_prediction = chosen.outlook
         refuse_weak(
             bench.model,

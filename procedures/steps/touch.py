@@ -88,11 +88,11 @@ async def touch_surface(cell: Cell, label: str, approach: ProbeApproach) -> Touc
     _refuse_unsafe(label, line, approach, probe)
     await refuse_contact(label, probe)
     await move_untouched(cell, label, [approach.start_rad], approach.travel_rad_s, care=MotionCare.TOUCHING)
-    found = await _feel_contact(cell, label, line, approach, approach.search_m_s)
+    found = await _probe_contact(cell, label, line, approach, approach.search_m_s)
     await _retreat_from(cell, label, line, approach, found)
     touches: list[ProbeTouch] = []
     for _ in range(approach.repeats):
-        touches.append(await _feel_contact(cell, label, line, approach, approach.measure_m_s))
+        touches.append(await _probe_contact(cell, label, line, approach, approach.measure_m_s))
         await _retreat_from(cell, label, line, approach, touches[-1])
     return _touched_point(label, line, touches)
 
@@ -193,7 +193,7 @@ async def refuse_contact(label: str, probe: TouchProbe) -> None:
         )
 
 
-async def _feel_contact(
+async def _probe_contact(
     cell: Cell, label: str, line: ProbeLine, approach: ProbeApproach, speed_m_s: float
 ) -> ProbeTouch:
     """Travel the line from where the arm stands until the contact closes.

@@ -47,15 +47,15 @@ async def read_known_wire(cell: Cell, fixture: str) -> KnownWire:
 
 def wire_points(survey: Survey, network: WireNetwork, wire: str) -> WirePoints:
     """Return all that a fit with other robots' alignments needs of what the wire told here."""
-    belief, spots, rules = survey.wire_belief(), survey.list_places(), survey.rules
+    network_prior, spots, rules = survey.wire_network_prior(), survey.list_places(), survey.rules
     covariance = network.exit_and_wire_covariance(spots)
     return WirePoints(
         wire=wire,
         found_m=tuple(network.exits_m[k] for k in spots),
         of_wire=(network.scale, network.exit_radius_m, *network.slow_m),
         covariance=tuple(tuple(float(v) for v in row) for row in covariance),
-        believed=belief.wire_values(),
-        sigma=belief.wire_sigmas(),
+        believed=network_prior.wire_values(),
+        sigma=network_prior.wire_sigmas(),
         sigma_seat_m=rules.seat_sigma_m,
         sigma_drawing_m=rules.drawing_sigma_m,
     )
@@ -65,8 +65,8 @@ def predict_base(alignment: Alignment, known_wire: KnownWire) -> BasePrediction:
     """Return the worst of the bases through the fixture; where no other robot is aligned, one as good as this one."""
     others = [a for a in known_wire.others if a.points_in_fixture_m == alignment.points_in_fixture_m]
     if not others:
-        twin = np.array(alignment.covariance)
-        base = base_through_fixture(alignment.base_fixture, twin, alignment.base_fixture, twin)
+        covariance = np.array(alignment.covariance)
+        base = base_through_fixture(alignment.base_fixture, covariance, alignment.base_fixture, covariance)
         return BasePrediction("", base.origin_u_m, base.angle_u_rad)
     bases = [(other, bases_together([other, alignment]).bases[0]) for other in others]
     other, worst = max(bases, key=lambda pair: pair[1].origin_u_m)

@@ -14,7 +14,7 @@ from cellcal.calibration.mastering.counts import MasteringRecord
 from cellcal.calibration.points.fixture import Triple, placing_covariance, worst_expanded_u
 from cellcal.calibration.wires.design import with_poses
 from cellcal.calibration.wires.model import WirePrior
-from cellcal.calibration.wires.network import WireBelief, WireMounting, WirePlace
+from cellcal.calibration.wires.network import WireMounting, WireNetworkPrior, WirePlace
 from cellcal.calibration.wires.network_fit import WireNetwork, fit_network
 from cellcal.drivers.interfaces import Instruction, Joints
 from cellcal.procedures.cell import GaugeSetup, MotionCaps
@@ -195,11 +195,11 @@ class Survey:
         """Return the robot's nominal model."""
         return _load_model(self.state.model)
 
-    def wire_belief(self) -> WireBelief:
+    def wire_network_prior(self) -> WireNetworkPrior:
         """Return what is known of places, wire and arm before anything is measured."""
         at = self.state.gauge_setup
         wire = WirePrior(at.anchor_in_base_m, at.hook_in_flange_m)
-        tight = WireBelief.with_certified_scale(
+        tight = WireNetworkPrior.with_certified_scale(
             wire, self.plan.exits, self.plan.hooks, self.rules.scale_sigma
         )
         return replace(tight, range_m=self.state.gauge_range_m)
@@ -284,7 +284,7 @@ def goal_uncertainties(goal: SurveyGoal, covariance_m2: Array, seat_sigma_m: flo
 
 def fit_survey(survey: Survey, captures: Captures) -> WireNetwork:
     """Fit all lengths taken so far, the record's included."""
-    return fit_network(survey.nominal_model(), survey.wire_belief(), survey.make_mountings(captures))
+    return fit_network(survey.nominal_model(), survey.wire_network_prior(), survey.make_mountings(captures))
 
 
 @cache

@@ -57,7 +57,7 @@ def choose_pose(survey: Survey, standing: SurveyProgress) -> SpotChoice:
         )
         place, factor = survey.place_of(spot), standing.disturbance_factor
         gains = look_ahead(
-            survey.nominal_model(), survey.wire_belief(), mountings, candidates, place, factor
+            survey.nominal_model(), survey.wire_network_prior(), mountings, candidates, place, factor
         ).gains
         way = _first_reachable(survey, standing, unseen[np.argsort(-gains)])
         if way:
@@ -74,7 +74,11 @@ def order_pools(survey: Survey) -> SurveyPlan:
     for spot, pool in enumerate(survey.plan.pools):
         candidates, poses = survey.planned_mounting(spot, np.array(pool)), np.array(pool)
         order = best_order(
-            survey.nominal_model(), survey.wire_belief(), mountings, candidates, survey.rules.max_captures
+            survey.nominal_model(),
+            survey.wire_network_prior(),
+            mountings,
+            candidates,
+            survey.rules.max_captures,
         )
         best.append(order)
         mountings.append(survey.planned_mounting(spot, poses[list(order[: survey.rules.min_captures])]))
@@ -129,7 +133,7 @@ def _with_planned(survey: Survey, poses: list[Array], factor: float) -> tuple[fl
     mountings = survey.make_mountings(survey.empty_captures())
     mountings += [survey.planned_mounting(spot, drawn) for spot, drawn in enumerate(poses)]
     covariance = expected_covariance(
-        survey.nominal_model(), survey.wire_belief(), mountings, survey.list_places(), factor
+        survey.nominal_model(), survey.wire_network_prior(), mountings, survey.list_places(), factor
     )
     return goal_uncertainties(survey.plan.goal, covariance, survey.rules.point_sigma_m)
 
@@ -142,7 +146,7 @@ def _expected_uncertainties(survey: Survey, standing: SurveyProgress) -> tuple[f
         mountings.append(survey.planned_mounting(spot, survey.best_poses(spot, count)))
     covariance = expected_covariance(
         survey.nominal_model(),
-        survey.wire_belief(),
+        survey.wire_network_prior(),
         mountings,
         survey.list_places(),
         standing.disturbance_factor,

@@ -25,7 +25,7 @@ from cellcal.procedures.survey.survey import (
 )
 from cellcal.procedures.survey.survey_choice import expected_at_least
 
-_CAREFUL = 4  # times the readings, or a fourth of the scale's uncertainty: what more care is taken to be
+_MORE_CARE = 4  # times the readings, or a fourth of the scale's uncertainty: what more care is taken to be
 
 
 def _state_before(knowledge: Knowledge) -> SurveyState:
@@ -122,7 +122,7 @@ def _goal_text(survey: Survey, count: int, reached: tuple[float, float]) -> str:
         limit_text += f" and {math.degrees(goal.angle_u_rad):.4f} deg"
     if goal.is_promised_by(*reached):
         return f"{limit_text} are asked for: in reach."
-    samples, scale = _CAREFUL * rules.samples, rules.scale_sigma / _CAREFUL
+    samples, scale = _MORE_CARE * rules.samples, rules.scale_sigma / _MORE_CARE
     ways = (
         (f"{samples} readings (samples) a capture", replace(rules, samples=samples)),
         (f"a wire certified to {scale:.1e} (scale_sigma)", replace(rules, scale_sigma=scale)),
@@ -131,8 +131,8 @@ def _goal_text(survey: Survey, count: int, reached: tuple[float, float]) -> str:
             replace(rules, samples=samples, scale_sigma=scale),
         ),
     )
-    for words, careful in ways:
-        other = replace(survey, rules=careful)
+    for words, other_rules in ways:
+        other = replace(survey, rules=other_rules)
         if goal.is_promised_by(*expected_at_least(other, count)):
             return (
                 f"{limit_text} are asked for: not in reach so. In reach by {words}; or by more points, "

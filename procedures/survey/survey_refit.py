@@ -126,7 +126,7 @@ def _point_misses(
     ]
     found = length_misses(
         survey.nominal_model(),
-        survey.wire_belief(),
+        survey.wire_network_prior(),
         survey.make_mountings(_captures_by_spot(survey, weighed)),
     )
     recorded = survey.state.recorded

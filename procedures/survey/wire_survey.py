@@ -172,7 +172,7 @@ class _SurveyRun:
             if at == spot and retakes > 0:
                 retakes -= 1
                 await self._take_again(spot, network.worst_capture)
-            elif self._is_sparable(at):
+            elif self._is_redundant(at):
                 self._leave_out(at, network.worst_capture)
             else:
                 raise _contradiction_error(self._survey.plan, network, at, self.valid_captures())
@@ -183,7 +183,7 @@ class _SurveyRun:
         way_rad = (self._survey.plan.rest_rad, doubted.capture.joints_rad)
         self._taken[spot][worst] = await self._visit_pose(spot, way_rad)
 
-    def _is_sparable(self, spot: int) -> bool:
+    def _is_redundant(self, spot: int) -> bool:
         return spot >= 0 and spot not in self._lost_one and len(self._taken[spot]) > LEAST_LEFT
 
     def _leave_out(self, spot: int, worst: int) -> None:

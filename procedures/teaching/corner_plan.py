@@ -74,11 +74,11 @@ class FacePlan:
     motion: MotionPlan
 
 
-def felt_faces(felt: Sequence[FaceTouch], own_sigma_m: float) -> dict[FaceName, CornerFace]:
+def probed_faces(touches: Sequence[FaceTouch], own_sigma_m: float) -> dict[FaceName, CornerFace]:
     """Return the faces as their points tell them; ``own_sigma_m``: what each arm position scatters by itself."""
     found: dict[FaceName, CornerFace] = {}
     for name in FACES:
-        points = [one.point for one in felt if one.face == name]
+        points = [one.point for one in touches if one.face == name]
         if points:
             away = -np.mean([point.direction_in_base for point in points], axis=0)
             sigmas = tuple(math.hypot(point.sigma_m, own_sigma_m) for point in points)
@@ -86,7 +86,7 @@ def felt_faces(felt: Sequence[FaceTouch], own_sigma_m: float) -> dict[FaceName, 
     return found
 
 
-def frame_so_far(bench: ProbeBench, rules: CornerRules, nominal: Pose, felt: Sequence[FaceTouch]) -> Pose:
+def frame_so_far(bench: ProbeBench, rules: CornerRules, nominal: Pose, touches: Sequence[FaceTouch]) -> Pose:
     """Return the frame by the faces felt so far; what they leave open is as it was drawn."""
     drawn = {
         name: CornerFace(
@@ -99,7 +99,7 @@ def frame_so_far(bench: ProbeBench, rules: CornerRules, nominal: Pose, felt: Seq
         )
         for name in FACES
     }
-    faces = drawn | felt_faces(felt, _ROUGH_SIGMA_M)
+    faces = drawn | probed_faces(touches, _ROUGH_SIGMA_M)
     return three_two_one(faces, radius_m=bench.radius_m, corner=rules.corner).base_frame
 
 
@@ -107,22 +107,22 @@ def plan_spots(
     bench: ProbeBench,
     rules: CornerRules,
     nominal: Pose,
-    felt: tuple[FaceTouch, ...],
+    touches: tuple[FaceTouch, ...],
     spots: tuple[FaceSpot, ...],
 ) -> FacePlan:
     """Plan touches at spots from where the one felt last ended, or from where the robot stood at first."""
     spot_places = face_places(rules)
     targets = [(spot.face, spot_places[spot.face][spot.number]) for spot in spots]
-    return _plan_face_touches(bench, rules, nominal, felt, targets)
+    return _plan_face_touches(bench, rules, nominal, touches, targets)
 
 
 def plan_check_touches(
-    bench: ProbeBench, rules: CornerRules, nominal: Pose, felt: tuple[FaceTouch, ...]
+    bench: ProbeBench, rules: CornerRules, nominal: Pose, touches: tuple[FaceTouch, ...]
 ) -> FacePlan:
     """Plan one touch of each face at a place where it was not felt; the last face first."""
     spot_places = check_places(rules)
     return _plan_face_touches(
-        bench, rules, nominal, felt, [(face, spot_places[face]) for face in reversed(FACES)]
+        bench, rules, nominal, touches, [(face, spot_places[face]) for face in reversed(FACES)]
     )
 
 
@@ -142,24 +142,26 @@ def _plan_face_touches(
     bench: ProbeBench,
     rules: CornerRules,
     nominal: Pose,
-    felt: tuple[FaceTouch, ...],
+    touches: tuple[FaceTouch, ...],
     targets: Sequence[tuple[FaceName, Triple]],
 ) -> FacePlan:
     _refuse_unfit(bench, rules, nominal)
-    frame = frame_so_far(bench, rules, nominal, felt)
-    here = felt[-1].hover_rad if felt else bench.joints_rad
-    before = felt[-1].face if felt else None
+    frame = frame_so_far(bench, rules, nominal, touches)
+    here = touches[-1].hover_rad if touches else bench.joints_rad
+    before = touches[-1].face if touches else None
     start, model = here, load_model(bench.model)
     ways: list[tuple[Joints, ...]] = []
     approaches: list[ProbeApproach] = []
     for face, at in targets:
-        hover = _hover_joints(bench, rules, frame, face, at)
+        standoff = _standoff_joints(bench, rules, frame, face, at)
         lifted = (
-            () if before == face else _corners_over(bench, rules, frame, (here, hover), first=before is None)
+            ()
+            if before == face
+            else _corners_over(bench, rules, frame, (here, standoff), first=before is None)
         )
-        ways.append((here, *lifted, hover))
+        ways.append((here, *lifted, standoff))
         approaches.append(_approach_to(bench, rules, frame, face, at))
-        here, before = hover, face
+        here, before = standoff, face
     _refuse_crossing(model, bench, rules, frame, ways)
     limits = replace(
         survey_limits(None, rules.room, bench.limits.speed_rad_s),
@@ -194,7 +196,9 @@ def _ball_centre(bench: ProbeBench, rules: CornerRules, frame: Pose, face: FaceN
     return _as_triple(frame.rotation_matrix() @ local + np.array(frame.position_m))
 
 
-def _hover_joints(bench: ProbeBench, rules: CornerRules, frame: Pose, face: FaceName, at: Triple) -> Joints:
+def _standoff_joints(
+    bench: ProbeBench, rules: CornerRules, frame: Pose, face: FaceName, at: Triple
+) -> Joints:
     away = frame.rotation_matrix() @ outward_in_frame(face, rules.corner)
     return _joints_for(bench, np.array(_ball_centre(bench, rules, frame, face, at)) + rules.clear_m * away)
 

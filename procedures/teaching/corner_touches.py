@@ -41,9 +41,9 @@ from cellcal.procedures.teaching.corner_plan import (
     FacePlan,
     FaceTouch,
     ProbeBench,
-    felt_faces,
     plan_check_touches,
     plan_spots,
+    probed_faces,
     rest_of_way,
 )
 
@@ -102,7 +102,7 @@ class CornerPrediction:
 
 
 @dataclass(frozen=True, slots=True)
-class FeltPoint:
+class ProbedPoint:
     """A touch as it counts in a frame; what its times told stands in the journal."""
 
     face: FaceName
@@ -111,10 +111,10 @@ class FeltPoint:
     spread_m: float  # of its repeats
 
     @classmethod
-    def from_touch(cls, felt: FaceTouch) -> "FeltPoint":
+    def from_touch(cls, touch: FaceTouch) -> "ProbedPoint":
         """Return what counts of a touch."""
-        point = felt.point
-        return cls(felt.face, point.tip_in_base_m, point.sigma_m, point.spread_m)
+        point = touch.point
+        return cls(touch.face, point.tip_in_base_m, point.sigma_m, point.spread_m)
 
 
 @dataclass(frozen=True, slots=True)
@@ -126,9 +126,9 @@ class CheckTouch:
     sigma_m: float
 
 
-def touch_sigma(felt: Sequence[FaceTouch]) -> float:
+def touch_sigma(touches: Sequence[FaceTouch]) -> float:
     """Return the standard uncertainty of a usual touch along its normal, the arm's scatter included."""
-    return math.hypot(statistics.median(one.point.sigma_m for one in felt), ARM_SIGMA_M)
+    return math.hypot(statistics.median(one.point.sigma_m for one in touches), ARM_SIGMA_M)
 
 
 def predict_corner(rules: CornerRules, goal: CornerGoal, sigma_m: float, made: Made) -> CornerPrediction:
@@ -177,17 +177,17 @@ async def touch_spot(
     """
     _, setup = probe_of(cell)
     await leave_face(cell, label, approach)  # nothing, unless this touch was broken off before
-    here, hover = (await cell.robot.read_joints()).joints_rad, way_rad[-1]
+    here, standoff = (await cell.robot.read_joints()).joints_rad, way_rad[-1]
     tip = np.array(setup.tip_in_flange_m)
-    at, above, end = nominal_model(cell).tip_positions(np.array([here, hover, approach.end_rad]), tip)
+    at, above, end = nominal_model(cell).tip_positions(np.array([here, standoff, approach.end_rad]), tip)
     if np.linalg.norm(at - above) <= np.linalg.norm(
         end - above
     ):  # interrupted near the face, as a resume finds it
-        await move_untouched(cell, label, [hover], approach.travel_rad_s, care=MotionCare.TOUCHING)
+        await move_untouched(cell, label, [standoff], approach.travel_rad_s, care=MotionCare.TOUCHING)
     else:
         await move_untouched(cell, label, rest_of_way(way_rad, here), approach.travel_rad_s)
     found = await touch_surface(cell, label, approach)
-    await move_untouched(cell, label, [hover], approach.travel_rad_s, care=MotionCare.TOUCHING)
+    await move_untouched(cell, label, [standoff], approach.travel_rad_s, care=MotionCare.TOUCHING)
     return found
 
 
@@ -203,26 +203,28 @@ class CornerSetup:
 
 async def touch_corner(run: Run, corner: CornerSetup, first: FacePlan) -> tuple[FaceTouch, ...]:
     """Feel for the three faces until they tell the frame well enough."""
-    felt: list[FaceTouch] = []
+    touches: list[FaceTouch] = []
     for face in FACES:
         spots = tuple(spot for spot in first_spots() if spot.face == face)
-        if felt:
-            first = await _plan_step(run, f"plan the {face} face", corner, felt, spots)
-        await _touch_spots(run, first, spots, felt)
+        if touches:
+            first = await _plan_step(run, f"plan the {face} face", corner, touches, spots)
+        await _touch_spots(run, first, spots, touches)
     further = 0
-    while (prediction := predict_felt_corner(corner, felt)).reached and prediction.again:
+    while (prediction := predict_probed_corner(corner, touches)).reached and prediction.again:
         further += 1
-        count = sum(one.face == prediction.again[0] for one in felt)
+        count = sum(one.face == prediction.again[0] for one in touches)
         spots = (FaceSpot(prediction.again[0], count),)
-        plan = await _plan_step(run, f"plan a further touch {further}", corner, felt, spots)
-        await _touch_spots(run, plan, spots, felt)
-    return tuple(felt)
+        plan = await _plan_step(run, f"plan a further touch {further}", corner, touches, spots)
+        await _touch_spots(run, plan, spots, touches)
+    return tuple(touches)
 
 
-async def touch_checks(run: Run, corner: CornerSetup, felt: tuple[FaceTouch, ...]) -> tuple[FaceTouch, ...]:
+async def touch_checks(
+    run: Run, corner: CornerSetup, touches: tuple[FaceTouch, ...]
+) -> tuple[FaceTouch, ...]:
     """Feel for each face once more, where it was not felt before."""
     plan = await run.solve(
-        "plan the check touches", plan_check_touches, corner.bench, corner.rules, corner.nominal, felt
+        "plan the check touches", plan_check_touches, corner.bench, corner.rules, corner.nominal, touches
     )
     checks = []
     for number, face in enumerate(reversed(FACES), 1):
@@ -232,9 +234,9 @@ async def touch_checks(run: Run, corner: CornerSetup, felt: tuple[FaceTouch, ...
     return tuple(checks)
 
 
-def construct_corner(bench: ProbeBench, rules: CornerRules, felt: tuple[FaceTouch, ...]) -> CornerFrame:
+def construct_corner(bench: ProbeBench, rules: CornerRules, touches: tuple[FaceTouch, ...]) -> CornerFrame:
     """Return the frame by all points felt."""
-    return three_two_one(felt_faces(felt, ARM_SIGMA_M), radius_m=bench.radius_m, corner=rules.corner)
+    return three_two_one(probed_faces(touches, ARM_SIGMA_M), radius_m=bench.radius_m, corner=rules.corner)
 
 
 def compare_checks(
@@ -244,23 +246,25 @@ def compare_checks(
     return tuple(_compare_check(bench, rules, found, check) for check in checks)
 
 
-def predict_felt_corner(corner: CornerSetup, felt: Sequence[FaceTouch]) -> CornerPrediction:
+def predict_probed_corner(corner: CornerSetup, touches: Sequence[FaceTouch]) -> CornerPrediction:
     """Return what further touches would tell after those made."""
-    made = {name: face.sigma_m for name, face in felt_faces(felt, ARM_SIGMA_M).items()}
-    return predict_corner(corner.rules, corner.goal, touch_sigma(felt), made)
+    made = {name: face.sigma_m for name, face in probed_faces(touches, ARM_SIGMA_M).items()}
+    return predict_corner(corner.rules, corner.goal, touch_sigma(touches), made)
 
 
 async def _plan_step(
-    run: Run, step: str, corner: CornerSetup, felt: Sequence[FaceTouch], spots: tuple[FaceSpot, ...]
+    run: Run, step: str, corner: CornerSetup, touches: Sequence[FaceTouch], spots: tuple[FaceSpot, ...]
 ) -> FacePlan:
-    return await run.solve(step, plan_spots, corner.bench, corner.rules, corner.nominal, tuple(felt), spots)
+    return await run.solve(
+        step, plan_spots, corner.bench, corner.rules, corner.nominal, tuple(touches), spots
+    )
 
 
-async def _touch_spots(run: Run, plan: FacePlan, spots: Sequence[FaceSpot], felt: list[FaceTouch]) -> None:
+async def _touch_spots(run: Run, plan: FacePlan, spots: Sequence[FaceSpot], touches: list[FaceTouch]) -> None:
     for spot, way, approach in zip(spots, plan.ways_rad, plan.approaches, strict=False):
         step = f"{TOUCH_STEP[spot.face]} {spot.number + 1}"
         point = await run.move(step, touch_spot, way, approach, step)
-        felt.append(FaceTouch(spot.face, point, way[-1]))
+        touches.append(FaceTouch(spot.face, point, way[-1]))
 
 
 def _compare_check(bench: ProbeBench, rules: CornerRules, found: CornerFrame, check: FaceTouch) -> CheckTouch:

@@ -129,10 +129,10 @@ def _touch_page(
 
 def judge_touches(rules: TouchRules, touches: tuple[Pose, ...], anew: tuple[int, ...]) -> TouchDecision:
     """Say what the touches so far tell and what to do next; ``anew`` are those asked for again already."""
-    foreseen = _foreseen_u_m(rules, touches)
+    predicted_u_m = _predicted_u_m(rules, touches)
     alike = _alike_touch(rules, touches)
     if alike is not None:
-        return _decide_anew(alike.touch, _alike_text(alike), _mend_advice(alike), anew, foreseen)
+        return _decide_anew(alike.touch, _alike_text(alike), _mend_advice(alike), anew, predicted_u_m)
     if len(touches) < 3:
         return _decide_more(rules, touches, None)
     tip = locate_tool_point(touches, arm_sigma_m=rules.arm_sigma_m)
@@ -143,11 +143,11 @@ def judge_touches(rules: TouchRules, touches: tuple[Pose, ...], anew: tuple[int,
             leave_one_out_mm=tip.leave_one_out_m[tip.stray_touch] * 1000.0,
         )
         return _decide_anew(
-            tip.stray_touch, why, "Touch the pin in the same attitude as before.", anew, foreseen
+            tip.stray_touch, why, "Touch the pin in the same attitude as before.", anew, predicted_u_m
         )
-    enough = max(tip.tip_u_in_space_m, foreseen or math.inf) <= rules.tip_u_m
+    enough = max(tip.tip_u_in_space_m, predicted_u_m or math.inf) <= rules.tip_u_m
     if len(touches) >= rules.most or (enough and len(touches) >= rules.least):
-        return TouchDecision("enough", len(touches), "", "", foreseen, tip.tip_u_in_space_m)
+        return TouchDecision("enough", len(touches), "", "", predicted_u_m, tip.tip_u_in_space_m)
     return _decide_more(rules, touches, tip)
 
 
@@ -158,7 +158,7 @@ def locate_tip(rules: TouchRules, touches: tuple[Pose, ...]) -> FoundTip:
     return FoundTip(locate_tool_point(touches, arm_sigma_m=arm_m), fixed)
 
 
-def _foreseen_u_m(rules: TouchRules, touches: tuple[Pose, ...]) -> float | None:
+def _predicted_u_m(rules: TouchRules, touches: tuple[Pose, ...]) -> float | None:
     attitudes = [touch.rotation_matrix() for touch in touches]
     return predicted_u_m(attitudes, rules.sigma_m, arm_sigma_m=rules.arm_sigma_m)
 
@@ -176,7 +176,7 @@ def _is_stray(rules: TouchRules, tip: ToolPoint) -> bool:
 
 
 def _decide_anew(
-    touch: int, why: str, advice: str, anew: tuple[int, ...], foreseen: float | None
+    touch: int, why: str, advice: str, anew: tuple[int, ...], predicted_u_m: float | None
 ) -> TouchDecision:
     if anew.count(touch) >= 2 or len(anew) >= MOST_ANEW:
         return TouchDecision(
@@ -184,10 +184,10 @@ def _decide_anew(
             touch,
             make_message("{why}, also after it was taught again", why=why),
             _WRONG,
-            foreseen,
+            predicted_u_m,
             None,
         )
-    return TouchDecision("anew", touch, why, advice, foreseen, None)
+    return TouchDecision("anew", touch, why, advice, predicted_u_m, None)
 
 
 _WRONG = "Check that the pin is firm and the tool tight, and that the arm moves as the instruction says."
@@ -203,7 +203,7 @@ def _decide_more(rules: TouchRules, touches: tuple[Pose, ...], tip: ToolPoint | 
             "From the first touch's attitude, turn the tool {turn} of the flange, about; touch the pin.",
             turn=turn.describe_turn(),
         ),
-        _foreseen_u_m(rules, touches),
+        _predicted_u_m(rules, touches),
         None if tip is None else tip.tip_u_in_space_m,
     )
 

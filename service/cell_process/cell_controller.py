@@ -68,9 +68,9 @@ class CellController:
     """One cell at work. `stay_connected` connects and polls the devices; `execute_command` obeys a screen."""
 
     def __init__(
-        self, config: CellConfig, tell: OnCellEvent, *, clock: Callable[[], float] = time.monotonic
+        self, config: CellConfig, on_event: OnCellEvent, *, clock: Callable[[], float] = time.monotonic
     ) -> None:
-        self._config, self._tell, self._clock = config, tell, clock
+        self._config, self._on_event, self._clock = config, on_event, clock
         self._operator = ScreenOperator(self._advance_revision)
         self._hold = HoldButton(self._advance_revision)
         self._recording = RecordingCheck()
@@ -132,7 +132,7 @@ class CellController:
         self._publish_session()
 
     def _publish_session(self) -> None:
-        self._tell("session", self.describe_session())
+        self._on_event("session", self.describe_session())
 
     # devices
 
@@ -168,7 +168,7 @@ class CellController:
     def _publish_live(self, live_values: LiveValues) -> None:
         devices = [*live_values["devices"], *self._others.as_json()]
         if devices:
-            self._tell("live", {"rev": self.rev, "at_s": time.time(), **live_values, "devices": devices})
+            self._on_event("live", {"rev": self.rev, "at_s": time.time(), **live_values, "devices": devices})
 
     async def _connect_once(self) -> None:
         try:

@@ -24,7 +24,7 @@ class HoldButton:
 
     def __init__(self, changed: Callable[[], None], clock: Callable[[], float] = time.monotonic) -> None:
         self._changed, self._clock = changed, clock
-        self._heard_s = float("-inf")
+        self._last_received_s = float("-inf")
         self._wake = asyncio.Event()
         self.is_required = False  # whether moves of this run need it
         self.waiting = False  # a move waits for it
@@ -32,11 +32,13 @@ class HoldButton:
     @property
     def is_held(self) -> bool:
         """Whether the button is held now."""
-        return self._clock() - self._heard_s < DEAD_MAN_S
+        return self._clock() - self._last_received_s < DEAD_MAN_S
 
     def update_state(self, *, is_held: bool, age_s: float = 0.0) -> None:
         """Take note of what a screen says, and how long ago it may have said so: that much is over already."""
-        self._heard_s = max(self._heard_s, self._clock() - age_s) if is_held else float("-inf")
+        self._last_received_s = (
+            max(self._last_received_s, self._clock() - age_s) if is_held else float("-inf")
+        )
         self._wake.set()
 
     async def wait_until_held(self) -> None:
@@ -55,7 +57,7 @@ class HoldButton:
         """Wait until the hold button is released."""
         while self.is_held:
             self._wake.clear()
-            remaining = DEAD_MAN_S - (self._clock() - self._heard_s)
+            remaining = DEAD_MAN_S - (self._clock() - self._last_received_s)
             with contextlib.suppress(TimeoutError):
                 await asyncio.wait_for(self._wake.wait(), max(remaining, 0.01))
 

@@ -45,7 +45,7 @@ class DeviceStatus:
     condition: Condition | None = None
     value: Any = None
     value_at_s: float | None = None
-    heard_at_s: float | None = None
+    last_received_at_s: float | None = None
     asked_at_s: float = float("-inf")  # for its condition
     error: str = ""
     settle: SettleDetector | None = None
@@ -53,7 +53,7 @@ class DeviceStatus:
 
     def update_value(self, value: Any, now_s: float) -> None:
         """Take a value."""
-        self.value, self.value_at_s, self.heard_at_s, self.error = value, now_s, now_s, ""
+        self.value, self.value_at_s, self.last_received_at_s, self.error = value, now_s, now_s, ""
         if self.settle is not None:
             self.settle.add_reading(now_s, value["length_m"])
 
@@ -61,7 +61,7 @@ class DeviceStatus:
         """Take a state; where nothing else is asked, it is what the age belongs to."""
         self.condition, self.asked_at_s = condition, now_s
         if not self.live and condition.readiness is not Readiness.UNREACHABLE:
-            self.heard_at_s = now_s
+            self.last_received_at_s = now_s
 
     def as_json(self, now_s: float, *, is_queried: bool = False) -> DeviceDocument:
         """Return it for a screen: the value with its age, and what is wrong. ``is_queried``: by a run, just now."""
@@ -76,7 +76,7 @@ class DeviceStatus:
             "message": self.error or ("" if condition is None else condition.message),
             "remedy": "" if condition is None else condition.remedy,
             "stop": None if condition is None else _stop_of(condition),
-            "age_s": _age_s(self.heard_at_s, now_s),
+            "age_s": _age_s(self.last_received_at_s, now_s),
             "value": self.value,
             "value_age_s": _age_s(self.value_at_s, now_s),
             "due": self.due,
@@ -153,7 +153,7 @@ class LivePoller:
     def observe_motion(self) -> ObservedMotion:
         """Return how robot and wire stand, as they were seen last."""
         now_s, robot = self._clock(), self.robot
-        age_s = float("inf") if robot.heard_at_s is None else now_s - robot.heard_at_s
+        age_s = float("inf") if robot.last_received_at_s is None else now_s - robot.last_received_at_s
         gauge = next((shown for shown in self.others if shown.role == "gauge"), None)
         settled = None if gauge is None or gauge.settle is None else gauge.settle.is_settled(now_s)
         if robot.value is None:
@@ -189,7 +189,7 @@ class LivePoller:
         except DeviceError as error:
             shown.error, shown.value = error.message, None
             if isinstance(error, RefusedError):  # it answers, and has nothing to tell: a plunger that is free
-                shown.heard_at_s = self._clock()
+                shown.last_received_at_s = self._clock()
             return
         if value is not None:
             shown.update_value(value, self._clock())

@@ -41,13 +41,13 @@ class LossWatch:
             return None
         self._next_s = now_s + self._config.watch.period_s
         if not is_watched:
-            await self.clear_mended_loss(cell.robot.name)
+            await self.clear_resolved_loss(cell.robot.name)
             return None
         watch = self.watches.watch_of(cell.robot.name, cell.robot)
         self._allowed = None
         try:
             await watch.look_once()
-            await self.clear_mended_loss(cell.robot.name)
+            await self.clear_resolved_loss(cell.robot.name)
         except (
             WireProtocolError
         ) as error:  # readings that contradict each other: no session shows that otherwise
@@ -65,12 +65,12 @@ class LossWatch:
             self.watches.watch_of(cell.robot.name, cell.robot).forget_motion()
             await self.check_robot(cell, now_s=now_s, busy=False)
 
-    async def clear_mended_loss(self, robot: str) -> None:
+    async def clear_resolved_loss(self, robot: str) -> None:
         """Take a loss off the screens where a robot that was just looked at has none any more."""
         if robot not in self._losses:
             return
         watch = self.watches.existing_watch(robot)
-        if watch is None or await watch.is_mended():
+        if watch is None or await watch.is_resolved():
             del self._losses[robot]
             self._changed(robot)
 

@@ -44,26 +44,28 @@ class SettleDetector:
         self.limit_m = limit_m
         self.std_m: float | None = None
         self._readings: deque[tuple[float, float]] = deque()
-        self._calm_since_s: float | None = None
+        self._steady_since_s: float | None = None
 
     def add_reading(self, now_s: float, length_m: float) -> None:
         """Take a reading."""
         if self._readings and now_s - self._readings[-1][0] > _GAP_S:
             self._readings.clear()
-            self._calm_since_s = None
+            self._steady_since_s = None
         self._readings.append((now_s, length_m))
         while now_s - self._readings[0][0] > SETTLE_S:
             self._readings.popleft()
         values = [length for _, length in self._readings]
         self.std_m = statistics.stdev(values) if len(values) > 1 else None
-        calm = self.std_m is not None and self.std_m < self.limit_m
-        self._calm_since_s = (now_s if self._calm_since_s is None else self._calm_since_s) if calm else None
+        is_steady = self.std_m is not None and self.std_m < self.limit_m
+        self._steady_since_s = (
+            (now_s if self._steady_since_s is None else self._steady_since_s) if is_steady else None
+        )
 
     def is_settled(self, now_s: float) -> bool:
         """Whether it rests, by readings that are fresh."""
-        if self._calm_since_s is None or now_s - self._readings[-1][0] > _GAP_S:
+        if self._steady_since_s is None or now_s - self._readings[-1][0] > _GAP_S:
             return False
-        return now_s - self._calm_since_s >= SETTLE_S
+        return now_s - self._steady_since_s >= SETTLE_S
 
     def as_json(self, now_s: float) -> SettleDocument:
         """Return it for a screen."""
@@ -108,7 +110,7 @@ class RecordingCheck:
         except DeviceError as error:
             self.why, self.words, self.remedy = "stale", error.message, error.remedy
             return
-        self.why, self.words, self.remedy = next(self._find_hindrances(prompt, standing), ("", "", ""))
+        self.why, self.words, self.remedy = next(self._find_reasons_against(prompt, standing), ("", "", ""))
 
     def refuse_early(self, prompt_id: str) -> None:
         """Refuse an answer while something is in the way.
@@ -140,18 +142,20 @@ class RecordingCheck:
         self.prompt_id = self.why = self.words = self.remedy = ""
         self.reading, self._changed, self._frames_at_s = MeterReading(), None, float("-inf")
 
-    def _find_hindrances(self, prompt: Prompt, standing: ObservedMotion) -> Iterator[tuple[str, str, str]]:
+    def _find_reasons_against(
+        self, prompt: Prompt, standing: ObservedMotion
+    ) -> Iterator[tuple[str, str, str]]:
         """Tell what is in the way, the weightiest first: a key, words, and what to do."""
         if self._changed is not None:
             yield ("context.changed", *self._changed)
         if prompt.page in _RECORDS:
-            yield from ((why, "", "") for why in self._find_motion_hindrances(prompt, standing))
+            yield from ((why, "", "") for why in self._find_reasons_against_motion(prompt, standing))
             if self.reading.refusal:
                 yield self.reading.refusal, self.reading.words, ""
             if prompt.page == "capture" and standing.settled is False:
                 yield "gauge.not_settled", "", ""
 
-    def _find_motion_hindrances(self, prompt: Prompt, standing: ObservedMotion) -> Iterator[str]:
+    def _find_reasons_against_motion(self, prompt: Prompt, standing: ObservedMotion) -> Iterator[str]:
         if standing.joints_rad is None or standing.age_s > STALE_S:
             yield "stale"
             return

@@ -83,7 +83,7 @@ class UnselectedRobots:
         else:
             value = {"joints_rad": list(reading.joints_rad), "moving": reading.moving}
             shown.update_value(value, self._clock())
-        await self._watch.clear_mended_loss(robot.name)
+        await self._watch.clear_resolved_loss(robot.name)
 
     def _on_missing(self, robot: str, condition: Condition | None) -> None:
         shown = self._shown[robot]

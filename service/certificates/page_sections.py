@@ -231,9 +231,9 @@ def _drawing_sections(content: Mapping[str, Any], translations: Translations) ->
 
 
 def _environment_sections(
-    airs: Sequence[Mapping[str, Any]], translations: Translations
+    air_readings: Sequence[Mapping[str, Any]], translations: Translations
 ) -> tuple[Section, ...]:
-    if not airs:
+    if not air_readings:
         return (
             Section(
                 translations.translate("Environment"),
@@ -247,7 +247,7 @@ def _environment_sections(
             TableCell(translations.format_number(f"{air['pressure_pa'] / 100.0:.1f} hPa"), number=True),
             TableCell(f"{air['humidity_percent']:.0f} %", number=True),
         )
-        for air in airs
+        for air in air_readings
     )
     caption = "The air as instruments reported it with their readings, each different state once."
     return (

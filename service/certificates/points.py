@@ -67,7 +67,7 @@ def list_answers(events: Iterable[JournalEvent]) -> list[dict[str, str]]:
 
 def list_air_states(taken: Iterable[Mapping[str, Any]]) -> list[dict[str, Any]]:
     """Return the air as instruments reported it with their readings, each different state once."""
-    found = {canonical_json(air): air for reading in taken for air in _airs_in(reading.get("value"))}
+    found = {canonical_json(air): air for reading in taken for air in _air_readings_in(reading.get("value"))}
     return list(found.values())
 
 
@@ -146,10 +146,10 @@ def _answer_author(kind: str, body: Mapping[str, Any]) -> str:
     return ""
 
 
-def _airs_in(value: Any) -> list[dict[str, Any]]:
+def _air_readings_in(value: Any) -> list[dict[str, Any]]:
     if isinstance(value, list):
-        return [air for part in value for air in _airs_in(part)]
+        return [air for part in value for air in _air_readings_in(part)]
     if not isinstance(value, dict):
         return []
     own = [value["air"]] if isinstance(value.get("air"), dict) else []
-    return own + [air for key, part in value.items() if key != "air" for air in _airs_in(part)]
+    return own + [air for key, part in value.items() if key != "air" for air in _air_readings_in(part)]

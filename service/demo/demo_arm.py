@@ -208,8 +208,8 @@ def _parked(
     # Turns that are not known yet need room between all shapes: of each pair, as much as it ever has.
     clearances = plain.compute_clearances(joints)
     room = clearances.found - clearances.limit
-    roomy = (room / room.max(axis=0)).min(axis=1)
-    best = int(np.argmax(dexterity / dexterity.max() - away + _ROOM * roomy / roomy.max()))
+    relative_room = (room / room.max(axis=0)).min(axis=1)
+    best = int(np.argmax(dexterity / dexterity.max() - away + _ROOM * relative_room / relative_room.max()))
     return _Parked(np.round(joints[best], 3), float(room[best].min()), radius_m)
 
 

@@ -69,7 +69,7 @@ def back_up(config: CellConfig, target: Path, passphrase: str | None = None) -> 
             remedy="See data_dir of the cell file.",
             code="usage",
         )
-    certificates = refuse_spoilt_certificates(certificates_folder(config))
+    certificates = refuse_damaged_certificates(certificates_folder(config))
     with _scratch_folder(path.parent) as scratch:
         odd: list[str] = []
         files = _copy_files(config, scratch, odd)
@@ -100,7 +100,7 @@ def forget_older(config: CellConfig, folder: Path, keep: int) -> list[Path]:
     return gone
 
 
-def refuse_spoilt_certificates(folder: Path) -> int:
+def refuse_damaged_certificates(folder: Path) -> int:
     """Check every certificate of a folder, and return how many there are.
 
     Raises

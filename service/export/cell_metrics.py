@@ -49,7 +49,7 @@ class CellMetrics:
         self._config, self._clock = config, clock
         self._session: SessionDocument | None = None
         self._live: LiveDocument | None = None
-        self._heard_at_s = float("-inf")
+        self._last_received_at_s = float("-inf")
         self._counted = _RunCounts()
         self._ledger: Any = None
         self._reading = threading.Lock()
@@ -66,7 +66,7 @@ class CellMetrics:
             self._live = cast(LiveDocument, content)
         elif kind == "gone":
             self._session = self._live = None
-        self._heard_at_s = self._clock()
+        self._last_received_at_s = self._clock()
 
     def render_metrics(self) -> str:
         """Return all figures in Prometheus' text format."""
@@ -87,7 +87,7 @@ class CellMetrics:
         from cellcal.service.site.alarms import wrong_in  # noqa: PLC0415  not while the service starts
 
         session, live = self._session, self._live
-        is_current = session is not None and self._clock() - self._heard_at_s <= CONTROLLER_SILENT_S
+        is_current = session is not None and self._clock() - self._last_received_at_s <= CONTROLLER_SILENT_S
         if not is_current:
             session = live = None
         labels = {"cell": self._config.cell.name, "version": self._version}

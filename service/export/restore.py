@@ -23,7 +23,7 @@ from cellcal.service.export.backup import (
     SECRET_NAMES,
     SETS,
     journal_flaw,
-    refuse_spoilt_certificates,
+    refuse_damaged_certificates,
 )
 from cellcal.service.export.sealed_keys import open_keys
 from cellcal.service.files import PRIVATE_FOLDER
@@ -98,7 +98,7 @@ def _unpack_and_prove(archive: Path, stage: Path, passphrase: str | None) -> Pro
     data = stage / DATA
     _prove_journal(archive, manifest, data / _JOURNAL)
     try:
-        certificates = refuse_spoilt_certificates(data / _CERTIFICATES)
+        certificates = refuse_damaged_certificates(data / _CERTIFICATES)
     except BackupError as error:
         raise damaged_error(archive, error.message) from error
     if passphrase is not None:

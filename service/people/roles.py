@@ -51,7 +51,7 @@ RIGHTS: Mapping[Role, frozenset[Right]] = MappingProxyType(
 WRITES = frozenset({"accept_mastering", "accept_zeros", "accept_tool", "accept_frame", "accept_offset"})
 KEEPS = frozenset({"accept_alignment", "accept_bases", "accept_parameters", "accept_part"})
 MOVES = frozenset({"accept_plan", "approve_move", "may_move", "may_move_faster", "may_still_move"})
-_WEIGHTY = ("accept", "approve", "may_", "write", "sign")
+_WRITING_PREFIXES = ("accept", "approve", "may_", "write", "sign")
 LIMIT_SETTINGS = frozenset({"limits", "write_anyway"})
 
 
@@ -90,5 +90,5 @@ def need_of(order: Order, prompt: Mapping[str, Any] | None) -> OrderNeed:
 def _need_of_yes(key: str) -> OrderNeed:
     if key in MOVES | KEEPS:
         return OrderNeed(Right.RUN, fresh_pin=True)
-    writes = key in WRITES or key.startswith(_WEIGHTY)  # one that these tables do not know may write
+    writes = key in WRITES or key.startswith(_WRITING_PREFIXES)  # one that these tables do not know may write
     return OrderNeed(Right.RUN, fresh_pin=writes, writes=writes)

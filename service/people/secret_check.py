@@ -7,7 +7,7 @@ from cellcal.service.people.accounts import Account, AccountStore
 from cellcal.service.people.errors import WrongSecretError
 from cellcal.service.people.pin_hashing import PinHasher
 
-_MIND = "Try again; mind how many tries there are: five, then one an hour."
+_TRIES_REMEDY = "Try again; mind how many tries there are: five, then one an hour."
 
 
 def verify_secret(
@@ -36,6 +36,6 @@ def verify_secret(
             hasher.hash_secret(secret)  # a name that is unknown takes as long as a wrong PIN
         is_right = account is not None and hasher.is_right(account.pin_hash, secret)
     if account is None or not is_right:
-        raise WrongSecretError("the name or the PIN", _MIND)
+        raise WrongSecretError("the name or the PIN", _TRIES_REMEDY)
     accounts.guessed_right(guess, name)
     return account

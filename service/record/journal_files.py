@@ -5,7 +5,7 @@ from pathlib import Path
 
 from cellcal.calibration.message import make_message
 from cellcal.service.configuration.cell_file import CellConfig
-from cellcal.service.draft_files import tidy_once
+from cellcal.service.draft_files import remove_drafts_once
 from cellcal.service.record.journal import Journal, StoreError
 
 
@@ -29,7 +29,7 @@ def open_journal(config: CellConfig) -> Journal:
     """
     path = journal_path(config)
     remedy = "See that data_dir of the cell file is a folder that may be written, on a disk with room."
-    tidy_once(path.parent)
+    remove_drafts_once(path.parent)
     try:
         return Journal.open_file(path)
     except (OSError, sqlite3.Error) as error:

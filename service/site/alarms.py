@@ -9,7 +9,7 @@ from dataclasses import asdict, dataclass
 from cellcal.calibration.message import make_message
 from cellcal.service.session_documents import LiveDocument, SessionDocument
 
-CALM_S = 2.0  # a device that flaps is one alarm
+STEADY_S = 2.0  # a device that flaps is one alarm
 _QUIET = ("ready", "unknown")
 
 
@@ -51,7 +51,7 @@ class AlarmSet:
                 changes.append((alarm, True))
             self._up[alarm.alarm_id] = (alarm, now_s)
         for name, (alarm, true_at_s) in list(self._up.items()):
-            if now_s - true_at_s > CALM_S:
+            if now_s - true_at_s > STEADY_S:
                 del self._up[name]
                 changes.append((alarm, False))
         return changes

@@ -15,7 +15,7 @@ from cellcal.service.site.ledger import SiteLedger
 from cellcal.service.site.outbox import rows_between
 
 MOST_ROWS = 500
-ASKABLE = ("from", "most", "id", "after")
+QUERY_PARAMETERS = ("from", "most", "id", "after")
 LONGEST_DOCUMENT = 16_000_000
 _RUN_ID = re.compile(r"[A-Za-z0-9_-]{1,100}")
 _EVENTS = (

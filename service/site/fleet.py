@@ -49,7 +49,7 @@ class _StationState:
     public: Ed25519PublicKey
     alive: bool = False
     samples: int = 0
-    heard_s: float | None = None  # anything, unopened
+    last_received_s: float | None = None  # anything, unopened
     state_s: float | None = None  # when the state that was opened arrived
     state: SignedMessage | None = None
     clock_off_s: float = 0.0
@@ -154,7 +154,7 @@ class Fleet:
         if station is None:
             return
         station.samples += 1
-        station.heard_s = now_s
+        station.last_received_s = now_s
         if not station.keep_waiting(key, raw, now_s) and not station.overflows:
             station.overflows = True  # said once: what floods a monitor must not flood its list of flaws
             self.name_flaw(
@@ -317,7 +317,7 @@ def _cell_view(cell: str, station: _StationState, now_s: float, silent_s: float)
         cell=cell,
         name=str(body.get("cell", cell)),
         link=_link_state(station, now_s, silent_s),
-        age_s=None if station.heard_s is None else round(now_s - station.heard_s, 2),
+        age_s=None if station.last_received_s is None else round(now_s - station.last_received_s, 2),
         alarms=tuple(station.alarms.values()),
         run=body.get("run"),
         asks=body.get("asks"),

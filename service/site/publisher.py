@@ -81,7 +81,7 @@ class SitePublisher:
                 self._ledger.take_event(event)
             outbox.add_events([self._of_journal(event) for event in events if event.seq > last_seq])
 
-    def publish_news(self, station: Station) -> None:
+    def publish_changes(self, station: Station) -> None:
         """Tell what is new."""
         now_s = self._clock()
         for sent in [*self._new_events(now_s), *self._new_alarms(now_s)]:
@@ -178,7 +178,7 @@ def run_publisher(config: CellConfig, stream: BinaryIO | None, leave: threading.
         try:
             with Station(_check_config(link.zenoh_config), keys, sealer, outbox, answers) as station:
                 while not (leave.is_set() or tap.ended.is_set()):
-                    publisher.publish_news(station)
+                    publisher.publish_changes(station)
                     leave.wait(PERIOD_S)
         finally:
             publisher.close()

@@ -14,7 +14,7 @@ from zenoh.ext import (
 
 from cellcal.calibration.message import make_message
 from cellcal.drivers.supervision import SUPERVISOR
-from cellcal.service.site.answers import ASKABLE, CellAnswers, as_error
+from cellcal.service.site.answers import QUERY_PARAMETERS, CellAnswers, as_error
 from cellcal.service.site.keys import SiteError, StationKeys
 from cellcal.service.site.link_files import close_session
 from cellcal.service.site.outbox import SentEvent, SiteOutbox
@@ -114,7 +114,7 @@ class Station:
         try:
             if "*" in verb:
                 raise SiteError(f"ask for one verb: {', '.join(self._answers.verbs)}.")
-            parameters = {name: query.parameters.get(name) for name in ASKABLE}
+            parameters = {name: query.parameters.get(name) for name in QUERY_PARAMETERS}
             arguments = {name: value for name, value in parameters.items() if value is not None}
             for answer in self._answers.answer_query(verb, arguments):
                 query.reply(

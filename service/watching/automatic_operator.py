@@ -16,12 +16,12 @@ class AutomaticOperator:
     """Operator. Answers for the cell file until a person had to be asked: who was called may stand in the cell."""
 
     def __init__(self, watch: WatchTable, people: Operator) -> None:
-        vouched = (
+        confirmed_facts = (
             (PLAN, watch.recover_alone),
             (NEWEST, watch.records_complete),
             (HOOKED, watch.wire_stays_hooked),
         )
-        self._answers = frozenset(key for key, is_vouched in vouched if is_vouched)
+        self._answers = frozenset(key for key, is_confirmed in confirmed_facts if is_confirmed)
         self._people = people
 
     async def confirm(self, instruction: Instruction) -> Answer:

@@ -52,8 +52,8 @@ def answer_to(config: CellConfig, loss: PositionLoss) -> tuple[PreparedAnswer, s
         return answer, journal_detection(config, loss)
     except StoreError as error:  # the eyes on the encoders matter more
         _LOG.warning("a loss of %s could not be journalled: %s", loss.robot, error)
-        hindrances = (*answer.reasons, "it could not be journalled")
-        return replace(answer, reasons=hindrances), ""
+        reasons_against = (*answer.reasons, "it could not be journalled")
+        return replace(answer, reasons=reasons_against), ""
 
 
 def prepare_answer(config: CellConfig, loss: PositionLoss) -> PreparedAnswer:
@@ -68,7 +68,7 @@ def prepare_answer(config: CellConfig, loss: PositionLoss) -> PreparedAnswer:
     command = (
         f"cellcal run {procedure} --cell {config.path} --robot {loss.robot}{option_text}" if procedure else ""
     )
-    return PreparedAnswer(procedure, settings, command, tuple(_list_hindrances(config, loss)))
+    return PreparedAnswer(procedure, settings, command, tuple(_list_reasons_against(config, loss)))
 
 
 def _procedure_for(suspicion: Suspicion, capabilities: RobotCapabilities) -> str | None:
@@ -98,10 +98,10 @@ def journal_detection(config: CellConfig, loss: PositionLoss) -> str:
     return name
 
 
-def _list_hindrances(config: CellConfig, loss: PositionLoss) -> list[str]:
+def _list_reasons_against(config: CellConfig, loss: PositionLoss) -> list[str]:
     """Say what keeps the recovery from being started without a person."""
     motion, watch, suspicion = config.motion_of(loss.robot), config.watch, loss.suspicion
-    hindrances = (
+    reasons_against = (
         (
             not config.robot_named(loss.robot).capabilities.writes_mastering,
             "its mastering is set at the pendant only",
@@ -134,7 +134,7 @@ def _list_hindrances(config: CellConfig, loss: PositionLoss) -> list[str]:
         ),
         (not motion.surroundings.is_known, "what stands in the cell is not described ([robot.space])"),
     )
-    return [why for stands, why in hindrances if stands]
+    return [why for stands, why in reasons_against if stands]
 
 
 def _met_before(config: CellConfig, loss: PositionLoss, *, now_utc: datetime | None = None) -> bool:

@@ -187,7 +187,7 @@ class RobotWatch:
             if self.comparison is not None:
                 self.comparison.force_check()
 
-    async def is_mended(self) -> bool:
+    async def is_resolved(self) -> bool:
         """Whether the last look found nothing wrong, and the controller holds a mastering."""
         if self.is_still_lost or self.condition.alarms or self.condition.readiness is Readiness.UNREACHABLE:
             return False

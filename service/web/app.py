@@ -119,12 +119,12 @@ def create_app(settings: ServiceSettings) -> FastAPI:
 async def _run_background(context: AppContext, event_sinks: EventSinks) -> AsyncIterator[None]:
     """Keep the tasks that run as long as the service, and show which of them fail."""
     unlisten = SUPERVISOR.add_listener(partial(_show_troubles, context))
-    keeping = [context.link.start_process(), *event_sinks.start_tasks()]
+    background_tasks = [context.link.start_process(), *event_sinks.start_tasks()]
     yield
     unlisten()
-    for task in keeping:
+    for task in background_tasks:
         task.cancel()
-    await asyncio.gather(*keeping, return_exceptions=True)
+    await asyncio.gather(*background_tasks, return_exceptions=True)
 
 
 def _show_troubles(context: AppContext) -> None:

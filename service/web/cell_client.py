@@ -116,7 +116,7 @@ class CellProcessClient:
         self._cell_file, self._on_event = cell_file, on_event
         self._unanswered = UnansweredTime(hangs_after_s)
         self._hangs_after_s = hangs_after_s
-        self._lines_heard = 0
+        self._lines_received = 0
         self._broken_off = False  # the run under way waits for a person: it was to stop, or the process hung
         self._begun_broken_off = False
         self._noting: asyncio.Task[None] | None = None
@@ -196,10 +196,10 @@ class CellProcessClient:
 
     async def _answer_to(self, answer: asyncio.Future[OrderReply], *, is_stop: bool) -> OrderReply:
         """Wait for an answer; for that to a stop only shortly where the process sends nothing at all meanwhile."""
-        lines_before = self._lines_heard
+        lines_before = self._lines_received
         first_s = STOP_ANSWER_S if is_stop else ANSWER_S
         await asyncio.wait({answer}, timeout=first_s)
-        if not answer.done() and self._lines_heard > lines_before:
+        if not answer.done() and self._lines_received > lines_before:
             await asyncio.wait({answer}, timeout=ANSWER_S - first_s)
         if not answer.done():
             raise CellProcessSilentError
@@ -271,7 +271,7 @@ class CellProcessClient:
     async def _read_messages(self, stream: asyncio.StreamReader) -> None:
         with contextlib.suppress(ConnectionError):
             async for line in whole_lines(stream, _name_long_line):
-                self._lines_heard += 1
+                self._lines_received += 1
                 self._unanswered.note_message()
                 with log_failures(_LINES):
                     message = parse_json(line)

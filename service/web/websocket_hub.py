@@ -15,7 +15,7 @@ from fastapi import WebSocketDisconnect
 from cellcal.calibration.message_table import with_messages
 
 SLOW_S = 6.0  # for one message; a page that opens over a slow network waits as long for its first answer
-GOODBYE_S = 1.0
+CLOSE_DEADLINE_S = 1.0
 TICK_S = 1.0  # a screen gets a message at least this often, so that silence means a lost link
 
 
@@ -109,5 +109,5 @@ class OpenScreens:
 async def let_go(socket: ScreenSocket) -> None:
     """Close a socket; one that takes nothing takes no goodbye either, and is not waited for."""
     with contextlib.suppress(RuntimeError, ConnectionError, WebSocketDisconnect, TimeoutError):
-        async with asyncio.timeout(GOODBYE_S):
+        async with asyncio.timeout(CLOSE_DEADLINE_S):
             await socket.close()  # one that left by itself says so

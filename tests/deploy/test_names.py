@@ -27,6 +27,14 @@ PARTICIPLES = frozenset(
         "wanted",
         "left",
         "untold",
+        "unsaid",
+        "ungiven",
+        "felt",
+        "hoped",
+        "dealt",
+        "foreseen",
+        "forgiven",
+        "vouched",
     )
 )
 METAPHORS = frozenset(
@@ -47,6 +55,13 @@ METAPHORS = frozenset(
         "dice",
         "keepsake",
         "outlook",
+        "hover",
+        "greet",
+        "spoil",
+        "stranger",
+        "surprise",
+        "twin",
+        "wish",
         "glance",
         "whoever",
         "nobody",

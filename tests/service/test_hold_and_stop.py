@@ -99,7 +99,7 @@ async def test_held_from_a_moment_ago_counts_less_and_from_nowhere_not_at_all(tm
         with pytest.raises(ValidationError):
             await person.send_order({"op": "hold", "held": True})
         await person.send_order({"op": "hold", "held": True, "at_s": time.monotonic()})
-        assert hold._heard_s > 0
+        assert hold._last_received_s > 0
         await person.send_order({"op": "hold", "held": False})
         assert not hold.is_held
 

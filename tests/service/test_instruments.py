@@ -92,8 +92,8 @@ async def test_a_silent_tracker_is_reported_and_delays_no_other_device(tmp_path:
     async with poll_instruments(tmp_path, wired=False) as (glance, fake_client, _):
         await look_until(glance, lambda: device_of(glance, "tracker")["state"] == "ready")
         shown = next(each for each in glance.others if each.role == "tracker")
-        heard_at_s = shown.heard_at_s
-        assert heard_at_s is not None
+        last_received_at_s = shown.last_received_at_s
+        assert last_received_at_s is not None
         await fake_client.inject_fault("silent", device="at")
         viewer = 0
 
@@ -109,7 +109,7 @@ async def test_a_silent_tracker_is_reported_and_delays_no_other_device(tmp_path:
         assert viewer > 2  # of the robot, while the tracker kept silent
         assert device_of(glance, "tracker")["message"]
         assert device_of(glance, "tracker")["age_s"] > 2.0  # its silence is not heard from it
-        assert glance.robot.heard_at_s is not None
+        assert glance.robot.last_received_at_s is not None
 
 
 class SteppedClock:

@@ -22,7 +22,7 @@ from cellcal.service.record.journal_files import certificates_folder
 from cellcal.service.record.robot_lock import acquire_lease
 from cellcal.service.record.signing import CellKey, station_key
 from cellcal.service.site.access import ASKING, CELL_MESSAGES, cell_access, router_access
-from cellcal.service.site.alarms import CALM_S, AlarmSet, CellAlarm, wrong_in
+from cellcal.service.site.alarms import STEADY_S, AlarmSet, CellAlarm, wrong_in
 from cellcal.service.site.answers import CellAnswers
 from cellcal.service.site.enrolment import CellApplicant, NewSite, enroll_cells, parse_applicant
 from cellcal.service.site.fleet import SILENT_S, Fleet
@@ -384,7 +384,7 @@ def test_a_device_that_flaps_is_one_alarm() -> None:
     alarms, wrong = AlarmSet(), [CellAlarm("device.stopped", "fanuc", "E-stop.")]
     changes = [alarms.update_alarms(wrong if k % 2 else [], k * 0.5) for k in range(1, 12)]
     assert [raised for change in changes for _, raised in change] == [True]
-    assert alarms.update_alarms([], 6.0 + CALM_S) == [(wrong[0], False)]
+    assert alarms.update_alarms([], 6.0 + STEADY_S) == [(wrong[0], False)]
 
 
 def test_what_is_wrong_is_read_from_the_desks_own_words() -> None:

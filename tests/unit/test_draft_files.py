@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from cellcal.service import draft_files
-from cellcal.service.draft_files import draft_beside, remove_left_behind, tidy_once
+from cellcal.service.draft_files import draft_beside, remove_drafts_once, remove_left_behind
 from cellcal.service.engineering.programs.files import OutputFolder, whole_file
 from cellcal.service.files import replace_file
 
@@ -67,13 +67,13 @@ def test_the_data_of_a_cell_are_tidied_once_and_only_of_what_is_surely_left(
     killed_while_writing(settings, KILLED_BEFORE_RENAMING)
     assert settings.read_text() == "old"
     (left,) = tmp_path.glob(".cellcal-*")
-    tidy_once(tmp_path)
+    remove_drafts_once(tmp_path)
     assert left.exists()  # it may be of a container whose processes are not seen
     os.utime(left, (0, 0))
-    tidy_once(tmp_path)
+    remove_drafts_once(tmp_path)
     assert left.exists()
     monkeypatch.setattr(draft_files, "_tidied", set())
-    tidy_once(tmp_path)
+    remove_drafts_once(tmp_path)
     assert list(tmp_path.iterdir()) == [settings]
 
 

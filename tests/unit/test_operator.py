@@ -31,7 +31,7 @@ class PipeTerminal:
     def type_text(self, text: str) -> None:
         os.write(self._keys, text.encode())
 
-    def hang_up(self) -> None:
+    def drop_connection(self) -> None:
         os.close(self._keys)
         self._keys = -1
 
@@ -63,7 +63,7 @@ class TestTerminal:
             await terminal.operator.confirm(HOOK)
 
     async def test_a_closed_terminal_gives_no_answer(self, terminal: PipeTerminal) -> None:
-        terminal.hang_up()
+        terminal.drop_connection()
         with pytest.raises(NoOperatorError, match="the input was closed"):
             await terminal.operator.confirm(HOOK)
 

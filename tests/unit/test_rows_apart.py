@@ -75,4 +75,4 @@ def test_rows_of_another_station_take_no_part(tmp_path: Path, monkeypatch: pytes
     assert fitted.split[0].tolist() == np.flatnonzero(order < 52).tolist()
     assert fitted.elsewhere is not None
     assert fitted.elsewhere.rows.tolist() == np.flatnonzero(order > 51).tolist()
-    assert "abb_irb120 by themselves:" in fitted.elsewhere.say_in_file(here.model, np.arange(64)).message
+    assert "abb_irb120 by themselves:" in fitted.elsewhere.describe_in_file(here.model, np.arange(64)).message

@@ -148,10 +148,10 @@ async def test_a_loss_is_of_a_run_until_the_robot_was_seen_healthy_after_it(
     robot_watch.forget_motion()
     fake_arm.readiness, fake_arm.alarms = Readiness.POSITION_LOST, (EMPTY,)
     during = await robot_watch.look_once()
-    assert not await robot_watch.is_mended()
+    assert not await robot_watch.is_resolved()
     fake_arm.readiness, fake_arm.alarms = Readiness.READY, ()
     await robot_watch.look_once()
-    assert await robot_watch.is_mended()
+    assert await robot_watch.is_resolved()
     fake_arm.readiness, fake_arm.alarms = Readiness.POSITION_LOST, (EMPTY,)
     after = await robot_watch.look_once()
     assert during is not None

@@ -25,7 +25,7 @@ from tests.unit.helpers.fixture_world import (
     FixtureWorld,
     align_world,
     designed_poses,
-    fixture_belief,
+    fixture_network_prior,
     wire_mounting,
 )
 
@@ -56,7 +56,7 @@ def test_one_wrong_length_is_named_with_its_mounting_and_capture() -> None:
     lengths = list(mountings[3].lengths_m)
     lengths[5] += 0.004
     mountings[3] = replace(mountings[3], lengths_m=tuple(lengths))
-    network = fit_network(MODEL, fixture_belief(), mountings)
+    network = fit_network(MODEL, fixture_network_prior(), mountings)
     assert not network.is_consistent()
     assert (network.worst_mounting, network.worst_capture) == (3, 5)
 
@@ -64,7 +64,7 @@ def test_one_wrong_length_is_named_with_its_mounting_and_capture() -> None:
 def test_an_adaptor_on_another_seat_shows_as_a_wrong_shape_with_the_pair_named() -> None:
     world = FixtureWorld(3)
     mountings = _make_mountings(world)
-    found = fit_network(MODEL, fixture_belief(), mountings)
+    found = fit_network(MODEL, fixture_network_prior(), mountings)
     exits = [np.array(e) for e in found.exits_m[1:]]
     exits[2][1] += 0.003
     covariance = found.exit_covariance([1, 2, 3, 4])
@@ -82,18 +82,18 @@ def test_numbers_that_cannot_be_measured_are_refused(field: str, value: float) -
     mountings = _make_mountings(FixtureWorld(1))
     values = (value, *getattr(mountings[1], field)[1:])
     with pytest.raises(CalibrationError):
-        fit_network(MODEL, fixture_belief(), [replace(mountings[1], **{field: values})])
+        fit_network(MODEL, fixture_network_prior(), [replace(mountings[1], **{field: values})])
 
 
 def test_two_lengths_or_an_undescribed_place_are_refused() -> None:
     joints = designed_poses(False, 16)[1]
     few = wire_mounting(1, 0, joints[:2], np.ones(2))
     with pytest.raises(DegenerateDataError, match="fewer than three"):
-        fit_network(MODEL, fixture_belief(), [few])
+        fit_network(MODEL, fixture_network_prior(), [few])
     with pytest.raises(CalibrationError, match="is not described"):
-        fit_network(MODEL, fixture_belief(), [wire_mounting(9, 0, joints, np.ones(len(joints)))])
+        fit_network(MODEL, fixture_network_prior(), [wire_mounting(9, 0, joints, np.ones(len(joints)))])
     with pytest.raises(DegenerateDataError):
-        fit_network(MODEL, fixture_belief(), [])
+        fit_network(MODEL, fixture_network_prior(), [])
 
 
 def test_a_frame_from_points_weighs_them_by_their_covariance() -> None:

@@ -396,7 +396,7 @@ def test_slack_snap_slip_and_outliers_show_and_go_away():
     wire.let_go()
     assert wire.read_m()[0] < 0.002
     wire.restore_hook()
-    wire.spoil_next(0.008, 2)
+    wire.corrupt_next(0.008, 2)
     off = [wire.read_m()[0] - wire.exact_reading_m() for _ in range(3)]
     assert off == pytest.approx([0.008, 0.008, 0.0], abs=5e-4)
     wire.lengthen_readings(0.005)

@@ -149,8 +149,8 @@ async def test_a_loss_is_seen_on_every_controller_and_nothing_starts_where_a_per
         assert answer.procedure == (None if name == "rmi" else "position_cure")
         assert answer.reasons
         assert "its mastering is set at the pendant only" in answer.reasons
-        assert not await watch.is_mended()
+        assert not await watch.is_resolved()
         await case.heal(fake_client, robot)
         await watch.look_once()
-        assert await watch.is_mended()
+        assert await watch.is_resolved()
     assert len(found) == 1

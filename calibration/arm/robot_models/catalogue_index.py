@@ -15,7 +15,7 @@ from typing import Any
 
 from cellcal.calibration.arm.robot_models.common_names import (
     COMMON_NAMES,
-    UNSAYING,
+    FILLER_WORDS,
     axes_meant,
     kind_meant,
 )
@@ -112,7 +112,7 @@ def find_robots(words: str, maker: str = "") -> tuple[CatalogueEntry, ...]:
         fitting = [
             entry
             for entry in entries
-            if _shared_words(entry, words) >= _SERIES or _likeness(entry, together, beginning=True) >= _NEAR
+            if _shared_words(entry, words) >= _SERIES or _similarity(entry, together, beginning=True) >= _NEAR
         ]
     return tuple(sorted(fitting, key=lambda each: _order(each, words, together)))
 
@@ -152,11 +152,11 @@ def least_unlike(words: str) -> list[str]:
     """Return the names of up to three robots that are least unlike words which fit none."""
     together = "".join(_wanted_words(words))
     usable = [entry for entry in catalogue_entries() if entry.usable]
-    alike = [(_likeness(entry, together, beginning=True), entry.name) for entry in usable]
+    alike = [(_similarity(entry, together, beginning=True), entry.name) for entry in usable]
     return [
         name
-        for likeness, name in sorted(alike, key=lambda each: (-each[0], each[1]))[:3]
-        if likeness >= _NEAREST
+        for similarity, name in sorted(alike, key=lambda each: (-each[0], each[1]))[:3]
+        if similarity >= _NEAREST
     ]
 
 
@@ -170,7 +170,7 @@ def _wanted_words(words: str) -> list[str]:
             joined[-1] += word
         else:
             joined.append(word)
-    return [word for word in joined if word not in UNSAYING] or joined
+    return [word for word in joined if word not in FILLER_WORDS] or joined
 
 
 def _fits(entry: CatalogueEntry, search_words: list[str], together: str) -> bool:
@@ -206,7 +206,7 @@ def _order(entry: CatalogueEntry, words: str, together: str) -> tuple[bool, int,
     return (
         together not in _text(entry),
         -_shared_words(entry, words),
-        -_likeness(entry, together),
+        -_similarity(entry, together),
         entry.name,
     )
 
@@ -227,7 +227,7 @@ def _text(entry: CatalogueEntry) -> str:
     return _plain(f"{entry.name} {entry.title} {reach} {entry.maker} {entry.family}")
 
 
-def _likeness(entry: CatalogueEntry, together: str, *, beginning: bool = False) -> float:
+def _similarity(entry: CatalogueEntry, together: str, *, beginning: bool = False) -> float:
     """Return how alike the words are to the model's name or its beginning, with or without its maker, 0 to 1."""
     own = _plain(entry.name)
     maker = _plain(entry.file or entry.maker)

@@ -12,7 +12,7 @@ COMMON_NAMES: Mapping[str, tuple[str, ...]] = {
     "melfa": ("mitsubishi",),
     "omron": ("techman",),
 }
-UNSAYING = frozenset(
+FILLER_WORDS = frozenset(
     ("arm", "robot", "robots", "robotic", "industrial", "series", "model", "the")
 )  # tell no robot
 _AXES = re.compile(r"([1-9])(?:axis|axes|dof|achs\w*|ejes?)")

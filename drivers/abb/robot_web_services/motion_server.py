@@ -28,7 +28,7 @@ class MotionServer(ProgramHandshake):
     async def _read_state(self) -> ProgramState:
         return ProgramState(await self._read("nState"))
 
-    async def _read_life(self) -> int:
+    async def _read_heartbeat_counter(self) -> int:
         return await self._read("nLife")
 
     async def _read_request(self) -> int:

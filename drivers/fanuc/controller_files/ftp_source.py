@@ -147,7 +147,7 @@ class FtpSource:
         found = self._index_names().get(name.lower())
         candidates = (found,) if found is not None else (name.lower(), name.upper())
         for candidate in candidates:
-            content = self._retrieve_patiently(candidate)
+            content = self._retrieve_with_retries(candidate)
             if content is not None:
                 return content
         return None
@@ -225,7 +225,7 @@ class FtpSource:
             )
         return lines
 
-    def _retrieve_patiently(self, name: str) -> bytes | None:
+    def _retrieve_with_retries(self, name: str) -> bytes | None:
         """Return a file; ask again for one that is refused for now."""
         if time.monotonic() > self._ends_s:
             raise DeviceTimeoutError(

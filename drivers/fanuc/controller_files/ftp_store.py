@@ -37,7 +37,7 @@ class _WritingSource(FtpSource):
     def _make_client(self) -> ReadOnlyFtp:
         return WritingFtp(encoding="latin-1")
 
-    def hang_up(self) -> None:
+    def drop_connection(self) -> None:
         """Close the connection without a word."""
         self._ftp.close()
 
@@ -92,7 +92,7 @@ class FtpProgramStore:
         try:
             await run_in_thread_to_end(self._source.__enter__)
         except asyncio.CancelledError:
-            self._source.hang_up()
+            self._source.drop_connection()
             raise
         return self
 

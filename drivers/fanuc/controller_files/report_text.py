@@ -45,10 +45,12 @@ def decode_report(file: str, data: bytes) -> list[str]:
         It is empty or no text.
     """
     text = data.decode(ENCODING).replace("\r\n", "\n").replace("\r", "\n").replace("\x1a", "")
-    odd = re.search(r"[\x00-\x08\x0e-\x1f]", text)
-    if odd is not None or not text.strip():
+    control_character = re.search(r"[\x00-\x08\x0e-\x1f]", text)
+    if control_character is not None or not text.strip():
         cause = (
-            "it is empty." if odd is None else make_message("byte {ord:#04x} is no text.", ord=ord(odd[0]))
+            "it is empty."
+            if control_character is None
+            else make_message("byte {ord:#04x} is no text.", ord=ord(control_character[0]))
         )
         raise damaged_report_error(file, cause)
     return [_TAGS.sub("", line[:MAX_LINE]).rstrip() for line in text.split("\n")]

@@ -59,10 +59,12 @@ def registers_used(
     frames, tools = flow.find_all("frame"), flow.find_all("tool")
     found = []
     for at, statement in enumerate(statements):
-        gone_to = _registers_gone_to(statement, len(uses[at]))
+        motion_registers = _motion_registers(statement, len(uses[at]))
         for use in uses[at]:
             line = statement.line + statement.text.count(b"\n", 0, use.start())
-            found.append(RegisterUse(int(use[1]), line, int(use[1]) in gone_to, frames[at], tools[at]))
+            found.append(
+                RegisterUse(int(use[1]), line, int(use[1]) in motion_registers, frames[at], tools[at])
+            )
     return tuple(found)
 
 
@@ -89,7 +91,7 @@ def frames_in_force(
     }
 
 
-def _registers_gone_to(statement: Statement, use_count: int) -> tuple[int, ...]:
+def _motion_registers(statement: Statement, use_count: int) -> tuple[int, ...]:
     """Return the registers that a statement goes to and uses no others beside: none of an increment or a shift."""
     if not (use_count and statement.is_motion):
         return ()

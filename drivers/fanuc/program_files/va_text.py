@@ -179,12 +179,12 @@ class VaFile:
             at = stop + 1
 
     def _refuse_damage(self) -> None:
-        odd = re.search(r"[\x00-\x08\x0e-\x1f]", self._decoded_text)
-        if odd is not None:
+        control_character = re.search(r"[\x00-\x08\x0e-\x1f]", self._decoded_text)
+        if control_character is not None:
             raise damaged_file_error(
                 self.name,
-                self._line_of(odd.start()),
-                make_message("byte {ord:#04x} is no text.", ord=ord(odd[0])),
+                self._line_of(control_character.start()),
+                make_message("byte {ord:#04x} is no text.", ord=ord(control_character[0])),
             )
         for number, line in enumerate(self._decoded_text.split("\n"), 1):
             if len(line) > MAX_LINE_BYTES:

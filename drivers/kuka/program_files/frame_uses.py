@@ -40,13 +40,15 @@ class RoutineJumps:
     """The jumps of a routine and where they land: what is set between may be jumped over."""
 
     first: int | None = None  # GOTO or EXIT
-    landings: list[int] = field(default_factory=list)  # labels, and ends of loops, in the order of the text
+    jump_targets: list[int] = field(
+        default_factory=list
+    )  # labels, and ends of loops, in the order of the text
 
     def may_miss(self, place: int, until: int) -> bool:
         """Return whether a way leads to a place without what stands at another above it."""
         if self.first is None or place < self.first:
             return False
-        return bisect_right(self.landings, place) < bisect_right(self.landings, until)
+        return bisect_right(self.jump_targets, place) < bisect_right(self.jump_targets, until)
 
 
 @dataclass
@@ -137,7 +139,7 @@ class KrlRoutine:
 
     def straight(self, use: FrameUse, place: int) -> str | None:
         """Return the number that holds at a place where the routine runs from top to bottom and calls nothing."""
-        if self.calls or self.jumps.first is not None or self.jumps.landings:
+        if self.calls or self.jumps.first is not None or self.jumps.jump_targets:
             return None  # a LOOP comes back to what stands above a set
         return use.last_before(place)
 

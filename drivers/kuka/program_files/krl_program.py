@@ -137,8 +137,8 @@ class KrlProgram(KrlMotions):
         jumps = self.points.routines[-1].jumps
         if word in ("GOTO", "EXIT"):
             jumps.first = line.start if jumps.first is None else jumps.first
-        elif word in patterns.LANDINGS or code.rstrip().endswith(":"):
-            jumps.landings.append(line.start)
+        elif word in patterns.JUMP_TARGETS or code.rstrip().endswith(":"):
+            jumps.jump_targets.append(line.start)
             self.force.forget()
         elif word in patterns.LOOPS:
             self.force.forget()

@@ -84,7 +84,7 @@ CORRECTIONS = frozenset(
     ("BASE_CORR_ON", "M_BAS_COR_ON")
 )  # BAS.SRC then shifts every base, in its own axes or the world's
 LOOPS = frozenset(("LOOP", "REPEAT"))
-LANDINGS = frozenset(("ENDLOOP", "UNTIL"))
+JUMP_TARGETS = frozenset(("ENDLOOP", "UNTIL"))
 SENSOR = "TS_BC"  # TouchSense: corrections from what was found
 SET_BY_POINTS = frozenset(("PTP_PARAMS", "CP_PARAMS", "FRAMES"))
 OFFSET = "The operator ':' adds a frame to this point while the program runs."

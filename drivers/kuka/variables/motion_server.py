@@ -33,7 +33,7 @@ class MotionServer(ProgramHandshake):
         except RefusedError:  # its variables are not there
             return ProgramState.OFF
 
-    async def _read_life(self) -> int:
+    async def _read_heartbeat_counter(self) -> int:
         return await self._read("CC_LIFE")
 
     async def _read_request(self) -> int:

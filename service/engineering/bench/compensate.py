@@ -67,12 +67,12 @@ def judge_answers(
     there, here = both.nominal.base_flange(start), both.real.base_flange(found)
     distance = np.linalg.norm(there[:, :3, 3] - here[:, :3, 3], axis=1)
     turn = np.linalg.norm(log_rotation(np.swapaxes(here[:, :3, :3], 1, 2) @ there[:, :3, :3]), axis=1)
-    leapt = (np.abs(found - start) > BRANCH_RAD).any(axis=1)
-    solved = claimed & ~leapt
+    changed_branch = (np.abs(found - start) > BRANCH_RAD).any(axis=1)
+    solved = claimed & ~changed_branch
     worst = float(distance[solved].max()) if solved.any() else float("inf")
     notes = {
         "solved_share": float(claimed.mean()),
-        "leaps": float((claimed & leapt).sum()),
+        "leaps": float((claimed & changed_branch).sum()),
         "claimed_but_above_1e-5_mm": float((claimed & (distance > 1e-8)).sum()),
         "worst_angle_deg": float(np.degrees(turn[solved].max())) if solved.any() else float("inf"),
     }

@@ -15,7 +15,7 @@ from cellcal.service.engineering.plots.style import (
     BEFORE,
     figure_style,
     new_figure,
-    tidy_axes,
+    style_axes,
     title_of,
     write_figures,
 )
@@ -80,5 +80,5 @@ def _draw_bars(panel: "Axes", results: list[BenchResult], values: list[float]) -
     ]
     panel.bar_label(bars, labels=labels, padding=3, fontsize=8)
     panel.margins(x=0.2)
-    tidy_axes(panel)
+    style_axes(panel)
     panel.grid(visible=False, axis="y")

@@ -61,8 +61,8 @@ def _candidate_blocks(seed: int, joints: Array) -> Array:
 
 def _judge_choice(contestant: Contestant, blocks: Array, answers: Answers, by_chance: float) -> BenchResult:
     chosen = answers["indices"].astype(np.intp)
-    honest = len(set(chosen.tolist())) == len(chosen) == CHOSEN
-    reached = determinant_root(blocks, chosen) if honest else 0.0
+    is_complete = len(set(chosen.tolist())) == len(chosen) == CHOSEN
+    reached = determinant_root(blocks, chosen) if is_complete else 0.0
     notes = {"over_random": reached / by_chance}
     seconds = float(answers["seconds"])
     return BenchResult(

@@ -19,7 +19,7 @@ from cellcal.calibration.documents import DocumentError
 from cellcal.calibration.documents.plain_files import read_plain_bytes
 from cellcal.calibration.errors import CellError
 from cellcal.calibration.message import make_message
-from cellcal.service.draft_files import tidy_once
+from cellcal.service.draft_files import remove_drafts_once
 from cellcal.service.files import SHARED_FILE, make_private_folder, replace_file
 from cellcal.service.record.signing import (
     CheckedDocument,
@@ -130,7 +130,7 @@ def store_copies(
     files = []
     try:
         make_private_folder(copies)
-        tidy_once(copies)
+        remove_drafts_once(copies)
         for part in (_OLD, _NEW):
             make_private_folder(folder / part)
         for name, content in new.items():

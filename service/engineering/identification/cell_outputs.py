@@ -143,10 +143,10 @@ def cell_tips(options: AtOptions, report: IdentifiedCellReport) -> dict[str, Tip
             f"{options.path} does not say which target is meant.",
             remedy=f"Add a column target with one of {', '.join(targets)}.",
         )
-    strange = sorted(set(named) - set(targets))
-    if strange:
+    unknown_names = sorted(set(named) - set(targets))
+    if unknown_names:
         raise MeasurementError(
-            f"{options.path}: the cell has no target {strange[0]!r}.",
+            f"{options.path}: the cell has no target {unknown_names[0]!r}.",
             remedy=make_message("It has {names}.", names=", ".join(targets)),
         )
     found = {}

@@ -177,7 +177,7 @@ def identify_file(
     measurements = prepared.measurements
     noticed = [*prepared.noticed]
     if fitted.elsewhere is not None:
-        noticed.append(fitted.elsewhere.say_in_file(model, measurements.rows))
+        noticed.append(fitted.elsewhere.describe_in_file(model, measurements.rows))
     if len(held_out):
         noticed += lint_repeated_postures(measurements, train, held_out)
     noticed += _lints_of_rows(fitted, lints_of_fit(found, judged.before_m, prepared, train))

@@ -14,8 +14,10 @@ SPREAD_WORDS = {
 }  # fmt: skip
 
 
-_GLUED_BEFORE = "pos|p|t|m|meas|act|cmd|nom|ref|real"  # Mx, measX
-_GLUED_BEHIND = "pos|act|actual|cmd|meas|measured|nom|nominal|ref|real|mm|cm|inch|[a-dmrt]"  # Xact, xmm, Xa
+_JOINED_PREFIXES = "pos|p|t|m|meas|act|cmd|nom|ref|real"  # Mx, measX
+_JOINED_SUFFIXES = (
+    "pos|act|actual|cmd|meas|measured|nom|nominal|ref|real|mm|cm|inch|[a-dmrt]"  # Xact, xmm, Xa
+)
 
 
 def find_triples(
@@ -30,8 +32,8 @@ def find_triples(
     for name in names:
         for axis in axes:
             match = re.match(
-                rf"^(?P<before>(?:.*_)?(?:{_GLUED_BEFORE})?){axis}"
-                rf"(?P<after>(?:{_GLUED_BEHIND})?\d*(?:_.*)?)$",
+                rf"^(?P<before>(?:.*_)?(?:{_JOINED_PREFIXES})?){axis}"
+                rf"(?P<after>(?:{_JOINED_SUFFIXES})?\d*(?:_.*)?)$",
                 plain[name],
             )
             if match and not (has_forces and match["before"].endswith("m")):

@@ -53,7 +53,7 @@ _TURNS = (
 )  # fmt: skip
 
 
-class UntoldPlaceError(MeasurementError):
+class UnnamedPositionError(MeasurementError):
     """Joints are found, and no heading tells what was measured; ``candidates`` may be it."""
 
     def __init__(self, names: Sequence[str], joints: tuple[str, ...], candidates: tuple[str, ...]) -> None:
@@ -136,7 +136,7 @@ def detect_layout(
                 make_message("no measurement found among the columns {names}.", names=", ".join(names)),
                 remedy=remedy,
             )
-        raise UntoldPlaceError(names, joints, tuple(name for name in rest if _tells_no_role(plain[name])))
+        raise UnnamedPositionError(names, joints, tuple(name for name in rest if _tells_no_role(plain[name])))
     turn, fields = _find_rotation(rest, plain, measured) if measured else ((), ())
     if matrix and not turn and measured == (place or places.measured):
         turn, fields = matrix, matrix

@@ -102,7 +102,7 @@ _PARTS = {
 _CJK_NUMBERS = "一二三四五六七八九"
 _CJK_NUMBER = re.compile(rf"[{_CJK_NUMBERS}](?=\s*(?:轴|軸|关节|關節|関節))|(?<=[轴軸节節])[{_CJK_NUMBERS}]")
 _WORD_AND_NUMBER = re.compile(r"([^\W\d_]+)(\d+)")
-_GLUED = re.compile(r"(?<=[a-z])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])")  # MeasX, XNominal
+_CASE_BOUNDARY = re.compile(r"(?<=[a-z])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])")  # MeasX, XNominal
 _PULSES = re.compile(
     r"(?<![^\W_])(pulses?|puls|impulse|impulsos|counts?|cnts?|increments?|inkremente|incr|ticks)(?![^\W_])|脉冲|パルス",
     re.IGNORECASE,
@@ -117,7 +117,7 @@ _NUMBER_FIRST = re.compile(r"(?<![a-z\d])(\d)_?(axis|joint)(?![a-z])(?!_?\d)")
 
 def plain_name(name: str) -> str:
     """Return a name in one spelling: lower case, words joined by underscores, without its unit, in English."""
-    text = _GLUED.sub("_", _UNIT.sub(_inside_brackets, _without_comma_unit(name)).strip()).lower()
+    text = _CASE_BOUNDARY.sub("_", _UNIT.sub(_inside_brackets, _without_comma_unit(name)).strip()).lower()
     text = _CJK_NUMBER.sub(lambda found: str(_CJK_NUMBERS.index(found[0]) + 1), text)
     for word, meaning in _INSIDE:
         text = text.replace(word, f"_{meaning}_")

@@ -37,7 +37,7 @@ _BY_MAKER = (
 )
 _EXTERNAL = re.compile(r"^(?:e|ex|ext|extax|eax|external|external_axis)_?(\d|[a-f])$")  # eax_a of RAPID
 _LONE_SLIDES = {"rail", "track", "slide", "lift", "linear", "linear_axis", "linearachse", "linear_track"}
-_STRANGE = re.compile(r"^(?P<word>\D*[^\W\d_]\D*)(?P<number>\d)(?P<after>\D*)$")
+_WORD_WITH_NUMBER = re.compile(r"^(?P<word>\D*[^\W\d_]\D*)(?P<number>\d)(?P<after>\D*)$")
 _NEVER_JOINTS = {
     *"xyz", "column", "col", "var", "velocity", "vel", "speed", "v", "qd", "dq", "acceleration", "acc", "force",
     "torque", "tau", "current", "temperature", "temp", "t", "f", "i", "u", "pulse", "pulses", "counts", "encoder",
@@ -85,7 +85,7 @@ def find_joints(
     external = _numbered_outside(names, plain, families, count) or _external_joints(
         names, plain, families, (joint_names, slides or (False,) * count)
     )
-    if found := external or (() if families else _numbered_by_a_strange_word(names, plain, count)):
+    if found := external or (() if families else _numbered_by_another_word(names, plain, count)):
         return found
     raise MeasurementError(
         make_message(
@@ -182,9 +182,7 @@ def _numbered_families(names: Sequence[str], plain: Mapping[str, str]) -> dict[F
     return families
 
 
-def _numbered_by_a_strange_word(
-    names: Sequence[str], plain: Mapping[str, str], count: int
-) -> tuple[str, ...]:
+def _numbered_by_another_word(names: Sequence[str], plain: Mapping[str, str], count: int) -> tuple[str, ...]:
     """Return the one set of columns that are numbered from 0 or 1 to the last joint, whatever word counts them.
 
     Columns without a heading are not counted by a word. Whether these are joints is for the fit to say.
@@ -193,7 +191,7 @@ def _numbered_by_a_strange_word(
         return ()
     families: dict[tuple[str, str], dict[int, str]] = {}
     for name in names:
-        if match := _STRANGE.match(plain[name]):
+        if match := _WORD_WITH_NUMBER.match(plain[name]):
             families.setdefault((match["word"], match["after"]), {})[int(match["number"])] = name
     full = [
         tuple(numbered[at] for at in sorted(numbered))

@@ -15,7 +15,7 @@ from cellcal.calibration.identification.observations import (
 )
 from cellcal.calibration.identification.unrounding import find_resolution
 from cellcal.calibration.message import make_message
-from cellcal.service.engineering.measured.columns import TableLayout, UntoldPlaceError, detect_layout
+from cellcal.service.engineering.measured.columns import TableLayout, UnnamedPositionError, detect_layout
 from cellcal.service.engineering.measured.joined_sheets import joined_tables
 from cellcal.service.engineering.measured.joint_choice import better_joints, joint_sets
 from cellcal.service.engineering.measured.joint_coupling import controller_joints
@@ -207,7 +207,7 @@ def _detect_or_fit(
     """Return what each column is; a position that no heading tells is the one that fits the robot."""
     try:
         return table, _detect(table, model, columns)
-    except UntoldPlaceError as error:
+    except UnnamedPositionError as error:
         table, position = find_unnamed_place(table, model, error.joints, error.candidates)
         if not position:
             raise

@@ -30,7 +30,7 @@ from cellcal.service.engineering.measured.errors import (
 from cellcal.service.engineering.measured.list_cells import has_lists, spread_lists
 from cellcal.service.engineering.measured.matrix_columns import name_matrix_elements
 from cellcal.service.engineering.measured.summary_rows import block_summaries, calculated_rows, summary_rows
-from cellcal.service.engineering.measured.table_forms import refuse_divided_numbers, refuse_lying_table
+from cellcal.service.engineering.measured.table_forms import refuse_divided_numbers, refuse_transposed_table
 from cellcal.service.engineering.measured.table_heads import (
     doubled_name,
     heading_names,
@@ -236,7 +236,7 @@ def _build_table(path: Path, cells: Iterable[list[float | str]], dialect: str) -
     has_heading = names is not None
     if names is None:
         refuse_divided_numbers(path, head[:first], head[first:])
-        refuse_lying_table(path, head[first:])
+        refuse_transposed_table(path, head[first:])
         remarks = [",".join(str(cell) for cell in row) for row in head[:first]]
         names = names_without_heading(head[first][: _filled_width(head[first])], remarks)
     names = name_matrix_elements(name_quaternion_apart(names, head[first:]), head[first:])

@@ -47,7 +47,7 @@ def refuse_divided_numbers(path: Path, above: Sequence[Cells], rows: Sequence[Ce
     )
 
 
-def refuse_lying_table(path: Path, rows: Sequence[Cells]) -> None:
+def refuse_transposed_table(path: Path, rows: Sequence[Cells]) -> None:
     """Refuse a table whose names stand in the first column, with the postures side by side.
 
     Raises

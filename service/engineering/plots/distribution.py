@@ -8,7 +8,7 @@ from matplotlib.figure import FigureBase
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.message import make_message
 from cellcal.service.engineering.plots.plotted_residuals import PlottedResiduals
-from cellcal.service.engineering.plots.style import AFTER, BEFORE, tidy_axes, title_of
+from cellcal.service.engineering.plots.style import AFTER, BEFORE, style_axes, title_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -67,4 +67,4 @@ def _error_sizes(evidence: PlottedResiduals) -> tuple[Array, Array, float]:
 def _finish_panel(panel: "Axes", top: float) -> None:
     panel.set_xlim(0, top)
     panel.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), frameon=False, borderaxespad=0.1)
-    tidy_axes(panel)
+    style_axes(panel)

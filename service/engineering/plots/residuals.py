@@ -10,7 +10,7 @@ from cellcal.calibration.geometry import Array
 from cellcal.calibration.message import make_message
 from cellcal.service.engineering.plots.evidence import thin_rows
 from cellcal.service.engineering.plots.plotted_residuals import PlottedResiduals
-from cellcal.service.engineering.plots.style import AFTER, BEFORE, QUIET, WARNING, tidy_axes, title_of
+from cellcal.service.engineering.plots.style import AFTER, BEFORE, QUIET, WARNING, style_axes, title_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -78,7 +78,7 @@ def held_out_by_row(panel: "Axes", evidence: PlottedResiduals) -> None:
     panel.set_ylabel("held-out error (mm)")
     panel.set_title("Size of the error of rows that the fit has not seen", loc="left")
     _draw_legend(panel)
-    tidy_axes(panel)
+    style_axes(panel)
 
 
 def by_joint(figure: FigureBase, evidence: PlottedResiduals) -> None:
@@ -116,7 +116,7 @@ def _over_joint(panel: "Axes", angle: Array, before: Array, after: Array) -> Non
     centres, median, low, high = _binned_course(angle, after)
     panel.fill_between(centres, low, high, color=AFTER, alpha=0.2, lw=0, label="middle half after")
     panel.plot(centres, median, ".-", color=AFTER, lw=2.0, ms=5, label="median after")
-    tidy_axes(panel)
+    style_axes(panel)
 
 
 def _binned_course(angle: Array, residual: Array) -> tuple[Array, Array, Array, Array]:
@@ -145,7 +145,7 @@ def _draw_channel(panel: "Axes", evidence: PlottedResiduals, residual: Array, li
         )
     _mark_breaks(panel, evidence, label=False)
     panel.set_ylim(-limit, limit)
-    tidy_axes(panel)
+    style_axes(panel)
 
 
 def _mark_breaks(panel: "Axes", evidence: PlottedResiduals, *, label: bool) -> None:

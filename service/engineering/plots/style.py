@@ -26,7 +26,7 @@ def new_figure(width: float, height: float) -> Figure:
     return figure
 
 
-def tidy_axes(axes: "Axes") -> None:
+def style_axes(axes: "Axes") -> None:
     """Leave a light grid and the axes that are read."""
     axes.grid(alpha=0.25, lw=0.6)
     axes.set_axisbelow(True)

@@ -13,7 +13,7 @@ from matplotlib.figure import FigureBase
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.identification.observations import LengthObservations
 from cellcal.service.engineering.plots.evidence import IdentificationEvidence, thin_rows
-from cellcal.service.engineering.plots.style import DOUBT_MAP, ERROR_MAP, tidy_axes, title_of
+from cellcal.service.engineering.plots.style import DOUBT_MAP, ERROR_MAP, style_axes, title_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -128,7 +128,7 @@ def _frame_panel(panel: "Axes", view: _PlaneView) -> None:
     panel.set_title(title, loc="left")
     panel.set_xlabel(across)
     panel.set_ylabel(up)
-    tidy_axes(panel)
+    style_axes(panel)
 
 
 def _draw_colour_bar(

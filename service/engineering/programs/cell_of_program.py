@@ -45,7 +45,7 @@ def tool_of(
     ``home`` is the cell where the program is from, where that is not this one.
     """
     home = project if home is None else home
-    named = name if name is not None else project.unsaid_tool
+    named = name if name is not None else project.default_tool
     if named is None:
         return None
     entered = entry_named(project.tools, named, program.brand)
@@ -63,7 +63,7 @@ def frame_of(
     project: Project, program: ProgramFile, name: str | None, *, at_home: bool = True
 ) -> Array | None:
     """Return the user frame (4, 4) that a position names; ``at_home`` says that this is its own cell."""
-    named = name if name is not None else project.unsaid_frame
+    named = name if name is not None else project.default_frame
     if named is None:
         return None
     entered = entry_named(project.frames, named, program.brand)
@@ -98,8 +98,8 @@ def find_contradiction(
 ) -> str:
     """Return why points are left whose tool or frame the program brings along, and the cell has another; or ""."""
     tools, frames = brought_frames(program, at_home=at_home)
-    tool = tool if tool is not None else project.unsaid_tool
-    frame = frame if frame is not None else project.unsaid_frame
+    tool = tool if tool is not None else project.default_tool
+    frame = frame if frame is not None else project.default_frame
     brand = program.brand
     tool_entry = None if tool is None else entry_named(project.tools, tool, brand)
     entered = None if tool_entry is None else tool_entry.entered

@@ -51,7 +51,7 @@ class MoveRoute(OneCellRoute):
         """Return whether points of a user frame move; the option for joint angles goes before what a file says."""
         if in_joints and (self.joints == "keep" or (bare_joints and self.joints == "move")):
             return self.joints == "move"
-        named = frame if frame is not None else self.project.unsaid_frame
+        named = frame if frame is not None else self.project.default_frame
         if self.frame is not None and named != self.frame:
             return False
         if bare_joints and self.joints is None:

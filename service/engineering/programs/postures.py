@@ -194,12 +194,12 @@ class PostureSearch:
         """
         assert self._rule is not None
         found = self._rule.matches_postures(self._controller, joints, texts, turns=True)
-        for nudge in (_BORDER_RAD, -_BORDER_RAD):
+        for border_shift in (_BORDER_RAD, -_BORDER_RAD):
             unmatched = np.flatnonzero(~found)
             if len(unmatched):
                 configurations = [texts[i] for i in unmatched.tolist()]
                 found[unmatched] = self._rule.matches_postures(
-                    self._controller, joints[unmatched] + nudge, configurations, turns=True
+                    self._controller, joints[unmatched] + border_shift, configurations, turns=True
                 )
         return found
 

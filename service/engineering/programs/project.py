@@ -84,8 +84,8 @@ class Project:
     identified: IdentifiedArm | None
     tools: Mapping[str, ProjectTool]
     frames: Mapping[str, Array]  # (4, 4) base_frame as entered into the controller
-    unsaid_tool: str | None  # holds where a program does not say
-    unsaid_frame: str | None
+    default_tool: str | None  # holds where a program does not say
+    default_frame: str | None
     alignment: Alignment | None
     shapes: CellShape | None
     smallest_sigma: float
@@ -187,8 +187,8 @@ def read_project(path: Path) -> Project:
         identified=identified_arm(robot, folder, replace_limits(nominal, controller), where),
         tools=_read_tools(tables.tools, backup.tools, make, where),
         frames=frames,
-        unsaid_tool=tables.unsaid.tool,
-        unsaid_frame=tables.unsaid.frame,
+        default_tool=tables.unsaid.tool,
+        default_frame=tables.unsaid.frame,
         alignment=_read_alignment(tables.fixture, folder, robot.serial),
         shapes=_read_shapes(tables.shapes, folder, controller),
         smallest_sigma=SMALLEST_SIGMA if robot.smallest_sigma is None else robot.smallest_sigma,

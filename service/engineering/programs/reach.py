@@ -132,7 +132,7 @@ def _of_group(
         points.refuse_points(posed, missing_reason("user frame", group.frame, cell))
         posed = posed[:0]
     if frame is not None and len(posed):
-        end = AxisEnd(cell.axes, False, frame, group.frame or cell.unsaid_frame, program.brand, group.held)
+        end = AxisEnd(cell.axes, False, frame, group.frame or cell.default_frame, program.brand, group.held)
         carried = carry_points(end, end, points.axis_values[posed])
         assert carried.source_frame is not None
         base_flange = carried.source_frame @ points.tips_of(posed) @ inverse_transform(tool.entered)

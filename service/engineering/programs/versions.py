@@ -190,8 +190,8 @@ def cell_sha256(project: Project) -> str:
         project.serial,
         None if project.identified is None else project.identified.sha256,
         repr(project.alignment),
-        project.unsaid_tool,
-        project.unsaid_frame,
+        project.default_tool,
+        project.default_frame,
         sorted(project.tools),
         sorted(project.frames),
     ]

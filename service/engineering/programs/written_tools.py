@@ -22,7 +22,7 @@ from cellcal.service.engineering.programs.project_poses import ProjectTool
 from cellcal.service.engineering.programs.result import LEFT, PointFinding, ProgramResult
 
 ALIKE_M, ALIKE_RAD = 1e-5, np.radians(0.01)  # what a pendant shows of one pose and another
-_NAMELESS = frozenset(("universal_robots",))  # brands whose programs write poses in place of names
+_WITHOUT_TOOL_NAMES = frozenset(("universal_robots",))  # brands whose programs write poses in place of names
 _WRITTEN_OUT = "$"  # KUKA: before $TOOL, which is no name of the controller's table
 
 
@@ -112,7 +112,7 @@ def _written_pose(project: Project, program: ProgramFile, name: str | None, *, a
 
 def _names_at(project: Project, home: Project, brand: str, name: str, flange_tip: Array) -> list[str]:
     """Return which tools a written pose may be: those that have it in the program's own cell, else in this one."""
-    if brand not in _NAMELESS and not name.startswith(_WRITTEN_OUT):
+    if brand not in _WITHOUT_TOOL_NAMES and not name.startswith(_WRITTEN_OUT):
         return []
     at_home = _alike_in(home, flange_tip)
     return [each for each in at_home if each in project.tools] or _alike_in(project, flange_tip)

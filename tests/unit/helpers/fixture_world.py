@@ -13,7 +13,7 @@ from cellcal.calibration.motion.motion_check import MotionLimits, WirePath
 from cellcal.calibration.points.fixture import PlacedPoints, place_points
 from cellcal.calibration.wires.design import best_order, with_poses
 from cellcal.calibration.wires.model import WirePrior
-from cellcal.calibration.wires.network import WireBelief, WireMounting, WirePlace
+from cellcal.calibration.wires.network import WireMounting, WireNetworkPrior, WirePlace
 from cellcal.calibration.wires.network_fit import WireNetwork, fit_network
 from cellcal.fake_devices.wire_gauge import WireGauge
 from cellcal.fake_devices.world import World
@@ -111,22 +111,22 @@ def candidate_poses(
     return drawn[cosine > np.cos(1.0)][:count]
 
 
-def fixture_belief() -> WireBelief:
+def fixture_network_prior() -> WireNetworkPrior:
     """Return what a technician knows before the fixture is measured; the record's exit comes first."""
     exits = (
         WirePlace(ANCHOR, 0.010),
         *(WirePlace(_transform_point(ROUGH, point), 0.020) for point in POINTS),
     )
-    return WireBelief.with_certified_scale(PRIOR, exits, (WirePlace(HOOK, 0.002),), 1e-4)
+    return WireNetworkPrior.with_certified_scale(PRIOR, exits, (WirePlace(HOOK, 0.002),), 1e-4)
 
 
-def tool_belief() -> WireBelief:
+def tool_network_prior() -> WireNetworkPrior:
     """Return what a technician knows before the targets are measured; the record's hook comes first."""
     hooks = (
         WirePlace(HOOK, 0.002),
         *(WirePlace(_transform_point(ROUGH_TOOL, target), 0.010) for target in TARGETS),
     )
-    return WireBelief.with_certified_scale(PRIOR, (WirePlace(ANCHOR, 0.010),), hooks, 1e-4)
+    return WireNetworkPrior.with_certified_scale(PRIOR, (WirePlace(ANCHOR, 0.010),), hooks, 1e-4)
 
 
 def _transform_point(pose: Pose, point: tuple[float, float, float]) -> tuple[float, float, float]:
@@ -164,14 +164,14 @@ class AlignmentOutcome:
 @cache
 def designed_poses(hooks: bool, per_spot: int = 20) -> tuple[np.ndarray, ...]:
     """Return the poses that tell most at every spot, before anything is measured; the record's come first."""
-    belief = tool_belief() if hooks else fixture_belief()
+    network_prior = tool_network_prior() if hooks else fixture_network_prior()
     record_mountings = [wire_mounting(0, 0, record_poses(), np.ones(30), another_day=True)]
     chosen = [record_poses()]
     for spot in range(1, len(TARGETS if hooks else POINTS) + 1):
         exit_, hook = (0, spot) if hooks else (spot, 0)
-        drawn = candidate_poses(belief.exits[exit_].at_m, belief.hooks[hook].at_m, 90, spot)
+        drawn = candidate_poses(network_prior.exits[exit_].at_m, network_prior.hooks[hook].at_m, 90, spot)
         pool = wire_mounting(exit_, hook, drawn, np.ones(len(drawn)), None if hooks else MOUTH)
-        chosen.append(drawn[list(best_order(MODEL, belief, record_mountings, pool, per_spot))])
+        chosen.append(drawn[list(best_order(MODEL, network_prior, record_mountings, pool, per_spot))])
         record_mountings.append(with_poses(pool, chosen[-1], CAPTURE_SIGMA_M))
     return tuple(chosen)
 
@@ -183,7 +183,7 @@ def align_world(world: FixtureWorld, per_spot: int = 20) -> AlignmentOutcome:
     for point, poses in enumerate(spots, 1):
         world.gauge.mount_exit(point, MOUTH)
         mountings.append(wire_mounting(point, 0, poses, world.measure_lengths(poses), MOUTH))
-    network = fit_network(MODEL, fixture_belief(), mountings)
+    network = fit_network(MODEL, fixture_network_prior(), mountings)
     points = list(range(1, len(POINTS) + 1))
     found = [network.exits_m[k] for k in points]
     placed = place_points(POINTS, found, network.exit_covariance(points), sigma_point_m=2e-5)
@@ -197,7 +197,7 @@ def find_tool(world: FixtureWorld) -> tuple[np.ndarray, np.ndarray]:
     for target, poses in enumerate(spots, 1):
         world.gauge.hook_to(target)
         mountings.append(wire_mounting(0, target, poses, world.measure_lengths(poses)))
-    network = fit_network(MODEL, tool_belief(), mountings)
+    network = fit_network(MODEL, tool_network_prior(), mountings)
     targets = list(range(1, len(TARGETS) + 1))
     found = [network.hooks_m[k] for k in targets]
     placed = place_points(TARGETS, found, network.hook_covariance(targets), sigma_point_m=2e-5)

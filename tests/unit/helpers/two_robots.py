@@ -12,7 +12,7 @@ from cellcal.calibration.motion.motion_check import MotionLimits, WirePath
 from cellcal.calibration.points.alignment import Alignment, WirePoints
 from cellcal.calibration.points.fixture import place_points
 from cellcal.calibration.wires.design import best_order, with_poses
-from cellcal.calibration.wires.network import WireBelief, WireMounting, WirePlace
+from cellcal.calibration.wires.network import WireMounting, WireNetworkPrior, WirePlace
 from cellcal.calibration.wires.network_fit import fit_network
 from cellcal.fake_devices.wire_gauge import WireGauge
 from cellcal.fake_devices.world import World
@@ -75,12 +75,15 @@ class AlignedRobot:
 
     def align_robot(self) -> Alignment:
         """Take a record, then measure every alignment point at the poses that tell most."""
-        belief, (record, *spots) = belief_of(self.name, self.effort), poses_of(self.name, self.effort)
+        network_prior, (record, *spots) = (
+            network_prior_of(self.name, self.effort),
+            poses_of(self.name, self.effort),
+        )
         mountings = [self._measure_mounting(0, record, mouth_at_m=HOME_MOUTH, another_day=True)]
         for point, poses in enumerate(spots, 1):
             self.gauge.mount_exit(point, MOUTH)
             mountings.append(self._measure_mounting(point, poses, mouth_at_m=MOUTH))
-        network = fit_network(MODEL, belief, mountings)
+        network = fit_network(MODEL, network_prior, mountings)
         points = range(1, len(self.effort.points) + 1)
         found = tuple(network.exits_m[k] for k in points)
         covariance = network.exit_covariance(points)
@@ -92,8 +95,8 @@ class AlignedRobot:
             covariance=tuple(
                 tuple(float(v) for v in row) for row in network.exit_and_wire_covariance(points)
             ),
-            believed=belief.wire_values(),
-            sigma=belief.wire_sigmas(),
+            believed=network_prior.wire_values(),
+            sigma=network_prior.wire_sigmas(),
             sigma_seat_m=SEAT_SIGMA_M,
             sigma_drawing_m=0.0,
         )
@@ -140,26 +143,26 @@ def two_robots(seed: int, effort: MeasuringEffort = DEFAULT) -> tuple[AlignedRob
 
 
 @cache
-def belief_of(name: str, effort: MeasuringEffort) -> WireBelief:
+def network_prior_of(name: str, effort: MeasuringEffort) -> WireNetworkPrior:
     """Return what a technician knows before the fixture is measured; the record's exit comes first."""
     rough = ROUGH[name]
     at = [rough.rotation_matrix() @ np.array(p) + np.array(rough.position_m) for p in effort.points]
     exits = (WirePlace(ANCHOR, 0.010), *(WirePlace((float(x), float(y), float(z)), 0.020) for x, y, z in at))
-    return WireBelief.with_certified_scale(PRIOR, exits, (WirePlace(HOOK, 0.002),), effort.sigma_scale)
+    return WireNetworkPrior.with_certified_scale(PRIOR, exits, (WirePlace(HOOK, 0.002),), effort.sigma_scale)
 
 
 @cache
 def poses_of(name: str, effort: MeasuringEffort) -> tuple[np.ndarray, ...]:
     """Return the poses that tell most at every spot, before anything is measured; the record's come first."""
-    belief, record = belief_of(name, effort), _record_poses(effort.record)
+    network_prior, record = network_prior_of(name, effort), _record_poses(effort.record)
     record_mountings = [
         _make_mounting(0, record, (1.0,) * len(record), effort, mouth_at_m=HOME_MOUTH, another_day=True)
     ]
     chosen = [record]
     for spot in range(1, len(effort.points) + 1):
-        drawn = candidate_poses(belief.exits[spot].at_m, HOOK, 90, spot)
+        drawn = candidate_poses(network_prior.exits[spot].at_m, HOOK, 90, spot)
         pool = _make_mounting(spot, drawn, (1.0,) * len(drawn), effort, mouth_at_m=MOUTH)
-        chosen.append(drawn[list(best_order(MODEL, belief, record_mountings, pool, effort.per_spot))])
+        chosen.append(drawn[list(best_order(MODEL, network_prior, record_mountings, pool, effort.per_spot))])
         record_mountings.append(with_poses(pool, chosen[-1], effort.sigma_m))
     return tuple(chosen)
 

@@ -405,7 +405,7 @@ def scara_project(tmp_path, seed: int):
     path = tmp_path / "project.toml"
     path.write_text(PROJECT.format(model=SCARA, robot="starting_posture_deg = [0, 30, 20, 0]"))
     project = read_project(path)
-    return replace(project, identified=real_scara(project.nominal, seed), unsaid_frame="2")
+    return replace(project, identified=real_scara(project.nominal, seed), default_frame="2")
 
 
 def tips_by_hand(arm, tool, joints):

@@ -51,7 +51,7 @@ def carry_group(
 
 
 def _frame_name(project: Project, group: PointGroup) -> str | None:
-    return group.frame if group.frame is not None or group.held else project.unsaid_frame
+    return group.frame if group.frame is not None or group.held else project.default_frame
 
 
 def _refuse_shifted_work(points: ProgramPoints, rows: Rows, route: TransferRoute) -> None:
