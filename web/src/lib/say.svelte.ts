@@ -133,8 +133,8 @@ class Sayings {
       const [meaning, unit] = option === "units" ? (value ?? "").split("=") : [];
       const choice = CHOICES[meaning === undefined ? (option ?? bare ?? "") : `units ${meaning}`];
       if (choice === undefined) return whole;
-      const told = meaning === undefined ? value : unit;
-      return `“${language.t(choice).replaceAll("{n}", "…")}”${told ? `${this.colon}${told}` : ""}`;
+      const shownValue = meaning === undefined ? value : unit;
+      return `“${language.t(choice).replaceAll("{n}", "…")}”${shownValue ? `${this.colon}${shownValue}` : ""}`;
     });
   }
 
