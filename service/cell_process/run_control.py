@@ -31,7 +31,7 @@ from cellcal.service.cell_process.run_in_progress import RunInProgress
 from cellcal.service.cell_process.run_status import RunStatus
 from cellcal.service.cell_process.screen_operator import ScreenOperator
 from cellcal.service.cell_process.signer_roles import SignerRoles
-from cellcal.service.certificates.certificate import issue_certificate
+from cellcal.service.certificates.certificate import NoResultError, issue_certificate
 from cellcal.service.certificates.printing import print_beside
 from cellcal.service.configuration.cell_file import CellConfig
 from cellcal.service.engineering.parameters.simulated_cells import refuse_paths
@@ -286,6 +286,8 @@ class RunControl:
         try:
             issued = await asyncio.to_thread(issue_certificate, self._config, run_id)
             await asyncio.to_thread(print_beside, issued.json_path)
+        except NoResultError:  # how the run ended says why; it would stand there twice
+            return {"certificate": None, "no_certificate": ""}
         except CellError as error:
             return {"certificate": None, "no_certificate": error.message}
         return {"certificate": issued.json_path.name}

@@ -73,6 +73,10 @@ class CertificateError(CellError):
     code = "certificate"
 
 
+class NoResultError(CertificateError):
+    """A run ended without anything that a certificate could state, such as one that a person declined."""
+
+
 @dataclass(frozen=True, slots=True)
 class IssuedCertificate:
     """A certificate or a refusal record on disk."""
@@ -129,7 +133,7 @@ def content_of(config: CellConfig, journal: Journal, run_id: str) -> dict[str, A
     view, events = RunStore(journal).find_run(run_id), journal.list_events(run_id)
     refused = view.state in REFUSED
     if view.state != RunVerdict.PASSED and not refused:
-        raise CertificateError(
+        raise NoResultError(
             make_message(
                 "run {run_id} has no result to certify. {text}", run_id=run_id, text=view.reason
             ).strip(),

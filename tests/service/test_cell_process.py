@@ -23,6 +23,7 @@ from tests.service.cell_process_session import (
     a_cell,
     open_session,
     open_session_of,
+    run_outcome,
     take_the_record,
     without_a_wire_to_the_gauge,
 )
@@ -212,6 +213,16 @@ async def test_after_a_restart_in_mid_run_the_loss_is_on_the_screen_and_the_run_
             (shown,) = person.session["losses"]
             assert (shown["words"], shown["procedure"]) == (loss["words"], loss["procedure"])
             assert "a run had the robot when it was lost: who works there has to judge" in shown["reasons"]
+
+
+async def test_a_run_that_a_person_declined_says_once_how_it_ended(tmp_path: Path) -> None:
+    async with open_session(tmp_path) as person:
+        await person.send_order(RECORD)
+        prompt = await person.wait_until(lambda session: session["prompt"])
+        await person.send_order({"op": "decline", "prompt_id": prompt["id"]})
+        outcome = (await run_outcome(person))["outcome"]
+        assert outcome["reason"]
+        assert (outcome["certificate"], outcome["no_certificate"]) == (None, "")
 
 
 async def test_a_start_while_the_robot_is_looked_at_does_not_displace_the_unfinished_run(

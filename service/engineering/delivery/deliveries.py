@@ -156,13 +156,13 @@ async def deliver_programs(
     check_names(list(new))
     stored: StoredDelivery | None = None
     touched: set[str] = set()
-    with ExitStack() as held:
+    with ExitStack() as stack:
         try:
             async with open_store() as store:
                 _require_standing(store, approval)
                 await store.refuse_while_running()
                 old = {name: await store.read_file(name) for name in new}
-                held.enter_context(hold_controller(copies, address))
+                stack.enter_context(hold_controller(copies, address))
                 stored = store_copies(copies, address, approval.approved_by, old, new)
                 if on_copies is not None:
                     on_copies(stored)
