@@ -81,10 +81,6 @@ def test_an_exponent_never_costs_resolution():
 @pytest.mark.parametrize(
     ("line", "column", "problem"),
     [
-        ("DECL E6POS XP1={X 1.2.3,Y 0,Z 3.0,A 0,B 0,C 0", 18, "value of X"),
-        ("DECL E6POS XP1={X 1.0,X 2.0,Z 3.0,A 0,B 0,C 0}", 23, "twice"),
-        ("DECL E6POS XP1={X 1.0,Y 2.0,Z 3.0,A 0,B 0,C 0", 44, "does not end"),
-        ("DECL E6POS XP1={X 1.0,Y 2.0,Z 3.0,A 0,B 0,C 0,Q 7}", 49, "no field"),
         ("DECL E6POS XP1={X 1.0,Y 2.0,Z 3.0,A 0,B 0,C 1E400}", 45, "no robot"),
         ("DECL E6AXIS XP1={X 1.0,Y 2.0,Z 3.0,A 0,B 0,C 0}", 17, "declared as E6AXIS"),
         ("DECL E6POS XP1={X 1.0,Y 2.0,Z 3.0,A 0,B 0,C 0} S 2", 48, "should end"),
@@ -106,6 +102,26 @@ def test_a_point_with_a_number_that_is_none_leaves_the_others(number):
     file = read_file(f"DEFDAT A\r\n{line}\r\nDECL POS XP3={whole}\r\nENDDAT\r\n".encode())
     assert file.positions.names == ("XP1", "XP2", "XP3")
     assert [row in file.positions.barred for row in range(3)] == [True, False, False]
+
+
+@pytest.mark.parametrize(
+    "struct",
+    [
+        "{X 1.2.3,Y 0,Z 3.0,A 0,B 0,C 0",
+        "{X 1.0,Y 2.0,Z 3.0,A 0,B 0,C 0",
+        "{X 1.0,X 2.0,Z 3.0,A 0,B 0,C 0}",
+        "{X 1.0,Y 2.0,Z 3.0,A 0,B 0,C 0,Q 7}",
+        "{X 1.0,,Y 2.0,Z 3.0,A 0,B 0,C 0}",
+        "{X 1.0,Y 2.0,Z 3.0",
+        "{",
+    ],
+)
+def test_a_point_that_is_not_understood_leaves_the_others(struct):
+    whole = "{X 1.0,Y 2.0,Z 3.0,A 0,B 0,C 0}"
+    lines = f"DECL E6POS XP1={whole}\r\nDECL E6POS XP2={struct}\r\nDECL POS XP3={whole}"
+    file = read_file(f"DEFDAT A\r\n{lines}\r\nENDDAT\r\n".encode())
+    assert file.positions.names == ("XP1", "XP2", "XP3")
+    assert [row in file.positions.barred for row in range(3)] == [False, True, False]
 
 
 def test_an_external_tool_is_listed_but_not_shifted():

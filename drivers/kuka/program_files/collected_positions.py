@@ -44,6 +44,8 @@ NO_VALUE = "it has no coordinates"
 INSIDE = "it stands inside other data, or is computed in part, and is not read"
 _COMPUTED = "The coordinates of this position are computed; it is not changed."
 _BROKEN = "A coordinate of this position is no number; it is not changed."
+_DAMAGED = "This position is not understood, or does not end; it is not changed."
+NOT_UNDERSTOOD = "it is not understood, or does not end, and is not read"
 _NOTHING = (np.nan,) * 6
 _NO_EXTERNAL = (None,) * 6
 _EXTERNAL_COLUMNS = tuple(ExternalColumn(name) for name in EXTERNAL_FIELDS)
@@ -83,8 +85,10 @@ class KrlPositions:
     usual_texts: list[str] = field(default_factory=list)  # six for each
     known_axes: dict[str, "array[float]"] = field(default_factory=dict)  # most points have the same
 
-    def read_literal(self, start: int, end: int) -> KrlLiteral | None:
+    def read_literal(self, start: int, end: int, *, is_last: bool = False) -> KrlLiteral | None:
         """Read the struct at a place; None where it is computed or broken, which is remarked.
+
+        ``is_last``: nothing follows it before ``end``, so that one that is not understood costs no other position.
 
         Raises
         ------
@@ -94,11 +98,12 @@ class KrlPositions:
         try:
             return read_literal(self.source.text, start, end)
         except KrlLiteralError as error:
-            if not (error.computed or error.broken):
+            if not (error.computed or error.broken or is_last):
                 raise self.source.error_at(
                     error.place, str(error), remedy="Correct it on the controller, or leave this program out."
                 ) from None
-            self.add_remark(start, "computed", _BROKEN if error.broken else _COMPUTED)
+            text = _BROKEN if error.broken else _COMPUTED if error.computed else _DAMAGED
+            self.add_remark(start, "computed", text)
             return None
 
     def add_position(
@@ -157,7 +162,7 @@ class KrlPositions:
         try:
             read_literal(self.source.text, start, end)
         except KrlLiteralError as error:
-            return NO_NUMBER if error.broken else INSIDE
+            return NO_NUMBER if error.broken else INSIDE if error.computed else NOT_UNDERSTOOD
         return INSIDE
 
     def add_unread(self, name: str, place: int, why: str) -> None:

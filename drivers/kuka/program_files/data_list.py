@@ -161,9 +161,13 @@ class DataList:
         if kind == "FDAT":
             self._frame_data(name, line)
             return line.end
-        literal = self.found.read_literal(name.value, line.end)
-        if literal is None:  # NaN where a computation went wrong, or the name of a number
-            self.found.add_unread(name.full_name, name.value, NO_NUMBER)
+        is_last = not self._is_nested(name.value, line)
+        literal = self.found.read_literal(name.value, line.end, is_last=is_last)
+        if (
+            literal is None
+        ):  # NaN where a computation went wrong, the name of a number, or no bracket at its end
+            why = NO_NUMBER if not is_last else self.found.why_unread(name.value, line.end)
+            self.found.add_unread(name.full_name, name.value, why)
             close = text.find("}", name.value, line.end)
             comma = text.find(",", max(close, name.value), line.end) if close >= 0 else -1
             return line.end if comma < 0 else comma + 1
