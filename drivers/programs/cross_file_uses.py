@@ -51,7 +51,10 @@ class BatchDeclarations:
         self._local = LocalFrames(declarations)
         self._other_data = frozenset[str]().union(*(one.other_data for one in declarations.values()))
         for file, one in declarations.items():
-            if one.doubtful and not (one.flat and self._calls.is_standalone(file)):
+            is_standalone = one.flat and bool(one.doubtful) and self._calls.is_standalone(file)
+            if is_standalone:
+                self._doubtful |= one.made_alone
+            elif one.doubtful:
                 self._doubtful |= {
                     name: why
                     for name, why in one.doubtful.items()

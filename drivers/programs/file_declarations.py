@@ -90,6 +90,7 @@ class FileDeclarations:
     doubtful: Mapping[str, str] = field(
         default_factory=dict
     )  # tools and frames no point may be carried in, and why
+    made_alone: Mapping[str, str] = field(default_factory=dict)  # the same of a program that a person runs
     public: bool = False  # all that is declared here is seen everywhere
     tools: Poses = field(default_factory=dict)  # declared here for all
     bases: Poses = field(default_factory=dict)

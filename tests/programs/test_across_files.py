@@ -439,7 +439,7 @@ def config_file(base_x, *lines):
         ({"r1/System/$config.dat": config_file(700)}, 700),
         ({"r1/System/$config.dat": config_file(700), "r2/System/$config.dat": config_file(800)}, 700),
         ({"System/$config.dat": config_file(700), "Mada/$config.dat": config_file(800)}, None),
-        ({"$config.dat": config_file(900, "DECL E6POS XP1={X 1.0,Y")}, None),  # refused, and not believed
+        ({"$config.dat": config_file(900, "DECL E6AXIS XP1={X 1,Y 2,Z 3,A 0,B 0,C 0}")}, None),  # refused, and not believed
         ({}, None),
     ],
 )
@@ -556,6 +556,24 @@ def test_a_fanuc_position_without_frame_is_taken_in_one_only_where_no_other_prog
         assert expected in found
     else:
         assert found == expected
+
+
+@pytest.mark.parametrize(
+    ("files", "makers"),
+    [
+        ({"init.ls": fanuc_listing("INIT", "UFRAME[3]=PR[1]")}, ["INIT"]),
+        ({"init.ls": fanuc_listing("INIT", "UFRAME[R[1]]=PR[1]")}, ["INIT"]),
+        ({"init.ls": fanuc_listing("INIT", "UFRAME[4]=PR[1]")}, []),
+        ({"init.ls": fanuc_listing("INIT", "UTOOL[2]=PR[1]")}, []),
+        ({"robot2/init.ls": fanuc_listing("INIT", "UFRAME[3]=PR[1]")}, []),
+        ({"init.ls": fanuc_listing("INIT", "UFRAME[3]=PR[1]", "CALL PICK")}, []),  # its points are left
+    ],
+)
+def test_a_fanuc_frame_that_a_person_makes_by_a_program_is_noted(tmp_path, files, makers):
+    positions = read_programs(tmp_path, {"pick.ls": ALONE} | files)["pick.ls"].positions
+    made = [shift for shift in positions.shifts if shift.made_by]
+    assert [shift.made_by for shift in made] == makers
+    assert all(shift.user_frame == "3" for shift in made)
 
 
 @pytest.mark.parametrize("call", ["CALL TOOL_4", "TOOL_4", "Tool 4"])

@@ -14,8 +14,9 @@ from cellcal.drivers.fanuc.program_files.ls_frames_left import frame_left_by, to
 from cellcal.drivers.fanuc.program_files.ls_remarks import statements_of
 from cellcal.drivers.fanuc.program_files.ls_statements import MACRO_ARGUMENTS, MACRO_WORDS, NO_MACRO
 from cellcal.drivers.programs.barred import COMPUTED, LATER, SEVERAL
-from cellcal.drivers.programs.file_declarations import ExternalUses, RoutineEffects
+from cellcal.drivers.programs.file_declarations import BatchReasons, ExternalUses, RoutineEffects
 from cellcal.drivers.programs.positions import CARTESIAN, Positions
+from cellcal.drivers.programs.shifts import ProgramShift, ShiftAxes
 
 _WORDS = {
     "frame": rb"(?:UFRAME_NUM|BENUTZER_NUM|MNUFRAMENUM)",
@@ -129,6 +130,37 @@ def without_set_frames(positions: Positions, file: str, set_by_whom: Mapping[str
             if positions.kinds[row] == CARTESIAN and whys[name]:
                 barred.setdefault(row, whys[name])
     return replace(positions, barred=barred) if len(barred) > len(positions.barred) else positions
+
+
+def frames_made_alone(file: str, name: str, doubtful: Mapping[str, str]) -> dict[str, str]:
+    """Return the user frames among what `frames_set` found, as marks for programs that do not call this one."""
+    folder = PurePath(file).parent
+    numbers = (key.removeprefix(f"{folder} frame ") for key in doubtful if key.startswith(f"{folder} frame "))
+    return {f"{_alone(file)} {number} {name}": "" for number in numbers}
+
+
+def with_frames_of_people(positions: Positions, file: str, name: str, marks: BatchReasons) -> Positions:
+    """Return positions with a finding for each frame of theirs that another program makes when a person runs it."""
+    made = sorted(rest.split(" ", 1) for rest in marks.rests_behind(_alone(file)))
+    first_rows = {
+        frame: row
+        for row, frame in reversed(list(enumerate(positions.user_frames)))
+        if frame is not None and positions.kinds[row] == CARTESIAN
+    }
+    found = [
+        ProgramShift(
+            int(positions.lines[row]), f"UFRAME[{frame}]=", ShiftAxes.USER_FRAME,
+            point=f"UFRAME[{frame}]", user_frame=frame, made_by=maker,
+        )
+        for number, maker in made
+        for frame, row in first_rows.items()
+        if number in (frame, _UNKNOWN) and maker != name
+    ]  # fmt: skip
+    return replace(positions, shifts=(*positions.shifts, *found)) if found else positions
+
+
+def _alone(file: str) -> str:
+    return f"{PurePath(file).parent} alone"
 
 
 def _register_key(file: str, which: str, number: str) -> str:

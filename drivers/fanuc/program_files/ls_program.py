@@ -24,10 +24,12 @@ from cellcal.drivers.fanuc.program_files.ls_batch import (
 from cellcal.drivers.fanuc.program_files.ls_edit import edit_listing
 from cellcal.drivers.fanuc.program_files.ls_fixed import ListingBody
 from cellcal.drivers.fanuc.program_files.ls_frames import (
+    frames_made_alone,
     frames_set,
     routine_effects_of,
     rows_without_frames,
     with_chosen_frames,
+    with_frames_of_people,
     without_set_frames,
 )
 from cellcal.drivers.fanuc.program_files.ls_motions import bar_standing_tools, with_motions
@@ -87,6 +89,7 @@ class LsProgram:
             found = self._with_chosen(found)
         doubtful = frames_set(self.file, self.name, self._place.data)
         if self.external_uses is not None and self.external_uses.doubtful:
+            found = with_frames_of_people(found, self.file, self.name.upper(), self.external_uses.doubtful)
             doubtful = {**self.external_uses.doubtful, **doubtful}
         return without_set_frames(found, self.file, doubtful) if doubtful else found
 
@@ -172,7 +175,10 @@ def declarations_of(file: str, data: bytes) -> FileDeclarations:
     found = _PROGRAM.search(data)
     name = found[1].decode("cp437").upper() if found else ""
     routines, doubtful = {name: routine_effects_of(data)}, frames_set(file, name, data)
-    return FileDeclarations(PurePath(file).stem, routines=routines, doubtful=doubtful, flat=True)
+    alone = frames_made_alone(file, name, doubtful)
+    return FileDeclarations(
+        PurePath(file).stem, routines=routines, doubtful=doubtful, made_alone=alone, flat=True
+    )
 
 
 def read_listings(files: Sequence[tuple[str, bytes]]) -> list[LsProgram | ProgramFileError]:
