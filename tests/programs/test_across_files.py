@@ -439,7 +439,10 @@ def config_file(base_x, *lines):
         ({"r1/System/$config.dat": config_file(700)}, 700),
         ({"r1/System/$config.dat": config_file(700), "r2/System/$config.dat": config_file(800)}, 700),
         ({"System/$config.dat": config_file(700), "Mada/$config.dat": config_file(800)}, None),
-        ({"$config.dat": config_file(900, "DECL E6AXIS XP1={X 1,Y 2,Z 3,A 0,B 0,C 0}")}, None),  # refused, and not believed
+        (
+            {"$config.dat": config_file(900, "DECL E6AXIS XP1={X 1,Y 2,Z 3,A 0,B 0,C 0}")},
+            None,
+        ),  # refused, and not believed
         ({}, None),
     ],
 )

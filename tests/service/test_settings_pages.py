@@ -90,7 +90,7 @@ async def test_nothing_begins_while_a_field_shows_what_does_not_count(page_viewe
         await expect(page.get_by_text("This is not a whole number.")).to_be_visible()
         await fill_field(page, "value-tool_number", "1")
         start, unread = page.get_by_test_id("start"), page.get_by_test_id("unread")
-        for field, typed in (("rms_limit_m", "0.5 mm"), ("rms_limit_m", "1e999"), ("min_move_m", "0.3")):
+        for field, typed in (("rms_limit_m", "0.5 kg"), ("rms_limit_m", "1e999"), ("min_move_m", "0.3")):
             await expect(unread).to_have_count(0)
             await fill_field(page, f"value-{field}", typed)
             await expect(unread).to_contain_text("Not taken over yet")

@@ -1,6 +1,7 @@
 """A robot feels for a ball through real drivers and sockets: where it was at the touch, and every way to fail."""
 
 import asyncio
+import math
 from collections.abc import AsyncIterator, Iterator
 from contextlib import asynccontextmanager
 from dataclasses import replace
@@ -148,7 +149,9 @@ async def test_one_scene_after_the_other_each_fault_is_reported_and_the_arm_stan
         await _check_cancelled_touch(made, short)
         again = await touch_surface(made.cell, "well again", short)
         tips = line.tips_m(np.array([found.joints_rad, again.joints_rad]))
-        assert np.linalg.norm(tips[0] - tips[1]) < 2e-4  # the arm's own scatter
+        # The arm's own scatter, or what each states of itself where a busy machine reads late
+        limit_m = max(2e-4, 3 * math.hypot(found.sigma_m, again.sigma_m))
+        assert np.linalg.norm(tips[0] - tips[1]) < limit_m < 3e-3
 
 
 async def _expect_failure(
