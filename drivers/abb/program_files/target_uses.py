@@ -1,11 +1,12 @@
 """Which tool and work object a target is used with: what the moves of a file say of the names it declares."""
 
 from collections import defaultdict
-from collections.abc import Mapping, Sequence, Set
+from collections.abc import Mapping, Set
 from dataclasses import dataclass, field
 
 from cellcal.calibration.message import make_message
 from cellcal.drivers.abb.program_files.collected_positions import RapidPositions
+from cellcal.drivers.abb.program_files.declared_targets import DeclaredTargets
 from cellcal.drivers.abb.program_files.frame_facts import BARRED_COMPUTED, AgreedUse, FrameFacts, ToolAndFrame
 from cellcal.drivers.abb.program_files.measured_places import is_measured
 from cellcal.drivers.programs.barred import MOVED_BY_UNIT, ONLY_SEEN_THERE, SEEN_FROM_FLANGE
@@ -19,12 +20,10 @@ _MOST_USES = 64  # of one target that are told apart
 
 
 @dataclass
-class TargetUses:
-    """Declared targets by scope, and the moves that name them."""
+class TargetUses(DeclaredTargets):
+    """The moves that name declared targets: with which tool and work object each target is used."""
 
-    scope: str = "/"  # module/routine
     facts: FrameFacts = field(default_factory=FrameFacts)
-    shown: dict[str, bool] = field(default_factory=dict)  # targets of modules, and whether others see them
     copied: set[tuple[str, str, str]] = field(default_factory=set)  # scope, name, and to what
     returned: set[tuple[str, str, str]] = field(
         default_factory=set
@@ -32,16 +31,10 @@ class TargetUses:
     passed: dict[tuple[str, str], set[tuple[str, str]]] = field(
         default_factory=lambda: defaultdict(set)
     )  # by where it is declared, and its name: the parameters that get it
-    parameters: set[tuple[str, str]] = field(default_factory=set)  # scope, name: each call gives its own
     local_frames: set[str] = field(default_factory=set)  # tools and work objects that other files do not see
-    local_keys: dict[int, str] = field(default_factory=dict)  # rows of routines' own targets
     external_uses: dict[str, set[MoveFrames]] = field(
         default_factory=dict
     )  # uses of what is not declared here
-    rows: dict[tuple[str, str], list[int]] = field(default_factory=lambda: defaultdict(list))  # (scope, name)
-    known_here: dict[ToolAndFrame, ToolAndFrame] = field(
-        default_factory=dict
-    )  # as written, and what it means in this scope
     used: dict[tuple[str, str], set[ToolAndFrame]] = field(
         default_factory=lambda: defaultdict(set)
     )  # by scope and name
@@ -68,78 +61,10 @@ class TargetUses:
     calls_of_other_files: list[RoutineCall] = field(
         default_factory=list
     )  # of routines that other files declare
-    of_modules: dict[str, list[int]] = field(
-        default_factory=lambda: defaultdict(list)
-    )  # seen from all routines
-
-    def enter_module(self, name: str) -> None:
-        """Begin a module."""
-        self._enter_scope(f"{name.lower()}/")
-
-    def enter_routine(self, name: str) -> None:
-        """Begin a routine, or leave one with an empty name."""
-        self._enter_scope(f"{self.scope.partition('/')[0]}/{name.lower()}")
-
-    def _enter_scope(self, scope: str) -> None:
-        self.scope = scope
-        self.known_here.clear()
 
     def spell_name(self, name: str) -> str:
         """Return a name as it was first written."""
         return self.spelling.setdefault(name.lower(), name)
-
-    def declare_parameter(self, name: str) -> None:
-        """Note a routine's parameter, which hides a target, a tool or a work object of its name."""
-        self.parameters.add((self.scope, name.lower()))
-        self.known_here.clear()
-        self.declare_without_row(name)
-
-    def declare_without_row(self, name: str) -> None:
-        """Note a target whose coordinates are not in the file."""
-        self.rows.setdefault((self.scope, name.partition("{")[0].lower()), [])
-
-    def declare_target(self, name: str, row: int, *, local: bool = False) -> None:
-        """Note a declared target; an element stands for its array, too."""
-        name = name.lower()
-        bare = name.partition("{")[0]
-        self._note_key(row, self.scope, name)
-        self.rows[self.scope, name].append(row)
-        if bare != name:
-            self.rows[self.scope, bare].append(row)
-        if self.scope.endswith("/"):
-            self.shown[bare] = self.shown.get(bare, False) or not local
-            if not local:
-                self.of_modules[bare].append(row)
-
-    def assign(self, name: str, row: int) -> bool:
-        """Note a value that is assigned to a declared target; all moves to the name go to it, too.
-
-        False where the declaration is not in this file: who else goes there is unknown.
-        """
-        where, bare = self._declared_at(name, self.scope)
-        if where in ("?", ""):
-            return False
-        self._note_key(row, where, name.lower())
-        for key in {(where, bare), (where, name.lower())}:
-            self.rows[key].append(row)
-        return True
-
-    def _note_key(self, row: int, scope: str, name: str) -> None:
-        if not scope.endswith("/"):
-            self.local_keys[row] = f"{scope}:{name}"
-
-    def key_for_other_files(self, name: str, scope: str) -> str:
-        """Return a name as other files' routines get it; "" for a place without numbers."""
-        if (scope, name.partition("{")[0].lower()) in self.parameters:
-            return PARAMETER + name.partition("{")[0].lower()
-        if is_measured(name):
-            return OWN + name
-        where, bare = self._declared_at(name, scope)
-        if where in ("", "?") or (where.endswith("/") and self.shown.get(bare, True)):
-            return name
-        if not self.rows_of(name, scope):
-            return ""
-        return OWN + (name.lower() if where.endswith("/") else f"{where}:{name.lower()}")
 
     def seen_by_other_files(self, tool: str | None, frame: str | None) -> ParameterUse:
         """Return a use for other files, which do not see all tools and work objects of this one."""
@@ -156,38 +81,12 @@ class TargetUses:
         """Note what a target inside a move is used with."""
         self.of_row[row].append(self._spell_use(tool, frame))
 
-    def rows_of(self, name: str, scope: str) -> list[int]:
-        """Return the rows that a name means in a scope: the routine's own, the module's, another module's."""
-        module = scope.partition("/")[0]
-        for where in (scope, f"{module}/"):
-            rows = self.rows.get((where, name.lower()))
-            if rows is not None:
-                return rows
-        bare = name.partition("{")[0].lower()
-        if bare != name.lower():
-            return self.rows_of(bare, scope)
-        return self.of_modules.get(bare, [])
-
-    def _declared_at(self, name: str, scope: str) -> tuple[str, str]:
-        """Return where the declaration stands that a scope sees, and the name; ``?`` for none in this file."""
-        bare = name.partition("{")[0].lower()
-        module = f"{scope.partition('/')[0]}/"
-        if is_measured(bare):
-            return module, bare
-        for where in (scope, module):
-            if (where, bare) in self.rows:
-                return where, bare
-        return ("" if bare in self.of_modules else "?"), bare
-
-    def _is_own(self, name: str, scope: str) -> bool:
-        return self._declared_at(name, scope)[0] != "?"
-
     def resolve_uses(self, found: RapidPositions) -> None:
         """Give every row the tool and work object that all its uses agree on."""
         of_rows: dict[tuple[int, ...], set[ToolAndFrame]] = defaultdict(set)
         for (scope, name), what_all in self.used.items():
             rows = self.rows_of(name, scope)
-            if not rows and not self._is_own(name, scope):
+            if not rows and not self.is_own(name, scope):
                 self._note_external_use(name, what_all)
             of_rows[tuple(rows)] |= what_all
         for rows_of_all, what_all in of_rows.items():
@@ -211,10 +110,10 @@ class TargetUses:
         made = self.copied | self.returned
         copies = self._copies_made()
         for scope, name in sorted({each[:2] for each in made}):
-            its = _reachable_copies(copies, self._declared_at(name, scope))
+            its = _reachable_copies(copies, self.declared_at(name, scope))
             uses = {use for copy in its for use in of_copies.get(copy, ())}
             some = sorted(uses, key=str)[:_MOST_USES]
-            if some and name.lower() in self.external_uses and not self._is_own(name, scope):
+            if some and name.lower() in self.external_uses and not self.is_own(name, scope):
                 self._note_external_use(name, set(some))
             for row in self.rows_of(name, scope) if some else ():
                 if row in self.of_row:
@@ -224,7 +123,7 @@ class TargetUses:
         """Return the uses by where a place is declared, and its name."""
         found: dict[tuple[str, str], set[ToolAndFrame]] = defaultdict(set)
         for (scope, name), what_all in self.used.items():
-            found[self._declared_at(name, scope)] |= what_all
+            found[self.declared_at(name, scope)] |= what_all
         return found
 
     def _copies_made(self) -> dict[tuple[str, str], set[tuple[str, str]]]:
@@ -232,7 +131,7 @@ class TargetUses:
         copies: dict[tuple[str, str], set[tuple[str, str]]] = defaultdict(set)
         copies |= {key: set(some) for key, some in self.passed.items()}
         for scope, name, to in self.copied | self.returned:
-            copies[self._declared_at(name, scope)].add(self._declared_at(to, scope))
+            copies[self.declared_at(name, scope)].add(self.declared_at(to, scope))
         return copies
 
     def frames_of_measured(self) -> dict[tuple[str, str], set[str | None]]:
@@ -252,7 +151,7 @@ class TargetUses:
                 copies[parameter].add(passed)
         found = {}
         for scope, name in measured:
-            place = self._declared_at(name, scope)
+            place = self.declared_at(name, scope)
             its = {place} | _reachable_copies(copies, place)
             found[scope, name] = {frame for one in its for _, frame in uses.get(one, ())}
         return found
@@ -270,11 +169,11 @@ class TargetUses:
         """Return the targets, by their names for other files, that were copied into a name or an element of it."""
         if not self.sources:
             for where, source, to in self.copied:
-                self.sources[self._declared_at(to, where)].add((where, source))
-        waiting, found = [self._declared_at(name, scope)], set[tuple[str, str]]()
+                self.sources[self.declared_at(to, where)].add((where, source))
+        waiting, found = [self.declared_at(name, scope)], set[tuple[str, str]]()
         while waiting:
             more = self.sources.get(waiting.pop(), set()) - found
-            waiting += [self._declared_at(source, where) for where, source in more]
+            waiting += [self.declared_at(source, where) for where, source in more]
             found |= more
         keys = {self.key_for_other_files(source, where) for where, source in found}
         return sorted(keys - {""})
@@ -291,7 +190,7 @@ class TargetUses:
     def _bar_copied_targets(self, found: RapidPositions) -> None:
         """Leave targets that no move goes to but by a copy."""
         for scope, name, _ in self.copied:
-            if not self._is_own(name, scope):
+            if not self.is_own(name, scope):
                 self.external_uses.setdefault(name.lower(), set()).add(MoveFrames(None, None, COPIED))
             for row in self.rows_of(name, scope):
                 if row not in self.of_row and found.kinds[row] == CARTESIAN:
@@ -303,7 +202,7 @@ class TargetUses:
 
     def note_external_value(self, name: str, scope: str, why: str) -> None:
         """Note that a place which no declaration of this file means gets a value, or a component of it."""
-        if not self._is_own(name, scope):
+        if not self.is_own(name, scope):
             self.external_uses.setdefault(name.lower(), set()).add(MoveFrames(None, None, why))
 
     def _settle_row(self, found: RapidPositions, row: int, settled: AgreedUse) -> None:
@@ -360,17 +259,13 @@ class TargetUses:
 
     def uses_of_open_place(self, name: str, scope: str) -> set[ToolAndFrame]:
         """Return how the moves of a file go to a place that it declares without numbers; nothing for any other."""
-        place = self._declared_at(name, scope)
+        place = self.declared_at(name, scope)
         if place[0] in ("", "?") or self.rows_of(name, scope):
             return set()
         if not self.of_open_places:
             for (where, target), some in self.used.items():
-                self.of_open_places[self._declared_at(target, where)] |= some
+                self.of_open_places[self.declared_at(target, where)] |= some
         return self.of_open_places.get(place, set()) | self.of_parameters.get(place, set())
-
-    def parameters_of(self, scope: str) -> Set[str]:
-        """Return the names of a routine's parameters, in small letters."""
-        return {name for where, name in self.parameters if where == scope}
 
     def add_uses(self, scope: str, name: str, uses: set[ToolAndFrame]) -> bool:
         """Note more uses of a name; tell whether there are new ones."""
@@ -381,25 +276,16 @@ class TargetUses:
 
     def note_passed(self, scope: str, name: str, parameter: tuple[str, str]) -> None:
         """Note that a routine's parameter, by scope and name, gets what stands in a name."""
-        self.passed[self._declared_at(name, scope)].add(parameter)
-
-    def add_rows(self, scope: str, name: str, rows: Sequence[int]) -> bool:
-        """Note more targets that a name stands for; tell whether there are new ones."""
-        its = self.rows[scope, name]
-        new = [row for row in dict.fromkeys(rows) if row not in set(its)]
-        its += new
-        return bool(new)
+        self.passed[self.declared_at(name, scope)].add(parameter)
 
     def note_copied_parameters(self) -> None:
         """Note how moves of this file go to copies of parameters, and to copies of those."""
         copies: dict[tuple[str, str], set[tuple[str, str]]] = defaultdict(set)
         for scope, name, to in self.copied:
-            copies[self._declared_at(name, scope)].add(self._declared_at(to, scope))
+            copies[self.declared_at(name, scope)].add(self.declared_at(to, scope))
         if not self.parameters & copies.keys():
             return
-        uses: dict[tuple[str, str], set[ToolAndFrame]] = defaultdict(set)
-        for (scope, name), some in self.used.items():
-            uses[self._declared_at(name, scope)] |= some
+        uses = self._uses_of_places()
         for parameter in self.parameters & copies.keys():
             found = _reachable_copies(copies, parameter)
             of_copies = (sorted(uses.get(copy, ()), key=str) for copy in sorted(found))
