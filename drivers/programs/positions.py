@@ -36,7 +36,9 @@ class Positions:
     groups: NDArray[np.int64]  # (N,) motion group, 1 where the maker has none
     frame_tip: Array  # (N, 4, 4) the tool tip in the user frame [m]
     joints: Array  # (N, n) with n the most joints that a position of this file holds
-    external: Array  # (N, k) external axes [rad or m], NaN where there is none
+    external: (
+        Array  # (N, k) external axes [rad or m], NaN for none, inf where one is no number: its row is barred
+    )
     user_frames: tuple[
         str | None, ...
     ]  # as the file names it ("1", "wobj_left"); None: the file does not say

@@ -152,7 +152,8 @@ def check_positions(positions: Positions) -> None:
     assert np.isnan(positions.frame_tip[~finite]).all()
     assert np.isfinite(positions.joints[kinds == JOINTS]).any(axis=1).all()
     assert not np.isinf(positions.joints).any()
-    assert not np.isinf(positions.external).any()
+    unread_axes = np.isinf(positions.external).any(axis=1)
+    assert set(np.flatnonzero(unread_axes).tolist()) <= positions.barred.keys(), "axes that are no number"
     assert (positions.resolution_m > 0).all()
     assert (positions.resolution_rad > 0).all()
     rotation = positions.frame_tip[finite, :3, :3]

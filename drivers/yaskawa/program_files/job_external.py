@@ -40,8 +40,6 @@ def external_columns(jobs: list[YaskawaJob], rows: list[JobRow]) -> tuple[Array,
         columns += [ExternalColumn(f"{letter}{k + 1}", unit) for k in range(width)]
         table = np.full((len(rows), width), np.nan)
         for row, other in its.items():
-            if other.broken:  # which leaves its point
-                continue
             numbers = [float(text) for text in other.text.split(",")]
             table[row, : len(numbers)] = np.array(numbers) * ROW_UNITS.get(other.state.mode, 1.0)
         values.append(table)
