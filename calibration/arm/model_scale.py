@@ -12,6 +12,7 @@ import numpy as np
 from cellcal.calibration.arm.robot_model import RobotModel
 from cellcal.calibration.errors import CalibrationError
 from cellcal.calibration.geometry import Array
+from cellcal.calibration.message import make_message
 
 _LONGEST_M = 50.0  # from the first joint to the flange
 _SHORTEST_M = 0.02
@@ -27,14 +28,23 @@ _EQUAL = 1e-3
 
 @dataclass(frozen=True, slots=True)
 class FileUnits:
-    """The units that a file's format states, for the cures."""
+    """The units that a file's format states, as cures."""
 
-    lengths: str
-    angles: str
+    write_lengths: str
+    write_turns: str  # limits of joints that turn
+    write_slides: str  # limits of joints that slide
 
 
-DESCRIPTION_UNITS = FileUnits(lengths="metres", angles="radians")
-MODEL_FILE_UNITS = FileUnits(lengths="millimetres", angles="degrees")
+DESCRIPTION_UNITS = FileUnits(
+    write_lengths="Write lengths and places in metres.",
+    write_turns="Write the limits of joints that turn in radians.",
+    write_slides="Write the limits of a joint that slides in metres.",
+)
+MODEL_FILE_UNITS = FileUnits(
+    write_lengths="Write lengths and places in millimetres.",
+    write_turns="Write the limits of joints that turn in degrees.",
+    write_slides="Write the limits of a joint that slides in millimetres.",
+)
 
 
 def refuse_wrong_units(model: RobotModel, units: FileUnits) -> None:
@@ -47,16 +57,22 @@ def refuse_wrong_units(model: RobotModel, units: FileUnits) -> None:
     """
     lengths = np.linalg.norm(model.placements[:, :3, 3], axis=1)
     arm_m = float(lengths[1:].sum())
-    write_lengths = f"Write lengths and places in {units.lengths}."
     if arm_m > _LONGEST_M or lengths[0] > _FARTHEST_M:
         raise CalibrationError(
-            f"the arm is {arm_m:g} m long and its first joint {lengths[0]:g} m from its base: its lengths are in "
-            "another unit.",
-            remedy=write_lengths,
+            make_message(
+                "the arm is {arm_m:g} m long and its first joint {place:g} m from its base: its lengths are in "
+                "another unit.",
+                arm_m=arm_m,
+                place=float(lengths[0]),
+            ),
+            remedy=units.write_lengths,
         )
     if model.axis_count >= _FEWEST_JOINTS and model.sliding is None and arm_m < _SHORTEST_M:
         raise CalibrationError(
-            f"the arm is {1e3 * arm_m:g} mm long: its lengths are in another unit.", remedy=write_lengths
+            make_message(
+                "the arm is {arm_mm:g} mm long: its lengths are in another unit.", arm_mm=1000.0 * arm_m
+            ),
+            remedy=units.write_lengths,
         )
     _refuse_travel(model, arm_m, units)
     _refuse_turns(model, units)
@@ -73,7 +89,12 @@ def refuse_radians(name: str, key: str, values_deg: Array) -> None:
     for right in _RIGHT_ANGLES:
         if (np.abs(np.abs(values_deg) - right) < _EQUAL).any():
             raise CalibrationError(
-                f"robot model {name}: {key} holds {right:.4f}, a right or straight angle in radians.",
+                make_message(
+                    "robot model {name}: {key} holds {right:.4f}, a right or straight angle in radians.",
+                    name=name,
+                    key=key,
+                    right=right,
+                ),
                 remedy="Write angles in degrees.",
             )
 
@@ -87,22 +108,32 @@ def _refuse_travel(model: RobotModel, arm_m: float, units: FileUnits) -> None:
     for name, travel, slides in zip(model.joint_names, travels, model.sliding, strict=True):
         if slides and travel > most_m:
             raise CalibrationError(
-                f"joint {name!r} slides to {travel:g} m, and the arm is {arm_m:.3g} m long.",
-                remedy=f"Write the limits of a joint that slides in {units.lengths}.",
+                make_message(
+                    "joint {name!r} slides to {travel:g} m, and the arm is {arm_m:.3g} m long.",
+                    name=name,
+                    travel=float(travel),
+                    arm_m=arm_m,
+                ),
+                remedy=units.write_slides,
             )
 
 
 def _refuse_turns(model: RobotModel, units: FileUnits) -> None:
     turning = np.ones(model.axis_count, dtype=bool) if model.sliding is None else ~model.sliding
     most = np.maximum(np.abs(model.lower_rad), np.abs(model.upper_rad))[turning]
-    write_limits = f"Write the limits of joints that turn in {units.angles}."
     if len(most) > 1 and 2 * (most > _MANY_TURNS_RAD).sum() >= len(most):
         raise CalibrationError(
-            f"joints turn to {most.max():g} rad, half of them beyond four turns: their limits are in another unit.",
-            remedy=write_limits,
+            make_message(
+                "joints turn to {most:g} rad, half of them beyond four turns: their limits are in another unit.",
+                most=float(most.max()),
+            ),
+            remedy=units.write_turns,
         )
     if len(most) >= _FEWEST_JOINTS and most.max() < _LITTLE_RAD:
         raise CalibrationError(
-            f"no joint turns further than {math.degrees(most.max()):.3g} deg: their limits are in another unit.",
-            remedy=write_limits,
+            make_message(
+                "no joint turns further than {most_deg:.3g} deg: their limits are in another unit.",
+                most_deg=math.degrees(most.max()),
+            ),
+            remedy=units.write_turns,
         )

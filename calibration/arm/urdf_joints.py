@@ -46,8 +46,10 @@ def link_of(joint: ET.Element, side: str) -> str:
     link = None if element is None else element.get("link")
     if not link:
         raise CalibrationError(
-            f"joint {joint.get('name')!r} of the description names no {side} link.",
-            remedy=f'Write <{side} link="..."/> into it.',
+            make_message(
+                "joint {joint!r} of the description names no {side} link.", joint=joint.get("name"), side=side
+            ),
+            remedy=make_message('Write <{side} link="..."/> into it.', side=side),
         )
     return link
 
@@ -68,20 +70,28 @@ def _origin_rotation(joint: ET.Element, element: ET.Element) -> Array:
         rpy = _numbers(joint, "origin rpy", element.get("rpy", "0 0 0"))
         if np.abs(rpy).max() > _MOST_RPY_RAD:
             raise CalibrationError(
-                f"origin rpy of joint {joint.get('name')!r} turns by {np.abs(rpy).max():g} rad, more than one turn.",
+                make_message(
+                    "origin rpy of joint {joint!r} turns by {turn:g} rad, more than one turn.",
+                    joint=joint.get("name"),
+                    turn=float(np.abs(rpy).max()),
+                ),
                 remedy="Write it in radians, not in degrees.",
             )
         return rotation_from("ros_rpy", rpy)
     if "rpy" in element.attrib:
         raise CalibrationError(
-            f"the origin of joint {joint.get('name')!r} states rpy and quat_xyzw.",
+            make_message("the origin of joint {joint!r} states rpy and quat_xyzw.", joint=joint.get("name")),
             remedy="Leave one of them out.",
         )
     values = _numbers(joint, "origin quat_xyzw", quaternion, 4)
     length = float(np.linalg.norm(values))
     if abs(length - 1.0) > _NEARLY_UNIT:
         raise CalibrationError(
-            f"origin quat_xyzw of joint {joint.get('name')!r} is {length:g} long, not of length one.",
+            make_message(
+                "origin quat_xyzw of joint {joint!r} is {length:g} long, not of length one.",
+                joint=joint.get("name"),
+                length=length,
+            ),
             remedy="Write x y z w of a unit quaternion.",
         )
     return rotation_from("ros_quaternion", values / length)
@@ -94,7 +104,11 @@ def axis_turn(joint: ET.Element) -> Array:
     length = float(np.linalg.norm(axis))
     if abs(length - 1.0) > _NEARLY_UNIT:
         raise CalibrationError(
-            f"the axis of joint {joint.get('name')!r} is {length:g} long, not a unit vector.",
+            make_message(
+                "the axis of joint {joint!r} is {length:g} long, not a unit vector.",
+                joint=joint.get("name"),
+                length=length,
+            ),
             remedy="Write its direction with a length of one, such as 0 0 1.",
         )
     axis = axis / length
@@ -117,13 +131,15 @@ def refuse_unusual(joint: ET.Element) -> None:
         _refuse_unknown_words(joint, part)
     if joint.find("mimic") is not None:
         raise CalibrationError(
-            f"joint {name!r} on the way mimics another joint: the arm is no plain chain.",
+            make_message(
+                "joint {name!r} on the way mimics another joint: the arm is no plain chain.", name=name
+            ),
             remedy="Describe the equivalent chain with joints that move by themselves, coupled in a model file "
             "(calibration/arm/robot_models/README.md shows one whose wrist stays level).",
         )
     if kind not in (*_MOVING, "fixed"):
         raise CalibrationError(
-            f"joint {name!r} on the way is of type {kind!r}.",
+            make_message("joint {name!r} on the way is of type {kind!r}.", name=name, kind=kind),
             remedy="A chain has joints that are revolute, continuous, prismatic or fixed.",
         )
 
@@ -132,7 +148,12 @@ def _refuse_doubled(joint: ET.Element) -> None:
     for tag, count in Counter(str(part.tag) for part in joint).items():
         if tag in _PARTS and count > 1:
             raise CalibrationError(
-                f"joint {joint.get('name')!r} has {count} elements called {tag}.",
+                make_message(
+                    "joint {joint!r} has {count} elements called {tag}.",
+                    joint=joint.get("name"),
+                    count=count,
+                    tag=tag,
+                ),
                 remedy="Leave the one that is right.",
             )
         if tag not in _PARTS and tag not in _OTHER_PARTS:
@@ -144,8 +165,13 @@ def _refuse_unknown_words(joint: ET.Element, part: ET.Element) -> None:
     for word in part.attrib:
         if allowed_words and word not in allowed_words:
             raise CalibrationError(
-                f"{part.tag} of joint {joint.get('name')!r} states {word!r}, which a description does not have.",
-                remedy=f"Write {' or '.join(allowed_words)}, or take it out.",
+                make_message(
+                    "{part} of joint {joint!r} states {word!r}, which a description does not have.",
+                    part=str(part.tag),
+                    joint=joint.get("name"),
+                    word=word,
+                ),
+                remedy=make_message("Write {allowed}, or take it out.", allowed=" or ".join(allowed_words)),
             )
         if part.tag == "limit" and word not in _LIMITS:
             _refuse_nearly(joint, word, ("lower", "upper"))
@@ -164,13 +190,18 @@ def limits_of(joint: ET.Element) -> tuple[float, float, float]:
     lower, upper = (float(_numbers(joint, side, stated.get(side, "0"), 1)[0]) for side in ("lower", "upper"))
     if lower == upper:
         raise CalibrationError(
-            f"joint {name!r} has no range: its limits are missing or alike.",
+            make_message("joint {name!r} has no range: its limits are missing or alike.", name=name),
             remedy="Write lower and upper into its limit"
             + (" in metres." if slides else " in radians, or make it continuous."),
         )
     if lower > upper:
         raise CalibrationError(
-            f"the limits of joint {name!r} are reversed: lower {lower:g} is above upper {upper:g}.",
+            make_message(
+                "the limits of joint {name!r} are reversed: lower {lower:g} is above upper {upper:g}.",
+                name=name,
+                lower=lower,
+                upper=upper,
+            ),
             remedy="Exchange lower and upper.",
         )
     _refuse_range(joint, lower, upper)
@@ -182,11 +213,12 @@ def _refuse_range(joint: ET.Element, lower: float, upper: float) -> None:
     if joint.get("type") == PRISMATIC:
         if most > _LONGEST_M:
             raise CalibrationError(
-                f"prismatic joint {name!r} slides by {most:g} m.", remedy="Write its limits in metres."
+                make_message("prismatic joint {name!r} slides by {most:g} m.", name=name, most=most),
+                remedy="Write its limits in metres.",
             )
     elif most > _MOST_TURN_RAD:
         raise CalibrationError(
-            f"joint {name!r} is revolute and turns to {most:g} rad.",
+            make_message("joint {name!r} is revolute and turns to {most:g} rad.", name=name, most=most),
             remedy="Write its limits in radians; if it turns without end, its type is continuous; if it slides, its "
             "type is prismatic and its limits are metres.",
         )
@@ -198,14 +230,27 @@ def _numbers(joint: ET.Element, what: str, text: str, count: int = 3) -> Array:
     except ValueError:
         values = np.array([np.nan])
     if values.shape != (count,) or not np.isfinite(values).all():
-        expectation = "a finite number" if count == 1 else f"{count} finite numbers"
         cure = (
             "Expand the xacro first: xacro FILE.xacro > arm.urdf, and read arm.urdf."
             if "$" in text
             else "Correct it: blanks between numbers, a point before decimals."
         )
         raise CalibrationError(
-            f"{what} of joint {joint.get('name')!r} is {text!r}, not {expectation}.", remedy=cure
+            make_message(
+                "{what} of joint {joint!r} is {text!r}, not a finite number.",
+                what=what,
+                joint=joint.get("name"),
+                text=text,
+            )
+            if count == 1
+            else make_message(
+                "{what} of joint {joint!r} is {text!r}, not {count} finite numbers.",
+                what=what,
+                joint=joint.get("name"),
+                text=text,
+                count=count,
+            ),
+            remedy=cure,
         )
     return values
 
@@ -215,6 +260,10 @@ def _refuse_nearly(joint: ET.Element, word: str, allowed_words: tuple[str, ...])
     near = get_close_matches(word.lower(), allowed_words, n=1, cutoff=_NEAR)
     if near:
         raise CalibrationError(
-            f"joint {joint.get('name')!r} states {word!r}, which a description does not have.",
+            make_message(
+                "joint {joint!r} states {word!r}, which a description does not have.",
+                joint=joint.get("name"),
+                word=word,
+            ),
             remedy=make_message("Did you mean {near}?", near=near[0]),
         )

@@ -59,7 +59,11 @@ def read_urdf(
     moving = [joint for joint in path if joint.get("type") != "fixed"]
     if not moving:
         raise CalibrationError(
-            f"no joint moves between the links {base!r} and {tip!r} of the description.",
+            make_message(
+                "no joint moves between the links {base!r} and {tip!r} of the description.",
+                base=base,
+                tip=tip,
+            ),
             remedy="Name the robot's base and its flange.",
         )
     turns = [axis_turn(joint) for joint in moving]
@@ -114,12 +118,12 @@ def parse_description(text: str) -> ET.Element:
         if "<xacro:" in text:
             raise _xacro_error() from broken  # without its namespace it is no XML either
         raise CalibrationError(
-            f"not a robot description: {broken.message}",
+            make_message("not a robot description: {cause}", cause=broken.message),
             remedy="Write the description again from its source.",
         ) from broken
     if root.tag != "robot":
         raise CalibrationError(
-            f"not a robot description: the root element is {root.tag!r}, not 'robot'.",
+            make_message("not a robot description: the root element is {tag!r}, not 'robot'.", tag=root.tag),
             remedy=_root_remedy(root.tag),
         )
     if any("xacro" in str(element.tag) for element in root.iter()) or _names_are_computed(root):
@@ -171,17 +175,30 @@ class _Tree:
             for link in (parent, child):
                 if link not in links:
                     raise CalibrationError(
-                        f"joint {joint.get('name')!r} names the link {link!r}, which the description does not have.",
+                        make_message(
+                            "joint {joint!r} names the link {link!r}, which the description does not have.",
+                            joint=joint.get("name"),
+                            link=link,
+                        ),
                         remedy="Correct the name, or add the link.",
                     )
             if parent == child:
                 raise CalibrationError(
-                    f"joint {joint.get('name')!r} hangs on itself: its parent and its child are {child!r}.",
+                    make_message(
+                        "joint {joint!r} hangs on itself: its parent and its child are {child!r}.",
+                        joint=joint.get("name"),
+                        child=child,
+                    ),
                     remedy="Correct its <parent> or its <child>.",
                 )
             if child in above:
                 raise CalibrationError(
-                    f"link {child!r} hangs on two joints, {above[child].get('name')!r} and {joint.get('name')!r}.",
+                    make_message(
+                        "link {child!r} hangs on two joints, {first!r} and {joint!r}.",
+                        child=child,
+                        first=above[child].get("name"),
+                        joint=joint.get("name"),
+                    ),
                     remedy="A description is a tree: leave one of them out.",
                 )
             above[child] = joint
@@ -201,7 +218,11 @@ class _Tree:
         roots = [link for link in self.links if link not in self.above]
         if len(roots) != 1:
             raise CalibrationError(
-                f"the description has {len(roots)} links that hang on nothing: {_named(roots)}.",
+                make_message(
+                    "the description has {count} links that hang on nothing: {links}.",
+                    count=len(roots),
+                    links=_named(roots),
+                ),
                 remedy="Name the robot's base: ?base=LINK.",
             )
         return roots[0]
@@ -213,8 +234,10 @@ class _Tree:
         ends = [link for link in self.links if link not in carrying]
         if len(ends) != 1:
             raise CalibrationError(
-                f"the description ends in {len(ends)} links, and none is named as the flange.",
-                remedy=f"Name it: ?tip=LINK, one of {_named(ends)}.",
+                make_message(
+                    "the description ends in {count} links, and none is named as the flange.", count=len(ends)
+                ),
+                remedy=make_message("Name it: ?tip=LINK, one of {links}.", links=_named(ends)),
             )
         return ends[0]
 
@@ -234,10 +257,10 @@ class _Tree:
 
     def _not_between(self, base: str, tip: str, path: list[ET.Element]) -> CalibrationError:
         """Return why no chain leads from the base to the tip; ``path`` leads to the tip from where it ends."""
-        why = f"link {tip!r} does not hang on link {base!r}."
+        why = make_message("link {tip!r} does not hang on link {base!r}.", tip=tip, base=base)
         if len(path) > len(self.above):
             return CalibrationError(
-                f"the joints above link {tip!r} form a ring.",
+                make_message("the joints above link {tip!r} form a ring.", tip=tip),
                 remedy="Let the base of the robot hang on nothing.",
             )
         above: list[str] = []
@@ -246,11 +269,15 @@ class _Tree:
             link = link_of(joint, "parent")
             above.append(link)
         if tip in above:
-            return CalibrationError(why, remedy=f"Exchange them: ?base={tip}&tip={base}.")
+            return CalibrationError(
+                why, remedy=make_message("Exchange them: ?base={tip}&tip={base}.", tip=tip, base=base)
+            )
         there = [link_of(joint, "parent") for joint in path]
         return CalibrationError(
             why,
-            remedy=f"Name a base on the way from the root to the tip: {_named(there)}."
+            remedy=make_message(
+                "Name a base on the way from the root to the tip: {links}.", links=_named(there)
+            )
             if there
             else "Name the tip that hangs on the base; this link hangs on nothing.",
         )
@@ -264,17 +291,31 @@ class _Tree:
             if near
             else make_message("It has {names}.", names=_named(self.links))
         )
-        raise CalibrationError(f"the description has no link {link!r} for the {what}.", remedy=there)
+        raise CalibrationError(
+            make_message("the description has no link {link!r} for the base.", link=link)
+            if what == "base"
+            else make_message("the description has no link {link!r} for the tip.", link=link),
+            remedy=there,
+        )
 
 
 def _refuse_twice(what: str, names: Iterable[str]) -> None:
     counted = Counter(names)
     if "" in counted:
-        raise CalibrationError(f"a {what} of the description has no name.", remedy="Give it one.")
+        raise CalibrationError(
+            "a link of the description has no name."
+            if what == "link"
+            else "a joint of the description has no name.",
+            remedy="Give it one.",
+        )
     for name, count in counted.items():
         if count > 1:
             raise CalibrationError(
-                f"{count} {what}s of the description are called {name!r}.",
+                make_message("{count} links of the description are called {name!r}.", count=count, name=name)
+                if what == "link"
+                else make_message(
+                    "{count} joints of the description are called {name!r}.", count=count, name=name
+                ),
                 remedy="Give each a name of its own.",
             )
 
