@@ -5,6 +5,7 @@ from collections.abc import Callable, Mapping, Sequence
 from functools import cache
 from pathlib import PurePath
 
+from cellcal.calibration.message import make_message
 from cellcal.drivers.programs.brands import ProgramBrand
 from cellcal.drivers.programs.errors import ProgramFileError
 from cellcal.drivers.programs.positions import PositionChange, ProgramFile
@@ -201,5 +202,7 @@ def _unknown_program_error(name: str, data: bytes) -> ProgramFileError:
         return ProgramFileError(name, why, remedy=remedy)
     suffixes_text = ", ".join(sorted({suffix for suffixes in SUFFIXES.values() for suffix in suffixes}))
     return ProgramFileError(
-        name, "this is not a robot program that can be read.", remedy=f"There are {suffixes_text}."
+        name,
+        "this is not a robot program that can be read.",
+        remedy=make_message("There are {names}.", names=suffixes_text),
     )

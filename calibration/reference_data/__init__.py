@@ -5,6 +5,7 @@ from typing import Any
 
 from cellcal.calibration.documents.json_text import parse_json
 from cellcal.calibration.errors import CalibrationError
+from cellcal.calibration.message import make_message
 
 
 def reference_names() -> tuple[str, ...]:
@@ -17,7 +18,8 @@ def load_reference(name: str) -> dict[str, Any]:
     """Return a data set: title, solver, tolerance, given, and answers as decimal strings."""
     if name not in reference_names():
         raise CalibrationError(
-            f"there is no reference data set {name}.", remedy=f"There are {', '.join(reference_names())}."
+            f"there is no reference data set {name}.",
+            remedy=make_message("There are {names}.", names=", ".join(reference_names())),
         )
     text = files(__name__).joinpath(f"{name}.json").read_text(encoding="utf-8")
     document: dict[str, Any] = parse_json(text)

@@ -133,7 +133,7 @@ def _attitude_columns(options: AtOptions) -> tuple[str, ...]:
     if options.convention not in CONVENTIONS:
         raise MeasurementError(
             make_message("no orientation is called {name!r}.", name=options.convention),
-            remedy=f"There are {', '.join(CONVENTIONS)}.",
+            remedy=make_message("There are {names}.", names=", ".join(CONVENTIONS)),
         )
     fields = CONVENTIONS[options.convention].fields
     return fields if len(fields) == len(_QUATERNION) else tuple(f"{field}_deg" for field in fields)

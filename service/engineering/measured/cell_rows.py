@@ -76,7 +76,8 @@ def read_cell(path: Path, layout: CellLayoutFile, robot: str) -> CellMeasurement
     parts = [part for reading in layout.readings for part in file.read_parts(reading, models)]
     if not parts:
         raise MeasurementError(
-            f"{path}: no reading of the layout fills a row.", remedy="Check columns and where."
+            make_message("{path}: no reading of the layout fills a row.", path=path),
+            remedy="Check columns and where.",
         )
     tools = {
         tool.name: CellTool(tool.name, tool.words.get("robot", robots[0].name), tool.place)
@@ -165,8 +166,13 @@ def _device_placements(
         device = entries[name].words.get("moved", name) if name in entries else name
         if device in entries and "moved" in entries[device].words:
             raise MeasurementError(
-                f"{path}: device {name!r} is moved from {device!r}, which was moved itself.",
-                remedy=f"Write moved = {entries[device].words['moved']!r}.",
+                make_message(
+                    "{path}: device {name!r} is moved from {device!r}, which was moved itself.",
+                    path=path,
+                    name=name,
+                    device=device,
+                ),
+                remedy=make_message("Write moved = {device!r}.", device=entries[device].words["moved"]),
             )
         found.setdefault(device, []).append(name)
     return {device: tuple(names) for device, names in found.items()}
@@ -185,7 +191,9 @@ def _find_place(name: str, entry: LayoutItem | None, parts: list["_SeriesPart"])
     if place is not None and turning and not entry.turned:
         if np.isfinite(place.sigma[:3]).any():
             raise MeasurementError(
-                f"device {name!r}: what it reads depends on its attitude, which is missing.",
+                make_message(
+                    "device {name!r}: what it reads depends on its attitude, which is missing.", name=name
+                ),
                 remedy="Write quaternion = [w, x, y, z] beside place_mm, or leave known_to_mm out.",
             )
         place = None
@@ -224,7 +232,9 @@ class _CellTable:
             robot, device, target = label
             if robot not in models:
                 raise MeasurementError(
-                    f"{self._path}: robot {robot!r} is not in the layout.",
+                    make_message(
+                        "{path}: robot {robot!r} is not in the layout.", path=self._path, robot=robot
+                    ),
                     remedy="Write a [[robot]] with its model.",
                 )
             mine = rows[[other == label for other in labels]]
@@ -289,7 +299,12 @@ class _CellTable:
         zeros = [column.zero_deg for column in parse_columns(self._table.names, names)]
         if len(names) != model.axis_count:
             raise MeasurementError(
-                f"the layout names {len(names)} joint columns, {model.label} has {model.axis_count} joints.",
+                make_message(
+                    "the layout names {count} joint columns, {robot} has {axes} joints.",
+                    count=len(names),
+                    robot=model.label,
+                    axes=model.axis_count,
+                ),
                 remedy="Name one column a joint, in the order of the chain.",
             )
         of_kind = {True: "slides", False: "joints"}
@@ -321,7 +336,7 @@ class _CellTable:
         for name in names:
             if name not in self._table.names:
                 raise MeasurementError(
-                    f"{self._path} has no column {name!r}.",
+                    make_message("{path} has no column {name!r}.", path=self._path, name=name),
                     remedy=make_message("It has {names}.", names=", ".join(self._table.names)),
                 )
 
@@ -360,7 +375,13 @@ class _CellTable:
         turns = self._read_columns(reading.rotation)[rows]
         if turns.shape[1] != len(convention.fields):
             raise MeasurementError(
-                f"{self._path}: {self._layout.convention} has {len(convention.fields)} numbers, not {turns.shape[1]}."
+                make_message(
+                    "{path}: {convention} has {numbers} numbers, not {found}.",
+                    path=self._path,
+                    convention=self._layout.convention,
+                    numbers=len(convention.fields),
+                    found=turns.shape[1],
+                )
             )
         if len(convention.fields) == 3:
             self._refuse_other_unit(reading.rotation, self._layout.units["rotation"])

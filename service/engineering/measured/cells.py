@@ -105,15 +105,23 @@ def read_cell_layout(path: Path) -> CellLayoutFile:
         if unit not in _UNITS.get(meaning, ()):
             valid_units = "; ".join(f"{key} in {', '.join(names)}" for key, names in _UNITS.items())
             raise MeasurementError(
-                f"{path}: {meaning} cannot be in {unit!r}.",
+                make_message(
+                    "{path}: {meaning} cannot be in {unit!r}.", path=path, meaning=meaning, unit=unit
+                ),
                 remedy=make_message("Units: {valid_units}.", valid_units=valid_units),
             )
     if not columns.get("joints"):
-        raise MeasurementError(f"{path} names no joints.", remedy='Write `[columns]`, `joints = ["q1", …]`.')
+        raise MeasurementError(
+            make_message("{path} names no joints.", path=path),
+            remedy='Write `[columns]`, `joints = ["q1", …]`.',
+        )
     convention = str(data.get("convention", ""))
     if convention and convention not in CONVENTIONS:
         raise MeasurementError(
-            f"{path}: no orientation is called {convention!r}.", remedy=f"There are {', '.join(CONVENTIONS)}."
+            make_message(
+                "{path}: no orientation is called {convention!r}.", path=path, convention=convention
+            ),
+            remedy=make_message("There are {names}.", names=", ".join(CONVENTIONS)),
         )
     tables = {
         key: [_LayoutTable(path, key, entry) for entry in _table_list(path, data, key)] for key in _KEYS
@@ -138,7 +146,7 @@ def _joint_coupling(path: Path, data: Mapping[str, Any]) -> str:
     word = data.get("joint_coupling", "")
     if word not in ("", "controller", "geometric"):
         raise MeasurementError(
-            f"{path}: joints cannot be {word!r}.",
+            make_message("{path}: joints cannot be {word!r}.", path=path, word=word),
             remedy="joint_coupling is controller (as on the pendant) or geometric.",
         )
     return str(word)
@@ -169,21 +177,23 @@ class _LayoutTable:
         """Return a text."""
         value = self.data.get(key, "")
         if not isinstance(value, str) or (needed and not value):
-            raise self.make_error(f"{key} is no text", f'Write {key} = "…".')
+            raise self.make_error(
+                make_message("{key} is no text", key=key), make_message('Write {key} = "…".', key=key)
+            )
         return value
 
     def text_values(self, key: str) -> tuple[str, ...]:
         """Return a list of texts."""
         value = self.data.get(key, [])
         if not isinstance(value, list) or not all(isinstance(word, str) for word in value):
-            raise self.make_error(f"{key} is no list of column names")
+            raise self.make_error(make_message("{key} is no list of column names", key=key))
         return tuple(value)
 
     def read_number(self, key: str, otherwise: float) -> float:
         """Return a finite number."""
         value = self.data.get(key, otherwise)
         if isinstance(value, bool) or not isinstance(value, int | float):
-            raise self.make_error(f"{key} is no number")
+            raise self.make_error(make_message("{key} is no number", key=key))
         if key in self.data and not np.isfinite(value):
             raise self.make_error(make_message("{text} is not finite", text=key))
         return float(value)
@@ -192,7 +202,7 @@ class _LayoutTable:
         """Return a number of zero or more."""
         value = self.read_number(key, otherwise)
         if value < 0:
-            raise self.make_error(f"{key} is below zero")
+            raise self.make_error(make_message("{key} is below zero", key=key))
         return value
 
     def read_vector(self, key: str, size: int) -> Array | None:
@@ -204,14 +214,17 @@ class _LayoutTable:
             isinstance(v, int | float) and not isinstance(v, bool) for v in value
         )
         if not numbers or len(value) != size or not np.isfinite(value).all():
-            raise self.make_error(f"{key} is no list of {size} numbers")
+            raise self.make_error(make_message("{key} is no list of {size} numbers", key=key, size=size))
         return np.array(value, dtype=float)
 
 
 def _table_list(path: Path, data: Mapping[str, Any], key: str) -> Sequence[Mapping[str, Any]]:
     found = data.get(key, [])
     if not isinstance(found, list) or not all(isinstance(entry, dict) for entry in found):
-        raise MeasurementError(f"{path}: {key} is no list of tables.", remedy=f"Write `[[{key}]]`.")
+        raise MeasurementError(
+            make_message("{path}: {key} is no list of tables.", path=path, key=key),
+            remedy=make_message("Write `[[{key}]]`.", key=key),
+        )
     for entry in found:
         refuse_unknown(path, entry, _KEYS[key])
     return found
@@ -222,7 +235,10 @@ def _read_reading(entry: _LayoutTable, columns: Mapping[str, Any], convention: s
     _refuse_unfit(entry, kind, convention)
     for key in ("device", "target"):
         if not entry.text_value(key) and key not in columns:
-            raise entry.make_error(f"it names no {key}", f'Write {key} = "…", or name the column that does.')
+            raise entry.make_error(
+                make_message("it names no {key}", key=key),
+                make_message('Write {key} = "…", or name the column that does.', key=key),
+            )
     where = entry.data.get("where", {})
     if not isinstance(where, dict) or not all(isinstance(v, str | int | float) for v in where.values()):
         raise entry.make_error("where is no table of column = entry")
@@ -249,11 +265,18 @@ def _read_reading(entry: _LayoutTable, columns: Mapping[str, Any], convention: s
 def _refuse_unfit(entry: _LayoutTable, kind: str, convention: str) -> None:
     """Refuse a reading that lacks what its kind needs."""
     if kind not in KINDS:
-        raise entry.make_error(f"there is no kind {kind!r}", f"Kinds are {', '.join(KINDS)}.")
+        raise entry.make_error(
+            make_message("there is no kind {kind!r}", kind=kind),
+            make_message("Kinds are {names}.", names=", ".join(KINDS)),
+        )
     count, nominal = len(entry.text_values("columns")), "nominal_mm" in entry.data
     wants = {KINDS[kind]} | ({0} if nominal else set()) | ({1} if kind == "plane" else set())
     if count not in wants:
-        raise entry.make_error(f"a {kind} has {KINDS[kind]} columns, not {count}")
+        raise entry.make_error(
+            make_message(
+                "a {kind} has {columns} columns, not {count}", kind=kind, columns=KINDS[kind], count=count
+            )
+        )
     needed = {
         "pose": (
             bool(entry.text_values("rotation")) and bool(convention),
@@ -264,7 +287,7 @@ def _refuse_unfit(entry: _LayoutTable, kind: str, convention: str) -> None:
     }
     there, what = needed.get(kind, (True, ""))
     if not there:
-        raise entry.make_error(f"a {kind} needs {what}")
+        raise entry.make_error(make_message("a {kind} needs {what}", kind=kind, what=what))
 
 
 def _read_item(entry: _LayoutTable, shape: str, words: tuple[str, ...]) -> LayoutItem:
@@ -296,7 +319,8 @@ def _read_device(entry: _LayoutTable) -> LayoutItem:
     words = {"moved": entry.text_value("moved", needed=True)} if "moved" in entry.data else {}
     if words and scalars:
         raise entry.make_error(
-            f"its numbers are those of {words['moved']!r}", f"Write {', '.join(_NUMBERS[::2])} there only."
+            make_message("its numbers are those of {device!r}", device=words["moved"]),
+            make_message("Write {keys} there only.", keys=", ".join(_NUMBERS[::2])),
         )
     return LayoutItem(
         entry.text_value("name", needed=True),

@@ -31,7 +31,9 @@ def layout_data(path: Path) -> dict[str, Any]:
     try:
         return parse_toml(read_plain_text(path))
     except (OSError, DocumentError) as broken:
-        raise MeasurementError(f"{path} is no TOML: {broken}.", remedy=_EXAMPLE) from broken
+        raise MeasurementError(
+            make_message("{path} is no TOML: {broken}.", path=path, broken=broken), remedy=_EXAMPLE
+        ) from broken
 
 
 def read_layout(path: Path) -> ReadOptions:
@@ -117,7 +119,7 @@ def refuse_unknown(path: Path, found: Mapping[str, Any], valid_keys: tuple[str, 
     unknown = [key for key in found if key not in valid_keys]
     if unknown:
         raise MeasurementError(
-            f"{path}: a layout knows no {unknown[0]!r}.",
+            make_message("{path}: a layout knows no {key!r}.", path=path, key=unknown[0]),
             remedy=make_message("It knows {meanings}.", meanings=", ".join(valid_keys)),
         )
 
@@ -125,18 +127,23 @@ def refuse_unknown(path: Path, found: Mapping[str, Any], valid_keys: tuple[str, 
 def _read_table(path: Path, data: Mapping[str, Any], key: str) -> Mapping[str, Any]:
     table = data.get(key, {})
     if not isinstance(table, dict):
-        raise MeasurementError(f"{path}: {key} is no table.", remedy=_EXAMPLE)
+        raise MeasurementError(
+            make_message("{path}: {key} is no table.", path=path, key=key), remedy=_EXAMPLE
+        )
     return table
 
 
 def _read_word(path: Path, key: str, value: object) -> str:
     if not isinstance(value, str):
-        raise MeasurementError(f"{path}: {key} is no text.", remedy=_EXAMPLE)
+        raise MeasurementError(make_message("{path}: {key} is no text.", path=path, key=key), remedy=_EXAMPLE)
     return value
 
 
 def _read_names(path: Path, key: str, value: object) -> tuple[str, ...]:
     names = [value] if isinstance(value, str) else value
     if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
-        raise MeasurementError(f"{path}: columns of {key} are no list of names.", remedy=_EXAMPLE)
+        raise MeasurementError(
+            make_message("{path}: columns of {key} are no list of names.", path=path, key=key),
+            remedy=_EXAMPLE,
+        )
     return tuple(names)
