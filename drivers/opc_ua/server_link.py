@@ -165,6 +165,9 @@ class ServerLink:
         """Await a request; turn what the library raises into a DeviceError."""
         try:
             return await request()
+        except asyncio.CancelledError as cancelled:
+            # The library has a kind of its own where an answer came meanwhile, which no deadline takes as its end
+            raise asyncio.CancelledError from cancelled
         except TimeoutError:
             is_half = self.is_half()
             self.drop()

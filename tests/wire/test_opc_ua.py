@@ -9,6 +9,8 @@ from asyncua import Client, ua
 
 from cellcal.drivers.errors import DeviceError, MotionStoppedError, RefusedError, WireProtocolError
 from cellcal.drivers.interfaces import Readiness
+from cellcal.drivers.opc_ua.server_access import ServerAccess
+from cellcal.drivers.opc_ua.server_link import ServerLink
 from tests.machine_speed import stretched_s
 from tests.wire.opc_ua_server import (
     POSITION,
@@ -76,6 +78,23 @@ async def test_stop_waits_for_standstill_and_says_so_where_there_is_none() -> No
         assert isinstance(failure, MotionStoppedError)
         assert "emergency stop" in failure.remedy
         assert fake.true_state()["moving"]
+
+
+class AnsweredMeanwhileError(asyncio.CancelledError):
+    """As the library raises where an answer comes in the moment of a cancellation."""
+
+
+async def test_an_answer_in_the_moment_of_a_deadline_is_a_missed_deadline() -> None:
+    async def answer_late() -> None:
+        try:
+            await asyncio.Event().wait()
+        except asyncio.CancelledError as cancelled:
+            raise AnsweredMeanwhileError from cancelled
+
+    link = ServerLink("robot", "opc.tcp://127.0.0.1:4840", ServerAccess(), deadline_s=1.0)
+    with pytest.raises(TimeoutError):
+        async with asyncio.timeout(0.0):
+            await link._ask_server(answer_late, "joints")
 
 
 @pytest.mark.parametrize(
