@@ -40,18 +40,11 @@ def remove_left_behind(folder: Path, *, deep: bool = True, least_age_s: float = 
             return
 
 
-def remove_drafts_once(folder: Path) -> None:
-    """Remove from the folder of a cell's data what killed processes left there, once in the life of this process."""
-    if (folder, True) not in _tidied:
-        _tidied.add((folder, True))
-        remove_left_behind(folder, least_age_s=_SURELY_LEFT_S)
-
-
-def tidy_beside(folder: Path) -> None:
-    """Remove what killed processes left directly in a folder that is written to, once in the life of this process."""
-    if (folder, False) not in _tidied:
-        _tidied.add((folder, False))
-        remove_left_behind(folder, deep=False, least_age_s=_SURELY_LEFT_S)
+def remove_drafts_once(folder: Path, *, deep: bool = True) -> None:
+    """Remove once in the life of this process what killed ones left in a folder, and below it where ``deep``."""
+    if (folder, deep) not in _tidied:
+        _tidied.add((folder, deep))
+        remove_left_behind(folder, deep=deep, least_age_s=_SURELY_LEFT_S)
 
 
 def _is_left_behind(place: str, name: str, least_age_s: float) -> bool:

@@ -9,7 +9,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from cellcal.calibration.message import make_message
-from cellcal.service.draft_files import draft_beside, tidy_beside
+from cellcal.service.draft_files import draft_beside, remove_drafts_once
 
 PRIVATE_FILE, PRIVATE_FOLDER, SHARED_FILE = 0o600, 0o700, 0o644
 
@@ -44,7 +44,7 @@ def create_file(path: Path, content: bytes, *, mode: int = PRIVATE_FILE) -> None
 @contextmanager
 def _written_draft(path: Path, content: bytes, mode: int) -> Iterator[Path]:
     """Give a whole file beside ``path``, which is gone afterwards; after a kill the next start removes it."""
-    tidy_beside(path.parent)
+    remove_drafts_once(path.parent, deep=False)
     draft = Path(draft_beside(path))
     descriptor = os.open(draft, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, PRIVATE_FILE)
     try:

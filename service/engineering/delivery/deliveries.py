@@ -110,23 +110,22 @@ def hold_controller(copies: Path, address: str) -> Iterator[None]:
     host = host_of(address)
     # A digest, since a path may be longer than the name of a file.
     name = hashlib.sha256(host.encode(errors="replace")).hexdigest()[:32]
-    lease = acquire_lease(copies, name, "a delivery")
-    try:
-        lease.__enter__()
-    except LeaseHeldError as error:
-        raise DeliveryRefusedError(
-            make_message("{host}: another delivery or restoring of its programs goes on now.", host=host),
-            remedy="Wait until that one has ended, then begin again.",
-        ) from error
-    except OSError as error:
-        raise DeliveryRefusedError(
-            make_message("{copies} cannot be used: {reason}.", copies=copies, reason=error.strerror or error),
-            remedy="Give another folder with --copies.",
-        ) from error
-    try:  # what the body raises is none of these: a device that takes too long raises an OSError, too
+    with ExitStack() as lease:
+        try:  # around the lease alone: a device that takes too long raises an OSError in the body, too
+            lease.enter_context(acquire_lease(copies, name, "a delivery"))
+        except LeaseHeldError as error:
+            raise DeliveryRefusedError(
+                make_message("{host}: another delivery or restoring of its programs goes on now.", host=host),
+                remedy="Wait until that one has ended, then begin again.",
+            ) from error
+        except OSError as error:
+            raise DeliveryRefusedError(
+                make_message(
+                    "{copies} cannot be used: {reason}.", copies=copies, reason=error.strerror or error
+                ),
+                remedy="Give another folder with --copies.",
+            ) from error
         yield
-    finally:
-        lease.__exit__(None, None, None)
 
 
 async def deliver_programs(
