@@ -1,6 +1,5 @@
 """What the shell gets to know. The list is part of the product's promise: scripts depend on it."""
 
-import asyncio
 import errno
 from collections.abc import Iterable
 from enum import IntEnum
@@ -63,6 +62,8 @@ _BY_CODE = {
 
 def exit_code_of(error: BaseException) -> ExitCode:
     """Return the exit code that belongs to an error."""
+    import asyncio  # noqa: PLC0415 - a command that ends well may not need it
+
     if isinstance(error, KeyboardInterrupt | asyncio.CancelledError):
         return ExitCode.CANCELLED
     if isinstance(error, CalibrationError) and error.code not in _BY_CODE:

@@ -11,7 +11,6 @@ import sys
 import tempfile
 import traceback
 from collections.abc import Callable
-from importlib.metadata import version as installed_version
 from pathlib import Path
 
 from cellcal.calibration.errors import CellError
@@ -79,10 +78,12 @@ def describe_unexpected(error: BaseException) -> tuple[str, str]:
 def write_report(error: BaseException) -> Path | None:
     """Write the trace of an error to a new file in the folder for temporary files; None where that fails."""
     try:
+        from importlib.metadata import version  # noqa: PLC0415 - a command that ends well does not need it
+
         trace = "".join(traceback.format_exception(error))
         descriptor, name = tempfile.mkstemp(prefix="cellcal-report-", suffix=".txt")  # mode 0600
         with os.fdopen(descriptor, "w", encoding="utf-8", errors="backslashreplace") as file:
-            file.write(f"cellcal {installed_version('cellcal')}, Python {sys.version}\n{trace}")
+            file.write(f"cellcal {version('cellcal')}, Python {sys.version}\n{trace}")
     except (OSError, RecursionError, MemoryError):
         return None
     return Path(name)

@@ -1,12 +1,10 @@
 """The command line: one file a group of commands; heavy imports inside the commands."""
 
-import asyncio
 import os
 import select
 import sys
 from collections.abc import Sequence
 from contextlib import suppress
-from importlib.metadata import version as installed_version
 
 from cyclopts import App, CycloptsError, Parameter
 from rich.console import Console
@@ -14,29 +12,6 @@ from rich.text import Text
 
 from cellcal.calibration.errors import CellError
 from cellcal.calibration.message import without_controls
-from cellcal.service.cli.alignments import alignments
-from cellcal.service.cli.backup import backup, restore
-from cellcal.service.cli.bench import bench
-from cellcal.service.cli.cells import check, fakes
-from cellcal.service.cli.certificate import certificate, verify
-from cellcal.service.cli.demo import demo
-from cellcal.service.cli.export import export
-from cellcal.service.cli.identify import identify
-from cellcal.service.cli.mastering import mastering
-from cellcal.service.cli.models import models
-from cellcal.service.cli.monitor import monitor
-from cellcal.service.cli.parameters import parameters
-from cellcal.service.cli.people import people
-from cellcal.service.cli.poses import poses
-from cellcal.service.cli.procedure_preview import procedures
-from cellcal.service.cli.program import program
-from cellcal.service.cli.runs import resume, run, runs, show
-from cellcal.service.cli.serve import serve
-from cellcal.service.cli.simulate_cell import simulate_cell
-from cellcal.service.cli.site import site
-from cellcal.service.cli.ur_model import ur_model
-from cellcal.service.cli.watch import watch
-from cellcal.service.cli.webhooks import webhooks
 from cellcal.service.exit_codes import ExitCode, exit_code_of
 from cellcal.service.unexpected_errors import (
     describe_unexpected,
@@ -45,48 +20,57 @@ from cellcal.service.unexpected_errors import (
     log_in_lines,
 )
 
+
+def _read_version() -> str:
+    from importlib.metadata import version
+
+    return version("cellcal")
+
+
 app = App(
     default_parameter=Parameter(negative_iterable=()),  # an option left out is empty already
     name="cellcal",
     help="Bring a robot cell's zero positions, tool, frames and kinematics back to the truth.",
-    version=installed_version("cellcal"),
+    version=_read_version,
     version_flags=["--version"],
+    version_format="plaintext",  # the reader of Markdown takes a tenth of a second
     help_format="markdown",
     result_action="return_value",
     suppress_keyboard_interrupt=False,  # what is interrupted is said by us, with our exit code
 )
-for command in (
-    demo,
-    fakes,
-    check,
-    watch,
-    serve,
-    people,
-    site,
-    monitor,
-    webhooks,
-    procedures,
-    run,
-    runs,
-    show,
-    resume,
-    certificate,
-    verify,
-    backup,
-    restore,
-    export,
-    mastering,
-    alignments,
-    simulate_cell,
-    identify,
-    models,
-    ur_model,
-    poses,
-    parameters,
-    program,
-    bench,
+# Each command is imported when it is called.
+for module, command in (
+    ("demo", "demo"),
+    ("cells", "fakes"),
+    ("cells", "check"),
+    ("watch", "watch"),
+    ("serve", "serve"),
+    ("people", "people"),
+    ("site", "site"),
+    ("monitor", "monitor"),
+    ("webhooks", "webhooks"),
+    ("procedure_preview", "procedures"),
+    ("runs", "run"),
+    ("runs", "runs"),
+    ("runs", "show"),
+    ("runs", "resume"),
+    ("certificate", "certificate"),
+    ("certificate", "verify"),
+    ("backup", "backup"),
+    ("backup", "restore"),
+    ("export", "export"),
+    ("mastering", "mastering"),
+    ("alignments", "alignments"),
+    ("simulate_cell", "simulate_cell"),
+    ("identify", "identify"),
+    ("models", "models"),
+    ("ur_model", "ur_model"),
+    ("poses", "poses"),
+    ("parameters", "parameters"),
+    ("program", "program"),
+    ("bench", "bench"),
 ):
-    app.command(command)
+    app.command(f"cellcal.service.cli.{module}:{command}", name=command.replace("_", "-"))
 app.register_install_completion_command()
 
 
@@ -98,7 +82,7 @@ def run_command_line(arguments: Sequence[str]) -> int:
     log_in_lines()
     console = Console(stderr=True, emoji=False)
     try:
-        result = app(list(arguments), exit_on_error=False, print_error=True, error_console=console)
+        result = call_command(list(arguments), console)
     except CycloptsError:
         return ExitCode.USAGE
     except BrokenPipeError as error:
@@ -113,6 +97,13 @@ def run_command_line(arguments: Sequence[str]) -> int:
             console, *_leaf_errors(error), of_a_run=list(arguments)[:1] in (["run"], ["resume"])
         )
     return int(result) if isinstance(result, int) else ExitCode.PASS
+
+
+def call_command(arguments: list[str], console: Console) -> object:
+    """Call the command that the arguments name and return what it returns."""
+    if not arguments or arguments[0] in app.help_flags:
+        app.resolved_commands()  # the list of commands shows the sentence of each
+    return app(arguments, exit_on_error=False, print_error=True, error_console=console)
 
 
 def _lacks_reader() -> bool:
@@ -144,7 +135,7 @@ def _print_errors(console: Console, *errors: BaseException, of_a_run: bool) -> i
             _print_refusal(console, error.message, error.remedy)
         elif isinstance(error, OSError) and is_about_the_system(error):
             _print_refusal(console, *explain_os_error(error))
-        elif isinstance(error, KeyboardInterrupt | asyncio.CancelledError):
+        elif exit_code_of(error) is ExitCode.CANCELLED:
             more = "; `cellcal resume last --cell CELL` goes on with it" if of_a_run else ""
             console.print(f"Cancelled. All that was stored is kept{more}.")
         else:

@@ -32,7 +32,7 @@ def test_a_command_that_breaks_says_one_sentence_and_writes_a_report(
     error: Exception, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
-    monkeypatch.setattr(command_line, "app", lambda *_, **__: _raise_error(error))
+    monkeypatch.setattr(command_line, "call_command", lambda *_, **__: _raise_error(error))
     assert run_command_line(["models"]) == ExitCode.INTERNAL == 70
     captured = capsys.readouterr()
     assert captured.out == ""
@@ -140,7 +140,7 @@ def test_an_argument_that_is_no_text_is_refused(
     def encode_argument() -> None:
         "\udced".encode()
 
-    monkeypatch.setattr(command_line, "app", lambda *_, **__: encode_argument())
+    monkeypatch.setattr(command_line, "call_command", lambda *_, **__: encode_argument())
     assert run_command_line(["show", "\udced"]) == ExitCode.USAGE
     assert "not text in UTF-8" in capsys.readouterr().err
     assert run_command_line(["show", "last"]) == ExitCode.INTERNAL
@@ -156,7 +156,7 @@ def test_only_our_own_reader_that_left_ends_quietly_and_never_as_a_pass(
     program = (
         "import sys; from cellcal.service.cli import app\n"
         "def broken(*_, **__): raise BrokenPipeError(32, 'Broken pipe')\n"
-        "app.app = broken; sys.exit(app.run_command_line([]))"
+        "app.call_command = broken; sys.exit(app.run_command_line([]))"
     )
     ended = subprocess.run(
         [sys.executable, "-c", program], stdout=writing, stderr=subprocess.DEVNULL, check=False,
