@@ -1,5 +1,6 @@
 """A Denavit-Hartenberg table: one row a joint."""
 
+import math
 from dataclasses import dataclass
 from typing import Self
 
@@ -57,6 +58,25 @@ class DhTable:
             [zero, zero, zero, one],
         ]
         return np.ascontiguousarray(np.array(rows).transpose(2, 0, 1))
+
+
+def row_matrix(row: Array) -> Array:
+    """Return ``Rot(z, theta) Trans(z, d) Trans(x, a) Rot(x, alpha) Rot(y, beta)`` (4, 4) of one row.
+
+    ``row`` holds theta, d, a, alpha and, if it has five numbers, beta [rad, m].
+    """
+    theta, d, a, alpha = map(float, row[:4])
+    beta = float(row[4]) if len(row) > 4 else 0.0
+    c, s, ca, sa = math.cos(theta), math.sin(theta), math.cos(alpha), math.sin(alpha)
+    cb, sb = math.cos(beta), math.sin(beta)
+    return np.array(
+        [
+            [c * cb - s * sa * sb, -s * ca, c * sb + s * sa * cb, c * a],
+            [s * cb + c * sa * sb, c * ca, s * sb - c * sa * cb, s * a],
+            [-ca * sb, sa, ca * cb, d],
+            [0.0, 0.0, 0.0, 1.0],
+        ]
+    )
 
 
 def read_only(array: Array) -> Array:

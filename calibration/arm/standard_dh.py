@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from cellcal.calibration.arm.dh_table import row_matrix
 from cellcal.calibration.arm.kinematics import DhTable, RobotModel
 from cellcal.calibration.errors import CalibrationError
 from cellcal.calibration.geometry import Array, homogeneous_matrix, inverse_transform
@@ -98,7 +99,7 @@ def _standard_table(model: RobotModel, nominal: RobotModel, hayati: frozenset[in
                 rows[i] = _row_from_plane(step, expected[i])
             else:
                 rows[i, :4] = _common_normal(step, expected[i])
-            carried = inverse_transform(_row_matrix(rows[i])) @ step
+            carried = inverse_transform(row_matrix(rows[i])) @ step
             carried[:3, :2], carried[:2, 3] = (
                 _turn_about_z(math.atan2(carried[1, 0], carried[0, 0]))[:3, :2],
                 0.0,
@@ -106,7 +107,7 @@ def _standard_table(model: RobotModel, nominal: RobotModel, hayati: frozenset[in
             carried[:3, 2] = (0.0, 0.0, 1.0)
         else:
             rows[i] = _last_row(step, expected[i])
-    rest = inverse_transform(_row_matrix(rows[-1])) @ step
+    rest = inverse_transform(row_matrix(rows[-1])) @ step
     rows[:, 0] = [
         t + math.remainder(v - t, 2 * math.pi) for v, t in zip(rows[:, 0], expected[:, 0], strict=True)
     ]
@@ -145,11 +146,6 @@ def _last_row(step: Array, expected: Array) -> Array:
     tilted = step[:3, :3] @ elementary_rotation("x", -expected[3])
     theta = math.atan2(tilted[1, 0] - tilted[0, 1], tilted[0, 0] + tilted[1, 1])
     return np.array([theta, step[2, 3], expected[2], expected[3], 0.0])
-
-
-def _row_matrix(row: Array) -> Array:
-    matrix: Array = _turn_about_z(float(row[0])) @ DhTable.from_rows(row[None]).to_placements()[0]
-    return matrix
 
 
 def _turn_about_z(angle: float) -> Array:

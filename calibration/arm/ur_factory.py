@@ -14,6 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from cellcal.calibration.arm.dh_table import row_matrix
 from cellcal.calibration.arm.kinematics import DhTable, RobotModel
 from cellcal.calibration.errors import CalibrationError
 from cellcal.calibration.geometry import Array, inverse_transform
@@ -165,7 +166,7 @@ def table_of_hash(table: DhTable, target_hash: str) -> DhTable | None:
 
 def _to_hayati(row: Array, *, backwards: bool) -> tuple[Array, float, float]:
     """Return the row with d = 0 and beta, and the turn and travel left for the next joint."""
-    plain = _row_matrix(row)
+    plain = row_matrix(row)
     direction, point = plain[:3, 2], plain[:3, 3]
     crossing = point - direction * (point[2] / direction[2])
     theta, a = math.atan2(crossing[1], crossing[0]), math.hypot(crossing[0], crossing[1])
@@ -174,15 +175,8 @@ def _to_hayati(row: Array, *, backwards: bool) -> tuple[Array, float, float]:
     c, s = math.cos(theta), math.sin(theta)
     x, y, z = c * direction[0] + s * direction[1], c * direction[1] - s * direction[0], direction[2]
     new = np.array([theta, 0.0, a, math.atan2(-y, z), math.asin(x)])
-    rest = inverse_transform(_row_matrix(new)) @ plain
+    rest = inverse_transform(row_matrix(new)) @ plain
     return new, math.atan2(rest[1, 0], rest[0, 0]), float(rest[2, 3])
-
-
-def _row_matrix(row: Array) -> Array:
-    c, s = math.cos(row[0]), math.sin(row[0])
-    turn = np.array([[c, -s, 0, 0], [s, c, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1.0]])
-    matrix: Array = turn @ DhTable.from_rows(row[None]).to_placements()[0]
-    return matrix
 
 
 def _wrap_angle(angle: float) -> float:

@@ -89,14 +89,15 @@ def same_postures(joints_rad: Array, tolerance_rad: float = _SAME_RAD) -> Rows:
     cells, row, cell = np.unique(
         np.round(joints_rad / tolerance_rad), axis=0, return_index=True, return_inverse=True
     )
-    order = np.argsort(row)  # of cells, by first row
-    tree, leader = scipy.spatial.cKDTree(cells), np.full(len(cells), -1, dtype=np.intp)
-    for each in order if len(cells) <= _MOST_CELLS else ():
-        if leader[each] < 0:
-            near = np.array(tree.query_ball_point(cells[each], 1.0, p=np.inf))
-            leader[near[leader[near] < 0]] = each
-    if len(cells) > _MOST_CELLS:
-        leader = np.arange(len(cells))
+    leader = np.arange(len(cells))
+    if len(cells) <= _MOST_CELLS:
+        tree = scipy.spatial.cKDTree(cells)
+        crowded = tree.query_ball_point(cells, 1.0, p=np.inf, return_length=True) > 1
+        leader[crowded] = -1
+        for each in np.argsort(row):  # cells by first row
+            if leader[each] < 0:
+                near = np.array(tree.query_ball_point(cells[each], 1.0, p=np.inf))
+                leader[near[leader[near] < 0]] = each
     return np.unique(leader[cell.reshape(-1)], return_inverse=True)[1].reshape(-1)
 
 

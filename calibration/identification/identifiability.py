@@ -1,6 +1,6 @@
 """What the measurements cannot determine, what it hides behind, and what would bring it out."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -122,11 +122,10 @@ def hiding_partners(
     while share < (_EXPLAINED if len(chosen) < _FEW_PARTNERS else _PARTNER):
         if len(chosen) == min(_MOST_PARTNERS, len(blocks)):
             break
-        shares = {
-            name: _variance_share(fit, own, [i for c in (*chosen, name) for i in blocks[c]])
-            for name in blocks
-            if name not in chosen
+        candidates = {
+            name: [i for c in (*chosen, name) for i in blocks[c]] for name in blocks if name not in chosen
         }
+        shares = _variance_shares(fit, own, candidates)
         best = max(shares, key=lambda name: shares[name])
         chosen, share = [*chosen, best], shares[best]
     return (tuple(blocks[name] for name in chosen) if share >= _PARTNER else ()), share
@@ -137,14 +136,21 @@ def acts_in_a_sum(partners: Sequence[object]) -> bool:
     return len(partners) > _FEW_PARTNERS
 
 
-def _variance_share(fit: UncertainEstimate, own: int, others: list[int]) -> float:
-    """Return the share of a parameter's variance that would vanish if the others were known."""
-    covariance = fit.covariance
-    cross, inner = covariance[own, others], covariance[np.ix_(others, others)]
-    scale = np.sqrt(np.diag(inner))
-    white = cross / scale
-    inner_variance = white @ np.linalg.pinv(inner / np.outer(scale, scale), rcond=1e-10) @ white
-    return min(float(inner_variance / covariance[own, own]), 1.0)
+def _variance_shares(
+    fit: UncertainEstimate, own: int, candidates: Mapping[str, list[int]]
+) -> dict[str, float]:
+    """Return the share of a parameter's variance that would vanish if the others were known, by candidate."""
+    shares = dict.fromkeys(candidates, 0.0)  # in the order of the candidates: of equals the first is chosen
+    for size in {len(others) for others in candidates.values()}:
+        names = [name for name, others in candidates.items() if len(others) == size]
+        others = np.array([candidates[name] for name in names])  # (c, size)
+        inner = fit.covariance[others[:, :, None], others[:, None, :]]
+        scale = np.sqrt(np.diagonal(inner, axis1=1, axis2=2))
+        white = fit.covariance[own, others] / scale
+        inverse = np.linalg.pinv(inner / (scale[:, :, None] * scale[:, None, :]), rcond=1e-10)
+        variances = np.einsum("ci,cij,cj->c", white, inverse, white)
+        shares.update(zip(names, np.minimum(variances / fit.covariance[own, own], 1.0).tolist(), strict=True))
+    return shares
 
 
 def correlated_pairs(fit: UncertainEstimate) -> tuple[CorrelatedPair, ...]:

@@ -66,7 +66,7 @@ def offset_slopes(fit: ArmFit) -> dict[str, Array]:
     if fit.state.nominal.dh is None:
         return {name: np.eye(len(free))[free.index(name)] for name in names if name in free}
     nominal = fit.state.nominal
-    slopes = _parameter_slopes(fit, lambda state: hayati_dh(state.arm_model, nominal).table.to_rows()[:, 0])
+    slopes = _parameter_slopes(fit, lambda model: hayati_dh(model, nominal).table.to_rows()[:, 0])
     return {name: slopes[:, i] for i, name in enumerate(names) if name in free}
 
 
@@ -99,10 +99,10 @@ def hayati_table(fit: ArmFit) -> HayatiTable:
     """
     nominal = fit.state.nominal
 
-    def table_of(state: ArmState) -> Array:
-        return hayati_dh(state.arm_model, nominal).table.to_rows()
+    def table_of(model: RobotModel) -> Array:
+        return hayati_dh(model, nominal).table.to_rows()
 
-    found, slopes = table_of(fit.state), _parameter_slopes(fit, table_of)
+    found, slopes = table_of(fit.state.arm_model), _parameter_slopes(fit, table_of)
     covariance = np.einsum("pab,pq,qcd->abcd", slopes, fit.covariance, slopes)
     shown = _table_entries(nominal)
     sigma = {(i, j): float(np.sqrt(max(covariance[i, j, i, j], 0.0))) for i, j in shown}
@@ -142,15 +142,16 @@ def _table_entries(nominal: RobotModel) -> list[tuple[int, int]]:
     ]
 
 
-def _parameter_slopes(fit: ArmFit, function: Callable[[ArmState], Array]) -> Array:
-    """Return derivatives (p, …) by every free parameter, by central differences."""
+def _parameter_slopes(fit: ArmFit, function: Callable[[RobotModel], Array]) -> Array:
+    """Return derivatives (p, …) of what an arm model has by every free parameter, by central differences."""
     steps = np.minimum(_SHARE * fit.layout.prior_sigmas, _LARGEST)
-    slopes = []
+    slopes = np.zeros((len(steps), *function(fit.state.arm_model).shape))
     for i, step in enumerate(steps):
         change = np.zeros(len(steps))
         change[i] = step
-        there, back = (function(fit.layout.apply_step(fit.state, sign * change)) for sign in (1.0, -1.0))
-        slopes.append((there - back) / (2 * step))
-    if not slopes:
-        return np.zeros((0, *function(fit.state).shape))
-    return np.array(slopes)
+        there, back = (fit.layout.apply_step(fit.state, sign * change) for sign in (1.0, -1.0))
+        if not np.array_equal(
+            there.geometry, back.geometry
+        ):  # places and joint terms leave the model as it is
+            slopes[i] = (function(there.arm_model) - function(back.arm_model)) / (2 * step)
+    return slopes

@@ -13,6 +13,7 @@ from cellcal.calibration.identification.observations import Rows
 from cellcal.calibration.message import make_message
 from cellcal.service.engineering.measured.headings import unit_named, unit_of
 
+_PLAIN = re.compile(r"[+-]?[0-9]+(?:\.[0-9]*)?(?:[eE][+-]?[0-9]+)?")
 _GROUP_MARKS = re.compile("[ \u00a0\u2009\u202f'\u2019]")
 _GROUPED = re.compile("^[+-]?\\d{1,3}([ \u00a0\u2009\u202f'\u2019]\\d{3})+([.,]\\d+)?$")
 _THOUSANDS = re.compile(r"^[+-]?\d{1,3}(,\d{3})+\.\d+$")  # without a point, a comma is a decimal mark
@@ -59,14 +60,16 @@ class WrittenNumber(float):
 def parse_cell(text: str, *, comma: bool) -> float | str:
     """Return the finite number in a cell, or its text; ``comma`` says that a comma is the decimal mark."""
     cleaned = text.strip().strip('"').strip()
+    if not comma and _PLAIN.fullmatch(cleaned) and math.isfinite(value := float(cleaned)):
+        return value  # most cells of most files: nothing below changes them
     if any(
         "\uff0b" <= sign <= "\uff19" for sign in cleaned
     ):  # as a Chinese or Japanese keyboard writes digits
         cleaned = unicodedata.normalize("NFKC", cleaned)
     number = cleaned.replace("\u2212", "-")
-    value = _plain_number(number, cleaned, comma=comma)
-    if value is not None:
-        return value
+    plain = _plain_number(number, cleaned, comma=comma)
+    if plain is not None:
+        return plain
     angle = _read_angle(number, cleaned)
     quantity = _read_with_unit(number, cleaned, comma=comma) if angle is None else angle
     return cleaned if quantity is None else quantity
