@@ -96,7 +96,7 @@ async def see_none_lost(cell: Cell, brought_back: tuple[int, ...]) -> AxisState:
     Raises
     ------
     RefusalError
-        An axis is lost that was not when the run began: nobody was led through bringing it back.
+        An axis is lost that was not when the run began: no step of this run led a person through bringing it back.
     NotBroughtBackError
         It still shows a lost position after several tries.
     """

@@ -22,7 +22,7 @@ def next_drift_checks(config: CellConfig, today: date | None = None) -> dict[str
     """Return the date of each robot's next drift check by the robot's name; empty where the cell file wants none.
 
     A robot that was never checked is to be checked today, and so is one whose last check is of a day to come: a clock
-    stood wrong then or stands wrong now, and nobody can tell when it was.
+    stood wrong then or stands wrong now, and no reading tells since when.
 
     Raises
     ------

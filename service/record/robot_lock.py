@@ -106,7 +106,7 @@ def state_seen(state: str, run_id: str, under_way: Collection[str]) -> str:
 
 
 def _holder_of(path: Path) -> str | None:
-    """Return who holds a lease; None where nobody does."""
+    """Return who holds a lease; None where no process does."""
     try:
         # For reading: a look must also do on a disk that is read-only.
         descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC)

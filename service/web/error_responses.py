@@ -52,7 +52,7 @@ def respond_to_error(_: Request, error: Exception) -> MessageJsonResponse:
 def _status_of(error: CellError) -> int:
     if isinstance(error, CellProcessGoneError):
         return 503
-    # as other servers log it: nobody reads this answer, and nothing was wrong with what was asked
+    # as other servers log it: no client reads this answer, and nothing was wrong with what was asked
     return 499 if isinstance(error, ClientGoneError) else 422
 
 

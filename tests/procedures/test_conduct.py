@@ -195,7 +195,7 @@ async def test_one_robot_takes_one_run_at_a_time(journal: Journal) -> None:
     assert (await run_procedure(made.cell, NAME, made.spec, journal, how=HOW)).verdict is RunVerdict.PASSED
 
 
-async def test_a_run_of_another_process_is_seen_to_go_on_and_nobody_who_looks_is_in_its_way(
+async def test_a_run_of_another_process_is_seen_to_go_on_and_no_reader_is_in_its_way(
     journal: Journal,
 ) -> None:
     made, leases, states = user_frame_scene(), journal.path.parent / "leases", []
@@ -213,7 +213,7 @@ async def test_a_run_of_another_process_is_seen_to_go_on_and_nobody_who_looks_is
         assert runs_under_way(leases) == {"run-1"}  # no run is called so
     looked = threading.Event()
     with (leases / "F-1.lock").open() as descriptor:
-        fcntl.flock(descriptor, fcntl.LOCK_SH)  # somebody looks just now
+        fcntl.flock(descriptor, fcntl.LOCK_SH)  # a reader looks just now
         threading.Timer(0.02, lambda: (fcntl.flock(descriptor, fcntl.LOCK_UN), looked.set())).start()
         with acquire_lease(leases, "F-1", "anna (run-3)"):
             assert runs_under_way(leases) == {"run-3"}

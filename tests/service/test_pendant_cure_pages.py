@@ -30,7 +30,7 @@ LOSS_IDS = ("loss", "loss-first", "stopped", "where-stands")
 
 @asynccontextmanager
 async def yaskawa_with_record(folder: Path) -> AsyncIterator[tuple[PageViewer, PendantWorker]]:
-    """Serve a simulated Yaskawa whose position record was taken, with somebody at its pendant."""
+    """Serve a simulated Yaskawa whose position record was taken, with a person at its pendant."""
     with guided_fakes(folder, "yaskawa") as (path, hands):
         async with view_service(create_app(ServiceSettings(path, open_access=True))) as viewer:
             await viewer.send_order(

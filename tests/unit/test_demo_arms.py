@@ -84,9 +84,9 @@ def test_a_wrong_description_is_refused(change, says):
         described_arm("x", table)
 
 
-def test_an_arm_that_nobody_described_is_named():
-    with pytest.raises(ValueError, match="'nobody'"):
-        model_of("robot", "nobody", {})
+def test_an_arm_without_a_description_is_named():
+    with pytest.raises(ValueError, match="'unknown'"):
+        model_of("robot", "unknown", {})
     assert model_of("robot", "ur10e", {}).gears is None
     _, drawn = played("ur10e")
     assert model_of("robot", "ur10e", {"robot": drawn}).gears is not None

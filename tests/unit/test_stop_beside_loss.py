@@ -41,7 +41,7 @@ def of_yaskawa(word_2: int, *alarms: AlarmEntry) -> Condition:
         (of_abb("MANR", "emergencystop"), "the motors are off (emergencystop)."),
         (of_abb("MANR", "emergencystopreset"), "the motors are off (emergencystopreset)."),
         (of_abb("AUTO", "guardstop"), "the motors are off (guardstop)."),
-        (of_abb("MANR", "guardstop"), None),  # the enabling device, which nobody holds
+        (of_abb("MANR", "guardstop"), None),  # the enabling device is released
         (of_abb("MANR", "motoroff"), None),
         (of_kuka(safety=False, stop=True), "the operator safety is open."),
         (of_kuka(safety=True, stop=True), "a stop message is active."),

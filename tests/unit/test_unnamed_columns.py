@@ -147,7 +147,7 @@ def test_a_position_that_no_heading_tells_is_what_fits(tmp_path: Path, place: st
     assert any("no heading tells what was measured" in each for each in found.guesses)
 
 
-def test_columns_of_a_command_are_no_position_that_nobody_named(tmp_path: Path) -> None:
+def test_columns_of_a_command_are_no_position_unless_named(tmp_path: Path) -> None:
     nominal_mm = TRUE.model.base_flange(TRUE.observations.joints_rad)[:, :3, 3] * 1e3
     heading = f"{PLAIN_JOINTS},cmd_1,cmd_2,cmd_3"
     with pytest.raises(MeasurementError, match="no measurement found"):

@@ -132,7 +132,7 @@ def condition_of(state: ControllerState) -> Condition:
 
 
 def _stop_of(state: ControllerState) -> Condition | None:
-    """Return the emergency or guard stop; in manual mode a guard stop is the enabling device that nobody holds."""
+    """Return the emergency or guard stop; in manual mode a guard stop is the enabling device when it is released."""
     guarded = state.mode == "AUTO" and state.motors == "guardstop"
     return _motors_off(state) if guarded or state.motors in _EMERGENCY_STOPS else None
 

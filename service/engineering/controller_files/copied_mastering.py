@@ -8,7 +8,8 @@ from cellcal.service.engineering.controller_files.record_from_files import Files
 from cellcal.service.engineering.controller_files.stored_records import StoredRecord, list_records
 from cellcal.service.engineering.parameters.mastering_files import RecordFileError
 
-# Counts of two arms agree by chance once in some 10**6 on one axis; zeros and small numbers are what nobody mastered.
+# Counts of two arms agree by chance once in some 10**6 on one axis; zeros and small numbers mark
+# an arm that was never mastered.
 _FEWEST_AXES = 3
 _SMALLEST_COUNT = 1000
 
