@@ -50,6 +50,7 @@ from cellcal.service.engineering.identification.identify_verdicts import (
     judge_limits,
 )
 from cellcal.service.engineering.identification.row_fit import FittedRows, IdentifyOptions, fit_rows
+from cellcal.service.engineering.measured.difference_words import sum_remedy
 from cellcal.service.engineering.measured.measurements import Measurements
 from cellcal.service.engineering.measured.table import MeasurementError
 from cellcal.service.engineering.measured.usable_rows import ELSEWHERE, OUTLIER, RejectedRow
@@ -231,7 +232,7 @@ def _refuse_judged(model: RobotModel, prepared: PreparedMeasurements, judged: "_
     refuse_gross_misfit(model, prepared.observations, judged.held_out_m, measured.targets[0])
     calculated = find_calculated_positions(judged.held_out_m, measured.value_step_m)
     layout = measured.layout
-    if calculated and layout.further and not layout.is_named:
+    if calculated and (layout.further or layout.differences) and not layout.is_named:
         raise MeasurementError(
             make_message(
                 "{columns} are calculated by a controller, not measured: a model of its own fits them to "
@@ -242,7 +243,9 @@ def _refuse_judged(model: RobotModel, prepared: PreparedMeasurements, judged: "_
             remedy=make_message(
                 "Name the columns that the device read: `--columns position={columns}`.",
                 columns=",".join(layout.further[0]),
-            ),
+            )
+            if layout.further
+            else sum_remedy(layout.differences, layout.position),
         )
     return calculated
 
