@@ -91,9 +91,16 @@ class IdentifyReport:
         """The factor from a standard deviation to 95 %: Student's, if few independent rows determine it."""
         return coverage_factor(max(self.identification.robust.degrees_of_freedom, 1.0))
 
+    @property
+    def described(self) -> ErrorSummary | None:
+        """Held-out errors of the rows that the model describes; none where no row was put aside (decision 337)."""
+        outliers = [row.row for row in self.rejected if row.kind == OUTLIER]
+        describes = ~np.isin(self.held_out_rows, outliers)
+        return None if describes.all() else ErrorSummary.from_sizes(self.held_out_m[describes])
+
     def as_document(self) -> dict[str, object]:
         """Return the object that ``--json`` prints."""
-        found = self.identification
+        found, described = self.identification, self.described
         return {
             "robot": self.robot,
             "level": self.level,
@@ -101,6 +108,7 @@ class IdentifyReport:
             "before": asdict(self.before),
             "fit": asdict(self.fit),
             "held_out": asdict(self.held_out),
+            "held_out_described": None if described is None else asdict(described),
             "check": None if self.check is None else asdict(self.check),
             "breaks": list(self.breaks),
             "rejected": [asdict(row) for row in self.rejected],
