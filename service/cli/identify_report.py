@@ -55,7 +55,7 @@ def _print_errors(console: "Console", report: "IdentifyReport") -> None:
     title = f"{shown_name(report.robot)}: {_describe_rows(report)}"
     table = PlainTable("errors (mm)", "rows", "RMSE", "mean", "95 %", "max", title=title)
     robot = "the nominal robot" if report.start == "nominal" else report.start
-    level = f"level {report.level}, {LEVEL_NAMES[report.level]}"
+    level = f"{report.level}, {LEVEL_NAMES[report.level]}"
     figures = (
         (f"before: base and tool fitted to {robot}", report.before),
         *held_out_figures(level, report.held_out, report.described),
@@ -76,10 +76,10 @@ def held_out_figures(
 ) -> list[tuple[str, "ErrorSummary"]]:
     """Return held-out figures with their names: of the rows that the model describes, and with those put aside."""
     if described is None:
-        return [(f"held out: {level}", every)]
+        return [(f"held out: level {level}", every)]
     return [
-        (f"held out, rows that the model describes: {level}", described),
-        (f"held out, with {every.n - described.n} put aside: {level}", every),
+        (f"held out, rows that the model describes: level {level}", described),
+        (f"held out, with {every.n - described.n} put aside: level {level}", every),
     ]
 
 

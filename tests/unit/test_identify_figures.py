@@ -36,9 +36,9 @@ def test_without_rows_put_aside_there_is_one_figure() -> None:
 
 def test_both_figures_are_told_with_how_many_were_put_aside() -> None:
     every, some = ErrorSummary.from_sizes(ERRORS_M), ErrorSummary.from_sizes(ERRORS_M[[0, 1, 3]])
-    titles = [title for title, _ in held_out_figures("level 2", every, some)]
+    titles = [title for title, _ in held_out_figures("2", every, some)]
     assert titles == [
         "held out, rows that the model describes: level 2",
         "held out, with 1 put aside: level 2",
     ]
-    assert held_out_figures("level 2", every, None) == [("held out: level 2", every)]
+    assert held_out_figures("2", every, None) == [("held out: level 2", every)]
