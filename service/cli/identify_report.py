@@ -55,9 +55,10 @@ def _print_errors(console: "Console", report: "IdentifyReport") -> None:
     title = f"{shown_name(report.robot)}: {_describe_rows(report)}"
     table = PlainTable("errors (mm)", "rows", "RMSE", "mean", "95 %", "max", title=title)
     robot = "the nominal robot" if report.start == "nominal" else report.start
+    level = f"{report.level}, {LEVEL_NAMES[report.level]}"
     figures = (
         (f"before: base and tool fitted to {robot}", report.before),
-        (f"held out: level {report.level}, {LEVEL_NAMES[report.level]}", report.held_out),
+        *held_out_figures(level, report.held_out, report.described),
         ("held out: and a residual model", report.with_residual),
         ("fit (residuals, not an accuracy)", report.fit),
         ("check file", report.check),
@@ -68,6 +69,18 @@ def _print_errors(console: "Console", report: "IdentifyReport") -> None:
             _add_error_row(table, title, errors)
     console.print(table)
     console.print(f"Held out by {escape(report.held_out_by)}.")
+
+
+def held_out_figures(
+    level: str, every: "ErrorSummary", described: "ErrorSummary | None"
+) -> list[tuple[str, "ErrorSummary"]]:
+    """Return held-out figures with their names: of the rows that the model describes, and with those put aside."""
+    if described is None:
+        return [(f"held out: level {level}", every)]
+    return [
+        (f"held out, rows that the model describes: level {level}", described),
+        (f"held out, with {every.n - described.n} put aside: level {level}", every),
+    ]
 
 
 def _describe_rows(report: "IdentifyReport") -> str:
@@ -127,7 +140,9 @@ def _print_rejected(console: "Console", report: "IdentifyReport") -> None:
         console.print(f"[bold]{len(repeats)} rows repeat another[/] to the last digit and count once")
         _print_rows(console, repeats)
     if outliers:
-        console.print(f"[bold]{len(outliers)} rows rejected[/], not fitted; held-out errors count them")
+        console.print(
+            f"[bold]{len(outliers)} rows rejected[/], not fitted; held-out errors are told with and without them"
+        )
         _print_rows(console, outliers)
 
 

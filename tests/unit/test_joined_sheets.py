@@ -158,6 +158,18 @@ def test_two_files_are_joined_by_the_names_of_points(tmp_path, series):
     assert any("2 rows of 'robot' have no partner: p1, p2" in guess.lower() for guess in found.guesses)
 
 
+@pytest.mark.parametrize("heading", [["L [mm]"], []], ids=["named", "without headings"])
+def test_one_length_a_row_is_joined_with_numbered_joints(tmp_path, series, heading):
+    joints, places = series
+    lengths = np.linalg.norm(places, axis=1, keepdims=True)
+    numbered = np.column_stack([np.arange(1, len(joints) + 1), joints])
+    found = read_files(
+        write_file(tmp_path / "wire.txt", heading, lengths), write_file(tmp_path / "joints.txt", [], numbered)
+    )
+    assert np.allclose(np.degrees(found.observations.joints_rad), joints)
+    assert np.allclose(found.observations.lengths_m * 1e3, lengths[:, 0])
+
+
 def test_two_files_of_different_length_need_names(tmp_path, series):
     joints, places = series
     with pytest.raises(MeasurementError, match="10 rows of readings and 12 of joints"):

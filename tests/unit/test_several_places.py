@@ -155,6 +155,26 @@ def test_poses_are_read_from_matrices(tmp_path: Path, names: list[str], block: A
     assert np.allclose(found.observations.rotations, TURNS, atol=1e-5)
 
 
+@pytest.mark.parametrize("fields", ["qi qj qk qw", "Q_i Q_j Q_k Q_w"])
+def test_a_quaternion_may_be_written_with_i_j_k(tmp_path: Path, fields: str) -> None:
+    scalar_last = values_from("ros_quaternion", TURNS)
+    found = read_columns(tmp_path, ["X", "Y", "Z", *fields.split()], MM, scalar_last, digits=6)
+    assert np.allclose(found.observations.rotations, TURNS, atol=1e-5)
+
+
+def test_lists_of_joints_are_no_place_and_four_numbers_of_an_attitude_a_quaternion(tmp_path: Path) -> None:
+    blocks = (np.deg2rad(DEG), MM / 1e3, values_from("ros_quaternion", TURNS))
+    lines = ["joint_positions,position,orientation"]
+    lines += [
+        ",".join(f'"{row}"' for row in rows) for rows in zip(*(b.tolist() for b in blocks), strict=True)
+    ]
+    path = tmp_path / "rows.csv"
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    found = read_measurements(path, MODEL)
+    assert_reads(found, MM)
+    assert np.allclose(found.observations.rotations, TURNS, atol=1e-5)
+
+
 def test_matrices_written_by_columns_are_turned_round(tmp_path: Path) -> None:
     names = ["X", "Y", "Z", *(f"R{row}{column}" for row in (1, 2, 3) for column in (1, 2, 3))]
     found = read_columns(tmp_path, names, MM, np.swapaxes(TURNS, 1, 2).reshape(-1, 9), digits=6)

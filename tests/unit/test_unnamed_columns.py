@@ -91,7 +91,8 @@ def test_what_the_controller_calculated_is_not_what_was_measured(tmp_path: Path)
     found = read(write(tmp_path / "rows.csv", [JOINTS_DEG, nominal_mm, PLACES_MM]))
     prove_read(found, range(7), range(10, 13))
     assert found.layout.position == ("column 11", "column 12", "column 13")
-    assert any("1 other places of each row take no part" in each for each in found.guesses)
+    assert found.layout.controller == ("column 8", "column 9", "column 10")
+    assert any("column 11, column 12, column 13 the position" in each for each in found.guesses)
 
 
 def test_where_nothing_fits_the_refusal_stays(tmp_path: Path) -> None:
@@ -189,3 +190,24 @@ def test_a_joint_without_a_column_is_named_with_what_to_add() -> None:
             names, {name: name.lower() for name in names}, joint_names=("J1", "J2", "J3", "level", "J4")
         )
     assert "add a column level of zeros" in str(refused.value.remedy)
+
+
+def test_a_second_place_of_a_row_is_apart_from_the_first(tmp_path: Path) -> None:
+    """y, z and the x of a second place are x, y, z turned round, and no place of their own."""
+    found = read(write(tmp_path / "rows.csv", [JOINTS_DEG, PLACES_MM, PLACES_MM + 0.3]))
+    prove_read(found, range(7), range(7, 10))
+    assert found.layout.further == (("column 11", "column 12", "column 13"),)
+    assert not found.layout.is_named
+
+
+def test_a_heading_between_blanks_has_names_of_two_words(tmp_path: Path) -> None:
+    axes = "XYZ"
+    names = [f"{word} {axis}" for word in ("Nominal", "Measure") for axis in axes]
+    heading = " ".join([*names, *(f"J{at}" for at in range(1, 8))])
+    rows = np.hstack([PLACES_MM + 1.0, PLACES_MM, JOINTS_DEG])
+    lines = [heading, *(" ".join(f"{value:.7g}" for value in row) for row in rows.tolist())]
+    path = tmp_path / "rows.txt"
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    found = read(path)
+    assert found.layout.position == ("Measure X", "Measure Y", "Measure Z")
+    assert found.layout.controller == ("Nominal X", "Nominal Y", "Nominal Z")

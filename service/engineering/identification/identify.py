@@ -50,6 +50,7 @@ from cellcal.service.engineering.identification.identify_verdicts import (
     judge_limits,
 )
 from cellcal.service.engineering.identification.row_fit import FittedRows, IdentifyOptions, fit_rows
+from cellcal.service.engineering.measured.difference_words import sum_remedy
 from cellcal.service.engineering.measured.measurements import Measurements
 from cellcal.service.engineering.measured.table import MeasurementError
 from cellcal.service.engineering.measured.usable_rows import ELSEWHERE, OUTLIER, RejectedRow
@@ -90,9 +91,16 @@ class IdentifyReport:
         """The factor from a standard deviation to 95 %: Student's, if few independent rows determine it."""
         return coverage_factor(max(self.identification.robust.degrees_of_freedom, 1.0))
 
+    @property
+    def described(self) -> ErrorSummary | None:
+        """Held-out errors of the rows that the model describes; none where no row was put aside (decision 337)."""
+        outliers = [row.row for row in self.rejected if row.kind == OUTLIER]
+        describes = ~np.isin(self.held_out_rows, outliers)
+        return None if describes.all() else ErrorSummary.from_sizes(self.held_out_m[describes])
+
     def as_document(self) -> dict[str, object]:
         """Return the object that ``--json`` prints."""
-        found = self.identification
+        found, described = self.identification, self.described
         return {
             "robot": self.robot,
             "level": self.level,
@@ -100,6 +108,7 @@ class IdentifyReport:
             "before": asdict(self.before),
             "fit": asdict(self.fit),
             "held_out": asdict(self.held_out),
+            "held_out_described": None if described is None else asdict(described),
             "check": None if self.check is None else asdict(self.check),
             "breaks": list(self.breaks),
             "rejected": [asdict(row) for row in self.rejected],
@@ -231,7 +240,7 @@ def _refuse_judged(model: RobotModel, prepared: PreparedMeasurements, judged: "_
     refuse_gross_misfit(model, prepared.observations, judged.held_out_m, measured.targets[0])
     calculated = find_calculated_positions(judged.held_out_m, measured.value_step_m)
     layout = measured.layout
-    if calculated and layout.further and not layout.is_named:
+    if calculated and (layout.further or layout.differences) and not layout.is_named:
         raise MeasurementError(
             make_message(
                 "{columns} are calculated by a controller, not measured: a model of its own fits them to "
@@ -242,7 +251,9 @@ def _refuse_judged(model: RobotModel, prepared: PreparedMeasurements, judged: "_
             remedy=make_message(
                 "Name the columns that the device read: `--columns position={columns}`.",
                 columns=",".join(layout.further[0]),
-            ),
+            )
+            if layout.further
+            else sum_remedy(layout.differences, layout.position),
         )
     return calculated
 

@@ -12,7 +12,15 @@ SPREAD_WORDS = {
     "std", "sigma", "sd", "stdev", "stddev", "uncertainty", "unc", "rms", "var", "error", "err", "residual",
     "u", "u95", "mpe", "variance", "precision",
 }  # fmt: skip
-
+DIFFERENCE_WORDS = {
+    "delta", "dev", "deviation", "deviations", "dif", "diff", "difference", "differences", "offset", "correction",
+    "corr", "tol", "tolerance", "tolplus", "tolminus", "min", "max", "upper", "lower", "range", "velocity", "vel",
+    "speed", "acceleration", "acc", "force", "torque", "test", "out", "d",
+}  # fmt: skip
+ATTITUDE_WORDS = {
+    "rot", "rotation", "orientation", "ori", "orient", "quat", "quaternion", "q", "attitude", "euler", "normal",
+    "angle", "rotvec", "rpy", "normalised", "direction", "vector", "vec",
+}  # fmt: skip
 
 _JOINED_PREFIXES = "pos|p|t|m|meas|act|cmd|nom|ref|real"  # Mx, measX
 _JOINED_SUFFIXES = (
@@ -41,3 +49,8 @@ def find_triples(
     return {
         key: tuple(found[axis] for axis in axes) for key, found in families.items() if len(found) == len(axes)
     }
+
+
+def key_words(key: tuple[str, str]) -> set[str]:
+    """Return the words that surround an axis in a heading."""
+    return set(re.split(r"[_\d]+", "_".join(key))) - {""}

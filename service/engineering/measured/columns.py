@@ -5,7 +5,15 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 from cellcal.calibration.message import make_message
-from cellcal.service.engineering.measured.column_words import CONTROLLER_WORDS, SPREAD_WORDS, find_triples
+from cellcal.service.engineering.measured.column_words import (
+    ATTITUDE_WORDS,
+    CONTROLLER_WORDS,
+    DIFFERENCE_WORDS,
+    SPREAD_WORDS,
+    find_triples,
+    key_words,
+)
+from cellcal.service.engineering.measured.difference_words import find_differences, sum_remedy
 from cellcal.service.engineering.measured.headings import plain_name, unit_of
 from cellcal.service.engineering.measured.joint_columns import find_joints
 from cellcal.service.engineering.measured.matrix_columns import find_matrix
@@ -15,17 +23,8 @@ from cellcal.service.engineering.measured.typed_columns import TypedColumn, pars
 from cellcal.service.engineering.measured.units import ANGLE_UNITS, LENGTH_UNITS
 
 _MEASURED = {
-    "measurement", "measured", "meas", "tracker", "laser", "camera", "optical", "mocap", "observed", "obs",
+    "measurement", "measured", "measure", "meas", "tracker", "laser", "camera", "optical", "mocap", "observed", "obs",
     "leica", "faro", "vicon", "ndi", "marker", "smr", "probe", "tmac", "optitrack", "instrument",
-}  # fmt: skip
-_DIFFERENCE = {
-    "delta", "dev", "deviation", "deviations", "diff", "difference", "offset", "correction", "corr", "tol",
-    "tolerance", "tolplus", "tolminus", "min", "max", "upper", "lower", "range", "velocity", "vel", "speed",
-    "acceleration", "acc", "force", "torque", "test", "out", "d",
-}  # fmt: skip
-_ATTITUDE = {
-    "rot", "rotation", "orientation", "ori", "orient", "quat", "quaternion", "q", "attitude", "euler", "normal",
-    "angle", "rotvec", "rpy", "normalised", "direction", "vector", "vec",
 }  # fmt: skip
 _PLACE = {
     "pos",
@@ -48,7 +47,8 @@ _LENGTHS = {
 _QUATERNION = ("w", "x", "y", "z")
 _TURNS = (
     ("qw", "qx", "qy", "qz"), ("q1", "q2", "q3", "q4"), ("q0", "q1", "q2", "q3"), ("q0", "qx", "qy", "qz"),
-    ("e0", "e1", "e2", "e3"), ("rx", "ry", "rz"), ("phix", "phiy", "phiz"), ("roll", "pitch", "yaw"),
+    ("e0", "e1", "e2", "e3"), ("qw", "qi", "qj", "qk"), ("q_w", "q_i", "q_j", "q_k"), ("rx", "ry", "rz"),
+    ("phix", "phiy", "phiz"), ("roll", "pitch", "yaw"),
     ("a", "b", "c", "d"), ("a", "b", "c"), ("w", "p", "r"), ("rotx", "roty", "rotz"), ("rvx", "rvy", "rvz"),
 )  # fmt: skip
 
@@ -77,6 +77,7 @@ class TableLayout:
     length: str = ""
     controller: tuple[str, ...] = ()  # the controller's own x, y, z
     further: tuple[tuple[str, ...], ...] = ()  # other places of a row, of which no name says what they are
+    differences: tuple[str, ...] = ()  # columns of x, y, z that headings call a difference, beside a place
     is_named: bool = True  # a name or the user says that the position was measured
     temperature: str = ""
     group: str = ""
@@ -159,6 +160,7 @@ def detect_layout(
         length=length,
         controller=controller,
         further=tuple(found for found in places.further if found not in (measured, controller)),
+        differences=() if typed_names.get("position") else find_differences(rest, plain),
         is_named=places.is_named or bool(typed_names.get("position")),
         temperature=next((n for n in rest if "temp" in plain[n]), ""),
         group="".join(typed_names.get("group", ())) or next((n for n in rest if plain[n] in _GROUP), ""),
@@ -174,16 +176,15 @@ def detect_layout(
 def _measurement_remedy(names: Sequence[str], plain: Mapping[str, str], numeric: Sequence[str] | None) -> str:
     """Return what helps where nothing measured is found and the headings tell why; empty where they do not."""
     triples = find_triples(names, plain, "xyz")
-    keys = {found: _key_words(key) for key, found in triples.items()}
-    differences = [found for found, words in keys.items() if words & _DIFFERENCE]
-    others = [found for found, words in keys.items() if not words & (_DIFFERENCE | SPREAD_WORDS | _ATTITUDE)]
+    keys = {found: key_words(key) for key, found in triples.items()}
+    differences = [found for found, words in keys.items() if words & DIFFERENCE_WORDS]
+    others = [
+        found
+        for found, words in keys.items()
+        if not words & (DIFFERENCE_WORDS | SPREAD_WORDS | ATTITUDE_WORDS)
+    ]
     if differences and others:
-        return make_message(
-            "{differences} are differences from {others}: write the places themselves, nominal plus difference, and "
-            "name them (`--columns position=X,Y,Z`). See which way the instrument takes the difference.",
-            differences=", ".join(differences[0]),
-            others=", ".join(others[0]),
-        )
+        return sum_remedy(differences[0], others[0])
     if any(plain[name].startswith("o_t_ee") for name in names):
         return (
             "O_T_EE is the pose that the robot calculates from its joints, no measurement: add what a device outside "
@@ -208,7 +209,9 @@ def _measurement_remedy(names: Sequence[str], plain: Mapping[str, str], numeric:
 
 def _tells_no_role(plain: str) -> bool:
     """Return whether a heading leaves open that its column is a part of a measured place."""
-    return not set(re.split(r"[_\d]+", plain)) & (CONTROLLER_WORDS | SPREAD_WORDS | _DIFFERENCE | _ATTITUDE)
+    return not set(re.split(r"[_\d]+", plain)) & (
+        CONTROLLER_WORDS | SPREAD_WORDS | DIFFERENCE_WORDS | ATTITUDE_WORDS
+    )
 
 
 def _typed_columns(
@@ -221,7 +224,10 @@ def _typed_columns(
                 make_message("--columns knows no {meaning!r}.", meaning=meaning),
                 remedy=make_message("It knows {meanings}.", meanings=", ".join(sorted(meanings))),
             )
-    return {meaning: parse_columns(names, texts) for meaning, texts in columns.items()}
+    return {
+        meaning: parse_columns(names, texts, with_zero=meaning == "joints")
+        for meaning, texts in columns.items()
+    }
 
 
 def _of_kind(
@@ -280,13 +286,9 @@ def _common_unit(names: Sequence[str]) -> str:
     return units.pop() if units else ""
 
 
-def _key_words(key: tuple[str, str]) -> set[str]:
-    return set(re.split(r"[_\d]+", "_".join(key))) - {""}
-
-
 def _is_place(key: tuple[str, str]) -> bool:
     """Return whether a triple of x, y, z may be a place: no deviation, no uncertainty, no part of an attitude."""
-    return not _key_words(key) & (SPREAD_WORDS | _DIFFERENCE | _ATTITUDE)
+    return not key_words(key) & (SPREAD_WORDS | DIFFERENCE_WORDS | ATTITUDE_WORDS)
 
 
 @dataclass(frozen=True, slots=True)
@@ -306,16 +308,14 @@ def _find_positions(names: Sequence[str], plain: Mapping[str, str], *, has_lengt
     triples = {key: names for key, names in find_triples(names, plain, "xyz").items() if _is_place(key)}
     if len(triples) > 1:
         triples.pop(("s_", ""), None)  # sX, sY, sZ are standard deviations of X, Y, Z
-    measured = [found for key, found in triples.items() if _key_words(key) & _MEASURED]
+    measured = [found for key, found in triples.items() if key_words(key) & _MEASURED]
     controller_triples = [
-        found
-        for key, found in triples.items()
-        if _key_words(key) & CONTROLLER_WORDS and found not in measured
+        found for key, found in triples.items() if key_words(key) & CONTROLLER_WORDS and found not in measured
     ]
     neutral = [
         found for found in triples.values() if found not in measured and found not in controller_triples
     ]
-    actual = {found for key, found in triples.items() if _key_words(key) & {"actual", "act"}}
+    actual = {found for key, found in triples.items() if key_words(key) & {"actual", "act"}}
     neutral.sort(key=lambda found: found not in actual)
     if has_length:
         return _Places(controller=(*controller_triples, *neutral, ())[0])
@@ -350,7 +350,7 @@ def _find_rotation(
                 return found, fields
     if position_key is None:
         return (), ()
-    return _worded_turn(names, plain, _key_words(position_key) - _PLACE)
+    return _worded_turn(names, plain, key_words(position_key) - _PLACE)
 
 
 def _worded_turn(
@@ -365,10 +365,13 @@ def _worded_turn(
         found = {
             key: columns
             for key, columns in find_triples(names, plain, axes).items()
-            if (_key_words(key) & _ATTITUDE or axes == fields)
-            and not _key_words(key) & (SPREAD_WORDS | _DIFFERENCE | {"normal", "direction", "vector", "vec"})
+            if (key_words(key) & ATTITUDE_WORDS or axes == fields)
+            and not key_words(key)
+            & (SPREAD_WORDS | DIFFERENCE_WORDS | {"normal", "direction", "vector", "vec"})
         }
-        alike = [columns for key, columns in found.items() if _key_words(key) - _ATTITUDE - _PLACE == place]
+        alike = [
+            columns for key, columns in found.items() if key_words(key) - ATTITUDE_WORDS - _PLACE == place
+        ]
         alike = alike or _lone_turn(found, place)
         if alike:
             return alike[0], fields
@@ -380,8 +383,8 @@ def _lone_turn(found: Mapping[tuple[str, str], tuple[str, ...]], place: set[str]
 
     Whether it belongs to the place is for the fit to say.
     """
-    words = [_key_words(key) for key in found]
-    if place or len(words) != 1 or words[0] & CONTROLLER_WORDS or not words[0] & _ATTITUDE:
+    words = [key_words(key) for key in found]
+    if place or len(words) != 1 or words[0] & CONTROLLER_WORDS or not words[0] & ATTITUDE_WORDS:
         return []
     return list(found.values())
 

@@ -27,9 +27,12 @@ _ITEM = re.compile(
 )
 _DECIMAL_COMMA = re.compile(r"(?<=\d),(?=\d)")
 _UNUSED = 8.9e9  # 9E9 marks an axis that is not there
-_PLACE_WORDS = re.compile(
-    r"pose|robtarget|position|point|place|tcp|xyz|flange|tool|measured|tracker", re.IGNORECASE
+_PLACE_WORDS = re.compile(  # joint_positions are no place
+    r"^(?!.*(?:joint|axes|axis)).*(?:pose|robtarget|position|point|place|tcp|xyz|flange|tool|measured|tracker)",
+    re.IGNORECASE,
 )
+_ATTITUDE_WORDS = re.compile(r"orientation|rotation|quat|attitude", re.IGNORECASE)
+_QUATERNION = 4  # numbers
 _PLACES = {
     3: "x y z",
     6: "x y z rx ry rz",
@@ -110,7 +113,9 @@ def _names_of(name: str, items: Sequence[_Item]) -> list[str]:
         axes = _PLACES.get(len(items), "")
         if axes:
             return [f"{name} {axis}" for axis in axes.split()]
-    return [f"{name}_{at}" for at in range(1, len(items) + 1)]
+    quaternion = "q" if len(items) == _QUATERNION and _ATTITUDE_WORDS.search(name) else ""
+    separator = f" {quaternion}" if quaternion else "_"
+    return [f"{name}{separator}{at}" for at in range(1, len(items) + 1)]
 
 
 def _spread_row(row: tuple[str, list[list[_Item]]], separator: str) -> list[str]:

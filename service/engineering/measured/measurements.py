@@ -25,6 +25,7 @@ from cellcal.service.engineering.measured.merged_cells import fill_merged_joints
 from cellcal.service.engineering.measured.nest_readings import find_nest_readings
 from cellcal.service.engineering.measured.no_readings import no_readings, usable_without
 from cellcal.service.engineering.measured.place_choice import better_places, further_places_note
+from cellcal.service.engineering.measured.place_differences import refuse_nominal_places, with_sums
 from cellcal.service.engineering.measured.row_words import (
     refuse_no_angles,
     refuse_other_headings,
@@ -42,6 +43,7 @@ from cellcal.service.engineering.measured.table_numbers import TableNumbers
 from cellcal.service.engineering.measured.unit_choice import UnitChoice
 from cellcal.service.engineering.measured.units import to_celsius
 from cellcal.service.engineering.measured.unnamed_columns import (
+    Places,
     find_unnamed_columns,
     find_unnamed_place,
     tell_nothing,
@@ -53,6 +55,7 @@ from cellcal.service.engineering.measured.usable_rows import (
     without_invalid,
 )
 
+_FEWEST_READINGS = 1  # a row beside joints of another file: the length of a wire
 _NO_NUMBER = ", which is no number"
 
 
@@ -104,10 +107,13 @@ def read_measurements(path: Path, model: RobotModel, options: ReadOptions | None
         The file, its columns or its numbers cannot be understood; the remedy names the option that helps.
     """
     options = options or ReadOptions()
-    table = read_table(path, sheet=options.sheet)
-    if options.joints_file is not None:
-        table = with_joints_of(options.joints_file, table, model)
-    return _interpret_table(table, path, model, options)
+    if options.joints_file is None:
+        table = read_table(path, sheet=options.sheet)
+    else:
+        readings = read_table(path, sheet=options.sheet, fewest=_FEWEST_READINGS)
+        table = with_joints_of(options.joints_file, readings, model)
+    table, columns = with_sums(table, options.columns)
+    return _interpret_table(table, path, model, replace(options, columns=columns))
 
 
 def _interpret_table(
@@ -180,8 +186,9 @@ def _lay_out(
 ) -> tuple[MeasurementTable, TableLayout]:
     """Return what each column is, and the table with joints in rows that share those of the row above."""
     columns = options.columns
+    further: Places = ()
     if not columns and tell_nothing(table.names):
-        table, columns = find_unnamed_columns(table, model)
+        table, columns, further = find_unnamed_columns(table, model)
     try:
         table, layout = _detect_or_fit(table, model, columns)
     except MeasurementError as error:
@@ -198,6 +205,8 @@ def _lay_out(
             with suppress(MeasurementError):
                 found = _joined_layouts(path, table, model, columns)
                 table, layout = found[0] if len(found) == 1 else (table, layout)
+    if further:
+        layout = replace(layout, further=further, is_named=False)
     return fill_merged_joints(table, layout.joints, (*layout.position, layout.length)), layout
 
 
@@ -208,10 +217,11 @@ def _detect_or_fit(
     try:
         return table, _detect(table, model, columns)
     except UnnamedPositionError as error:
-        table, position = find_unnamed_place(table, model, error.joints, error.candidates)
+        table, position, further = find_unnamed_place(table, model, error.joints, error.candidates)
         if not position:
             raise
-    return table, _detect(table, model, {**columns, "position": position})
+    layout = _detect(table, model, {**columns, "position": position})
+    return table, replace(layout, further=further, is_named=not further)
 
 
 def _detect(table: MeasurementTable, model: RobotModel, columns: Mapping[str, Sequence[str]]) -> TableLayout:
@@ -260,15 +270,18 @@ def _find_better_columns(
     options: ReadOptions,
 ) -> tuple[dict[str, tuple[str, ...]], list[str]]:
     """Return columns of places and joints where the numbers show others than the headings, and what is to be said."""
+    positions = np.column_stack(
+        [table.column_values(name)[good] for name in layout.position or layout.joints]
+    )
+    refuse_nominal_places(arm[0], arm[1:], layout, positions)
     if layout.further or layout.length:
         places = (layout.position, layout.controller, *layout.further, (layout.length,))
         values = {name: table.column_values(name)[good] for names in places for name in names if name}
         if better := better_places(*arm, layout, values):
-            return better, []
+            return {"joints": layout.as_typed(layout.joints), **better}, []
     better, note = {}, ""
     if layout.position and "joints" not in options.columns:
         sets = joint_sets(table, layout.joints, good, arm[:2], options.joint_coupling)
-        positions = np.column_stack([table.column_values(name)[good] for name in layout.position])
         better, note = better_joints(arm[0], sets, positions)
     return better, [text for text in (further_places_note(layout.further), note) if text]
 

@@ -51,7 +51,7 @@ def better_places(
     calculated = [
         names
         for names in unknown
-        if _is_calculated(
+        if is_calculated(
             model, joints_rad[rows], joint_step_rad, np.column_stack([values[n][rows] for n in names])
         )
     ]
@@ -74,7 +74,7 @@ def calculated_places(
     """
     rows = spread_rows(len(raw_joints), _MOST_ROWS)
     step_rad = np.array([find_resolution(column) for column in raw_joints.T]) * joint_unit
-    return [_is_calculated(model, raw_joints[rows] * joint_unit, step_rad, each[rows]) for each in places]
+    return [is_calculated(model, raw_joints[rows] * joint_unit, step_rad, each[rows]) for each in places]
 
 
 def _is_range(lengths: Array, place: Sequence[str], values: Mapping[str, Array]) -> bool:
@@ -86,7 +86,10 @@ def _is_range(lengths: Array, place: Sequence[str], values: Mapping[str, Array])
     return bool((np.abs(distances - lengths) <= 2 * step + _EQUAL * distances).all())
 
 
-def _is_calculated(model: RobotModel, joints_rad: Array, joint_step_rad: Array, values: Array) -> bool:
+def is_calculated(model: RobotModel, joints_rad: Array, joint_step_rad: Array, values: Array) -> bool:
+    """Return whether the nominal arm calculates places (N, 3), as written, from the joints."""
+    if len(joints_rad) < _FEWEST_ROWS:
+        return False
     unit = unit_of_points(model, joints_rad, values, LENGTH_UNITS) if np.isfinite(values).all() else ""
     if not unit:
         return False

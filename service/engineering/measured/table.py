@@ -124,8 +124,8 @@ class MeasurementTable:
         ]
 
 
-def read_table(path: Path, *, sheet: str | None = None) -> MeasurementTable:
-    """Read a CSV file or the first usable sheet of an Excel file.
+def read_table(path: Path, *, sheet: str | None = None, fewest: int = FEWEST_COLUMNS) -> MeasurementTable:
+    """Read a CSV file, of ``fewest`` numbers a row or more, or the first usable sheet of an Excel file.
 
     Raises
     ------
@@ -139,7 +139,7 @@ def read_table(path: Path, *, sheet: str | None = None) -> MeasurementTable:
         content = read_plain_bytes(path)
         if path.suffix.lower() in _EXCEL or content.startswith((ZIP_BEGINS, OLD_BEGINS)):
             return _read_excel(path, content, sheet)
-        return _read_text(path, content)
+        return _read_text(path, content, fewest)
     except DocumentError as error:
         raise MeasurementError(
             make_message("{path}: {why}", path=path, why=error.why),
@@ -147,7 +147,7 @@ def read_table(path: Path, *, sheet: str | None = None) -> MeasurementTable:
         ) from error
 
 
-def _read_text(path: Path, content: bytes) -> MeasurementTable:
+def _read_text(path: Path, content: bytes, fewest: int) -> MeasurementTable:
     if krl := _KRL.match(content):
         raise MeasurementError(
             make_message(
@@ -167,7 +167,7 @@ def _read_text(path: Path, content: bytes) -> MeasurementTable:
     if has_lists(first):
         lines = iter(first := spread_lists(path, list(lines)))
     separator, comma = _detect_dialect(
-        [line for line in first if line.strip() and not is_remark([line])][:_LOOK_AHEAD]
+        [line for line in first if line.strip() and not is_remark([line])][:_LOOK_AHEAD], fewest
     )
     mark = {"\t": "tab", " ": "blanks"}.get(separator, repr(separator))
     cells = ([parse_cell(cell, comma=comma) for cell in _split_line(line, separator)] for line in lines)
@@ -177,6 +177,7 @@ def _read_text(path: Path, content: bytes) -> MeasurementTable:
         make_message("separated by {mark}, decimal comma", mark=mark)
         if comma
         else make_message("separated by {mark}, decimal point", mark=mark),
+        fewest,
     )
 
 
@@ -193,7 +194,7 @@ def _split_line(line: str, separator: str) -> list[str]:
     return split_row(line.rstrip("\r\n"), separator)
 
 
-def _detect_dialect(lines: Sequence[str]) -> tuple[str, bool]:
+def _detect_dialect(lines: Sequence[str], fewest: int) -> tuple[str, bool]:
     """Return separator and whether the decimal mark is a comma: those that make most numbers of most rows."""
     best: tuple[float, str, bool] = (0.0, ",", False)
     for separator in _SEPARATORS:
@@ -205,8 +206,8 @@ def _detect_dialect(lines: Sequence[str]) -> tuple[str, bool]:
                 for line in lines
             ]
             common, often = (
-                Counter(count for count in counts if count >= FEWEST_COLUMNS).most_common(1)[0]
-                if any(count >= FEWEST_COLUMNS for count in counts)
+                Counter(count for count in counts if count >= fewest).most_common(1)[0]
+                if any(count >= fewest for count in counts)
                 else (0, 0)
             )
             score = float(common * often)
@@ -215,15 +216,17 @@ def _detect_dialect(lines: Sequence[str]) -> tuple[str, bool]:
     return best[1], best[2]
 
 
-def _build_table(path: Path, cells: Iterable[list[float | str]], dialect: str) -> MeasurementTable:
+def _build_table(
+    path: Path, cells: Iterable[list[float | str]], dialect: str, fewest: int = FEWEST_COLUMNS
+) -> MeasurementTable:
     rows = iter(cells)
     head = list(islice(rows, _HEAD))
     counts = [0 if is_remark(row) else sum(isinstance(cell, float) for cell in row) for row in head]
-    widths = Counter(count for count in counts if count >= FEWEST_COLUMNS)
+    widths = Counter(count for count in counts if count >= fewest)
     if not widths:
         raise _no_table(path, head)
     usual = widths.most_common(1)[0][0]
-    enough = [i for i, count in enumerate(counts) if count >= max(FEWEST_COLUMNS, 0.5 * usual)]
+    enough = [i for i, count in enumerate(counts) if count >= max(fewest, 0.5 * usual)]
     first = next(
         (
             i

@@ -59,7 +59,7 @@ def only_counts(row: Cells) -> bool:
 def heading_names(above: Sequence[Cells], width: int) -> tuple[str, ...] | None:
     """Return the header above the numbers, with a line of units or of groups if there is one; None without any."""
     lines = [words for row in above if any(words := [_word_of(cell) for cell in row]) and not _is_rule(row)]
-    lines = [_without_mark(row, width) for row in lines]
+    lines = [_with_joined_words(_without_mark(row, width), width) for row in lines]
     header = [at for at, row in enumerate(lines) if len(row) >= width or sum(map(bool, row)) >= width]
     if not header:
         return None
@@ -141,6 +141,25 @@ def _with_groups(names: list[str], above: Sequence[list[str]]) -> list[str]:
         if not _duplicate_names(filled):
             return filled
     return names
+
+
+def _with_joined_words(row: list[str], width: int) -> list[str]:
+    """Return a header between blanks whose names are two words with each name whole: Nominal X, Nominal Y, Measure X.
+
+    Only where a row has so many more words than numbers as words that occur more than once have others behind them.
+    """
+    if len(row) <= width:
+        return row
+    counts, joined = Counter(row[:-1]), list[str]()
+    begins = False  # the name before is a first word that waits for its second
+    for word in row:
+        if begins:
+            joined[-1] += f" {word}"
+            begins = False
+        else:
+            joined.append(word)
+            begins = counts[word] > 1
+    return joined if len(joined) == width and not _duplicate_names(joined) else row
 
 
 def _without_mark(row: list[str], width: int) -> list[str]:

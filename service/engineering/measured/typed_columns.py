@@ -33,20 +33,22 @@ class TypedColumn:
         return f"{'-' if self.sign < 0 else ''}{self.name}{zero}"
 
 
-def parse_columns(names: Sequence[str], texts: Sequence[str]) -> tuple[TypedColumn, ...]:
-    """Return columns by what was typed: a name, its number counted from 1, ``-J2``, ``J2+90``.
+def parse_columns(
+    names: Sequence[str], texts: Sequence[str], *, with_zero: bool = True
+) -> tuple[TypedColumn, ...]:
+    """Return columns by what was typed: a name, its number counted from 1, ``-J2``; of joints also ``J2+90``.
 
     Raises
     ------
     MeasurementError
         No such column.
     """
-    return tuple(_parse_column(names, text.strip()) for text in texts)
+    return tuple(_parse_column(names, text.strip(), _MOST_DEG if with_zero else 0.0) for text in texts)
 
 
-def _parse_column(names: Sequence[str], text: str) -> TypedColumn:
+def _parse_column(names: Sequence[str], text: str, most_deg: float) -> TypedColumn:
     found = _parse_text(names, text)
-    if found is None or abs(found.zero_deg) > _MOST_DEG:
+    if found is None or abs(found.zero_deg) > most_deg:
         raise MeasurementError(
             make_message("there is no column {text!r}.", text=text),
             remedy=f"Columns are: {', '.join(names)}; or write their numbers, counted from 1.",
@@ -58,7 +60,7 @@ def _parse_text(names: Sequence[str], text: str) -> TypedColumn | None:
     """Return what a text names; several signs and zeros one after the other add up."""
     sign, zero = 1.0, 0.0
     for _ in range(_MOST_MARKS):
-        name = _find_name(names, text)
+        name = find_column(names, text)
         if name:
             return TypedColumn(name, sign, zero)
         match = _ZERO.match(text)
@@ -71,7 +73,8 @@ def _parse_text(names: Sequence[str], text: str) -> TypedColumn | None:
     return None
 
 
-def _find_name(names: Sequence[str], text: str) -> str:
+def find_column(names: Sequence[str], text: str) -> str:
+    """Return the column of a name, with or without its unit, or of a number counted from 1; empty without any."""
     if text in names:
         return text
     without = [name for name in names if without_unit(name) == text]

@@ -13,10 +13,12 @@ from cellcal.calibration.geometry import Array
 from cellcal.calibration.identification.quick_fit import spread_rows, trimmed_point_scores
 from cellcal.calibration.message import join_messages, make_message
 from cellcal.service.engineering.measured.joint_units import joint_units
-from cellcal.service.engineering.measured.place_choice import calculated_places, further_places_note
+from cellcal.service.engineering.measured.place_choice import calculated_places
 from cellcal.service.engineering.measured.table import MeasurementTable
 from cellcal.service.engineering.measured.unit_choice import UnitChoice
 from cellcal.service.engineering.measured.units import LENGTH_UNITS
+
+Places = tuple[tuple[str, ...], ...]
 
 _TELLS_NOTHING = re.compile(
     r"(column|col|c|var|variable|unnamed|field|data|value|channel|ch|spalte|colonne|columna)?[ _:.]*\d+( \[.*\])?",
@@ -48,8 +50,8 @@ def tell_nothing(names: Sequence[str]) -> bool:
 
 def find_unnamed_columns(
     table: MeasurementTable, model: RobotModel
-) -> tuple[MeasurementTable, dict[str, tuple[str, ...]]]:
-    """Return the columns of joints and position by what fits the robot, and the table with a word on it.
+) -> tuple[MeasurementTable, dict[str, tuple[str, ...]], Places]:
+    """Return the table with a word on it, joints and position by what fits the robot, and other places that do.
 
     Joints stand side by side in the robot's order, and so do x, y and z, or in the fourth column of a pose of rows of
     four. Base and target are fitted to each such choice. Without one that fits, and that fits clearly better than
@@ -57,19 +59,19 @@ def find_unnamed_columns(
     """
     columns, values = _usable_numbers(table)
     if len(values) < _FEWEST_ROWS or not model.axis_count + 3 <= len(columns) <= _MOST_COLUMNS:
-        return table, {}
+        return table, {}, ()
     found = sorted(_choices(model, values), key=lambda choice: choice.left)
     if not found or found[0].left > _MOST_LEFT:
-        return table, {}
+        return table, {}, ()
     best = found[0]
     if any(each.joints != best.joints and each.left < _CLEAR * best.left for each in found):
-        return table, {}
+        return table, {}, ()
     alike = sorted(
         (each.place for each in found if each.joints == best.joints and each.left <= _MOST_LEFT),
         key=lambda place: place[0],
     )
     joints = tuple(columns[at] for at in best.joints)
-    named = [tuple(columns[at] for at in place) for place in alike]
+    named = _apart([tuple(columns[at] for at in place) for place in alike])
     read = _read_places(table, model, joints, named)
     finding = make_message(
         "headings tell nothing: {joints} are the joints and {place} the position, for so they fit {model_name}, and "
@@ -78,22 +80,21 @@ def find_unnamed_columns(
         place=", ".join(read[0]),
         model_name=model.label,
     )
-    further = further_places_note([place for place in named if place != read[0]])
-    dialect = join_messages("; ", [each for each in (table.dialect, finding, further) if each])
-    return replace(table, dialect=dialect), {"joints": joints, "position": read[0]}
+    dialect = join_messages("; ", [each for each in (table.dialect, finding) if each])
+    return replace(table, dialect=dialect), {"joints": joints, "position": read[0]}, tuple(read[1:])
 
 
 def find_unnamed_place(
     table: MeasurementTable, model: RobotModel, joints: Sequence[str], candidates: Sequence[str]
-) -> tuple[MeasurementTable, tuple[str, ...]]:
+) -> tuple[MeasurementTable, tuple[str, ...], Places]:
     """Return the columns of the position by what fits the robot, where headings tell the joints alone.
 
-    The table goes with it, with a word on that. Without three of the candidates side by side that fit, nothing is
-    returned.
+    The table goes with it, with a word on that, and other places that fit. Without three of the candidates side by
+    side that fit, nothing is returned.
     """
     columns, values = _usable_numbers(table, (*joints, *candidates))
     if len(values) < _FEWEST_ROWS or not set(joints) <= set(columns):
-        return table, ()
+        return table, (), ()
     raw = values[:, [columns.index(name) for name in joints]]
     flanges = model.base_flange(raw * joint_units(UnitChoice({}, []), joints, raw, model))
     moved_m = _spread(flanges[None, :, :3, 3])[0]
@@ -104,14 +105,13 @@ def find_unnamed_place(
         if not set(names) & set(joints) and order[names[2]] - order[names[0]] == len(names) - 1
     ]
     if moved_m < _SMALLEST_M or not triples:
-        return table, ()
+        return table, (), ()
     places = np.array([values[:, [columns.index(name) for name in names]] for names in triples])
     residual_parts = _left_of(flanges, moved_m, places)
-    named = [
-        names for names, each in zip(triples, residual_parts.tolist(), strict=True) if each <= _MOST_LEFT
-    ]
+    fits = residual_parts <= _MOST_LEFT
+    named = _apart([names for names, each in zip(triples, fits.tolist(), strict=True) if each])
     if not named:
-        return table, ()
+        return table, (), ()
     read = _read_places(table, model, joints, named)
     finding = make_message(
         "no heading tells what was measured: {place} are the position, for so they fit {model_name}; `--columns` "
@@ -119,9 +119,17 @@ def find_unnamed_place(
         place=", ".join(read[0]),
         model_name=model.label,
     )
-    further = further_places_note([names for names in named if names != read[0]])
-    dialect = join_messages("; ", [each for each in (table.dialect, finding, further) if each])
-    return replace(table, dialect=dialect), read[0]
+    dialect = join_messages("; ", [each for each in (table.dialect, finding) if each])
+    return replace(table, dialect=dialect), read[0], tuple(read[1:])
+
+
+def _apart(places: Sequence[tuple[str, ...]]) -> list[tuple[str, ...]]:
+    """Return places that share no column with one before: y, z and the next x are x, y, z turned round."""
+    found: list[tuple[str, ...]] = []
+    for place in places:
+        if not any(set(place) & set(other) for other in found):
+            found.append(place)
+    return found
 
 
 def _usable_numbers(table: MeasurementTable, among: Sequence[str] | None = None) -> tuple[list[str], Array]:

@@ -30,6 +30,7 @@ export interface Report {
   before: ErrorSummary;
   fit: ErrorSummary;
   held_out: ErrorSummary;
+  held_out_described: ErrorSummary | null; // without the rows put aside, if there are any
   check: ErrorSummary | null; // of another file
   held_out_by: string;
   rejected: { row: number; reason: string }[];
