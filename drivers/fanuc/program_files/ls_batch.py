@@ -20,6 +20,7 @@ from cellcal.drivers.fanuc.program_files.ls_fixed import (
     join_files,
     records_at,
 )
+from cellcal.drivers.fanuc.program_files.ls_numbers import LEAST_DECIMALS
 from cellcal.drivers.fanuc.program_files.ls_orientation import new_coordinates
 from cellcal.drivers.fanuc.program_files.ls_positions import decimal_resolutions, poses_of
 from cellcal.drivers.programs.positions import CARTESIAN, PositionChange, Positions
@@ -110,6 +111,7 @@ def plan_rewrite(data: bytes, read: FixedRead | None, change: PositionChange) ->
     if (
         not rows_valid
         or poses.shape != (len(rows), 4, 4)
+        or min(int(each.coordinate_decimals.min()) for each in fixed.patterns) < LEAST_DECIMALS
         or not (fixed.style.padded and (np.diff(rows) > 0).all())
     ):
         return None
