@@ -111,10 +111,12 @@ def plan_rewrite(data: bytes, read: FixedRead | None, change: PositionChange) ->
     if (
         not rows_valid
         or poses.shape != (len(rows), 4, 4)
-        or min(int(each.coordinate_decimals.min()) for each in fixed.patterns) < LEAST_DECIMALS
         or not (fixed.style.padded and (np.diff(rows) > 0).all())
     ):
         return None
+    used = set(fixed.of[rows].tolist())
+    if min(int(fixed.patterns[each].coordinate_decimals.min()) for each in used) < LEAST_DECIMALS:
+        return None  # a new value has more digits than its field
     return RecordRewrite(data, offsets[rows], fixed.patterns, fixed.of[rows], fixed.style.leading_zero, poses)
 
 
