@@ -155,7 +155,7 @@ def test_another_file_s_style_is_kept():
     pose = program.positions.frame_tip[:1].copy()
     pose[0, :3, 3] = [0.00051, -0.00025, 1e-9]
     after = program.with_changes(PositionChange(np.array([0]), frame_tip=pose)).to_bytes()
-    assert b"X = 0.51  mm,\tY = -0.25  mm,\tZ = 0.00  mm" in after
+    assert b"X = 0.510  mm,\tY = -0.250  mm,\tZ = 0.00  mm" in after
 
 
 @pytest.mark.parametrize(

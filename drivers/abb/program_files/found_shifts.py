@@ -7,12 +7,13 @@ from math import nan
 
 from cellcal.drivers.abb.program_files.collected_positions import RapidPositions
 from cellcal.drivers.abb.program_files.displacements import WORDS, ActiveDisplacement, Displacements
-from cellcal.drivers.abb.program_files.instructions import COMPUTED, MoveTarget, offset_of
+from cellcal.drivers.abb.program_files.instructions import COMPUTED, FORCE_REFERENCES, MoveTarget, offset_of
 from cellcal.drivers.abb.program_files.literals import NAME, NUMBER, W, after_blanks, decode_name
 from cellcal.drivers.abb.program_files.measured_places import measured_shifts
 from cellcal.drivers.abb.program_files.target_uses import TargetUses
 from cellcal.drivers.programs.barred import OVERWRITTEN
 from cellcal.drivers.programs.file_declarations import COMPONENT_SET
+from cellcal.drivers.programs.guided_motions import guided_motion
 from cellcal.drivers.programs.positions import CARTESIAN, JOINTS, UNTAUGHT
 from cellcal.drivers.programs.shifts import NO_TURN, UNREADABLE, ProgramShift, Quaternion, ShiftAxes, Triple
 
@@ -54,6 +55,7 @@ class FoundShifts:
 
     displacements: Displacements
     found: list[FoundShift] = field(default_factory=list)
+    guided: list[ProgramShift] = field(default_factory=list)  # motions that another device guides
     set_components: list[tuple[str, str]] = field(default_factory=list)  # name, scope: not by adding to it
     overwritten: list[tuple[str, str]] = field(default_factory=list)  # by what is neither read nor a copy
     computed_values: list[tuple[int, str, str]] = field(
@@ -74,6 +76,14 @@ class FoundShifts:
         turn = NO_TURN if word == "offs" else None
         name = decode_name(named[1]) if named else ""
         self.found.append(FoundShift(start, text[start:end], scope, name, None, size, turn))
+
+    def take_guided(self, word: str, span: tuple[int, int], line: int, scope: str) -> None:
+        """Note a motion that a sensor guides, or a force or a search pattern along the axes of a frame."""
+        what = self.displacements.text[span[0] : span[1]]
+        if word in FORCE_REFERENCES:
+            self.found.append(FoundShift(span[0], what, scope, "", None, UNREADABLE))
+        else:
+            self.guided.append(guided_motion(line, what))
 
     def take_target(self, target: MoveTarget, move: tuple[str, int], scope: str, frame: str | None) -> None:
         """Note a target that its move itself, by name and row, shifts or computes."""
@@ -135,6 +145,7 @@ class FoundShifts:
         named = [self._make_shift(one, collected, uses) for one in found]
         return (
             *named,
+            *self.guided,
             *(
                 shift
                 for (scope, name), frames in sorted(uses.frames_of_measured().items())

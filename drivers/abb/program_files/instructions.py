@@ -26,6 +26,16 @@ MOVES = {
     **{f"move{way}{signal}": -3 for way in "ljc" for signal in ("do", "ao", "go")},
 }
 
+# What moves the robot to no target: where a sensor or another computer sends it, or where a force lets it go.
+GUIDES = frozenset(("egmrunpose", "egmrunjoint"))
+FORCE_REFERENCES = frozenset(
+    ("fcrefforce", "fcreftorque", "fcrefline", "fcrefrot", "fcrefcircle", "fcrefspiral")
+)
+EXTENDED_MOVE = "moveextj"  # of all external axes, by themselves
+TURNS_AXES = frozenset(
+    ("indamove", "indrmove", "inddmove", "indcmove", EXTENDED_MOVE)
+)  # one by itself, or all
+
 _ARGUMENT = re.compile(r'![^\n]*+|"(?:[^"\n]++|"")*+"?+|[\[\](){},;]|[^\[\](){},;!"]++')
 _HEAD = re.compile(rf"{W}({NAME}){W}(?:\{{([^{{}}]*+)\}})?+{W}(\()?+", re.ASCII)
 _PLAIN = re.compile(rf"{W}({NAME}){W}(?=\\|\Z)", re.ASCII)

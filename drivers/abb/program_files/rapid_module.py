@@ -13,9 +13,13 @@ from cellcal.drivers.abb.program_files.found_shifts import FoundShifts
 from cellcal.drivers.abb.program_files.instructions import (
     BROKEN,
     COMPUTED,
+    EXTENDED_MOVE,
     FINDS,
+    FORCE_REFERENCES,
+    GUIDES,
     MOVES,
     STAR,
+    TURNS_AXES,
     MoveInstruction,
     MoveTarget,
     read_instruction,
@@ -39,6 +43,7 @@ from cellcal.drivers.abb.program_files.unread import INSIDE, LIKE_A_POSITION, un
 from cellcal.drivers.abb.program_files.usual import USUAL
 from cellcal.drivers.abb.program_files.written_arguments import find_written
 from cellcal.drivers.abb.program_files.written_numbers import WrittenTargets
+from cellcal.drivers.programs.guided_motions import AXIS_BY_ITSELF
 from cellcal.drivers.programs.positions import NO_NUMBER
 from cellcal.drivers.programs.spans import ProgramText
 
@@ -86,6 +91,7 @@ class RapidModule(RapidDeclarations):
     looked_at: int = 0  # up to where the text was searched for positions inside other data
     set_whole: list[tuple[str, str]] = field(default_factory=list)  # name, scope
     moves: bool = False  # an instruction of the file moves a robot
+    extended_moves: list[tuple[int, str, str]] = field(default_factory=list)  # place, target, scope
     displaced: bool = False  # moves are noted one by one, for displacements
     routine_begins: int = 0
     set_names: set[str] = field(default_factory=set)  # what is assigned as a whole
@@ -153,6 +159,7 @@ class RapidModule(RapidDeclarations):
 
     def finish_reading(self) -> None:
         """Remark targets that the program sets, and take away those that are seen from the flange."""
+        self._leave_extended_moves()
         for place in unread_positions(self.found.source.text, set(self.found.starts)):
             self.found.add_unread(f"line {self.found.source.line_of(place)}", place, INSIDE)
         self.written = self.found.compute_usual()
@@ -172,6 +179,12 @@ class RapidModule(RapidDeclarations):
         self._pass_targets()
         self.uses.resolve_uses(self.found)
         self.shifts.bar_targets(self.found, self.uses)
+
+    def _leave_extended_moves(self) -> None:
+        """Leave moves of external axes alone to what this file does not hold."""
+        for place, name, scope in self.extended_moves:
+            if not self.uses.rows_of(name, scope):
+                self.found.add_unread(f"MoveExtJ@{self.found.source.line_of(place)}", place, AXIS_BY_ITSELF)
 
     def _take_written_arguments(self) -> None:
         """Count what instructions and routines give a value which it is passed to as if it were assigned."""
@@ -200,6 +213,9 @@ class RapidModule(RapidDeclarations):
             return handler(self, word, end)
         if word in MOVES:
             return self._take_instruction(word, start, end)
+        if word in GUIDES or word in FORCE_REFERENCES or word in TURNS_AXES:
+            self._take_motion_without_place(word, start, end)
+            return end
         if word in _REMARKED:
             self.found.add_remark(start, *_REMARKED[word])
         if word in _REMARKED or word in WORDS:
@@ -209,6 +225,18 @@ class RapidModule(RapidDeclarations):
         if assigned is None or self.found.source.text[start - 1 : start] == "\\":  # an option of a call
             return end
         return self._take_assignment(start, end, assigned)
+
+    def _take_motion_without_place(self, word: str, start: int, end: int) -> None:
+        """Take an instruction that moves the robot, or an axis beside it, to what is no target of the file."""
+        text, line = self.found.source.text, self.found.source.line_of(start)
+        if word in TURNS_AXES:
+            target = _NAME.match(text, end) if word == EXTENDED_MOVE else None
+            if target is not None:  # most are declared, and their axes stated
+                self.extended_moves.append((start, decode_name(target[1]), self.uses.scope))
+            elif word != EXTENDED_MOVE:
+                self.found.add_unread(f"{text[start:end]}@{line}", start, AXIS_BY_ITSELF)
+        else:
+            self.shifts.take_guided(word, (start, end), line, self.uses.scope)
 
     def _take_assignment(self, start: int, end: int, assigned: re.Match[str]) -> int:
         text = self.found.source.text

@@ -20,6 +20,7 @@ from cellcal.drivers.fanuc.program_files.ls_fixed import (
     join_files,
     records_at,
 )
+from cellcal.drivers.fanuc.program_files.ls_numbers import LEAST_DECIMALS
 from cellcal.drivers.fanuc.program_files.ls_orientation import new_coordinates
 from cellcal.drivers.fanuc.program_files.ls_positions import decimal_resolutions, poses_of
 from cellcal.drivers.programs.positions import CARTESIAN, PositionChange, Positions
@@ -113,6 +114,9 @@ def plan_rewrite(data: bytes, read: FixedRead | None, change: PositionChange) ->
         or not (fixed.style.padded and (np.diff(rows) > 0).all())
     ):
         return None
+    used = set(fixed.of[rows].tolist())
+    if min(int(fixed.patterns[each].coordinate_decimals.min()) for each in used) < LEAST_DECIMALS:
+        return None  # a new value has more digits than its field
     return RecordRewrite(data, offsets[rows], fixed.patterns, fixed.of[rows], fixed.style.leading_zero, poses)
 
 

@@ -17,7 +17,13 @@ from cellcal.drivers.fanuc.program_files.ls_grammar import (
     UNTAUGHT_CARTESIAN,
     UNTAUGHT_JOINTS,
 )
-from cellcal.drivers.fanuc.program_files.ls_numbers import LARGEST, NumberStyle, all_decimals, count_decimals
+from cellcal.drivers.fanuc.program_files.ls_numbers import (
+    LARGEST,
+    LEAST_DECIMALS,
+    NumberStyle,
+    all_decimals,
+    kept_decimals,
+)
 from cellcal.drivers.fanuc.program_files.ls_orientation import new_coordinates
 from cellcal.drivers.fanuc.program_files.ls_positions import REMOTE
 from cellcal.drivers.fanuc.program_files.ls_records import ListingFile
@@ -175,7 +181,7 @@ def _pose_edits(blocks: RecordTexts, rows: NDArray[np.int64], frame_tip: Array) 
     found = [blocks.match_cartesian(int(row)) for row in rows]
     texts = [text for block in found for text in block.groups()[4:10]]
     old = np.array(list(map(float, texts))).reshape(-1, 6)
-    places = all_decimals(texts).reshape(-1, 6)
+    places = np.maximum(all_decimals(texts).reshape(-1, 6), LEAST_DECIMALS)
     new, differs = new_coordinates(frame_tip, old, places)
     for row, block, values, others in zip(rows.tolist(), found, new.tolist(), differs.tolist(), strict=True):
         for field in range(6):
@@ -217,7 +223,7 @@ def _joint_edits(blocks: RecordTexts, rows: NDArray[np.int64], joints: Array) ->
             )
         for found, value in zip(fields, requested.tolist(), strict=True):
             new = value * _PER_UNIT[found[4]]
-            if abs(new - float(found[3])) > 0.5 * 10.0 ** -count_decimals(found[3]) * (1 - 1e-9):
+            if abs(new - float(found[3])) > 0.5 * 10.0 ** -kept_decimals(found[3]) * (1 - 1e-9):
                 start = block.start(5)
                 yield start + found.start(3), start + found.end(3), blocks.write_number(row, found[3], new)
 

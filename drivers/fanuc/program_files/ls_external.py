@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.message import make_message
 from cellcal.drivers.fanuc.program_files.ls_grammar import FIELD
-from cellcal.drivers.fanuc.program_files.ls_numbers import count_decimals
+from cellcal.drivers.fanuc.program_files.ls_numbers import kept_decimals
 from cellcal.drivers.fanuc.program_files.ls_records import PositionRecord
 from cellcal.drivers.programs.conditions import AxisUnit, ExternalColumn
 from cellcal.drivers.programs.positions import JOINTS, Positions
@@ -122,7 +122,7 @@ def _axis_edit(blocks: "RecordTexts", row: int, axis: tuple[bytes, int], value: 
                 ),
             )
         new = value * _PER_UNIT[found[4]]
-        if abs(new - float(found[3])) > 0.5 * 10.0 ** -count_decimals(found[3]) * (1 - 1e-9):
+        if abs(new - float(found[3])) > 0.5 * 10.0 ** -kept_decimals(found[3]) * (1 - 1e-9):
             yield *found.span(3), blocks.write_number(row, found[3], new)
         return
     raise blocks.row_error(

@@ -27,6 +27,7 @@ from cellcal.drivers.fanuc.program_files.ls_statements import (
     read_statements,
 )
 from cellcal.drivers.programs.file_declarations import ExternalUses
+from cellcal.drivers.programs.guided_motions import guided_motion
 from cellcal.drivers.programs.positions import CARTESIAN, JOINTS, Positions
 from cellcal.drivers.programs.shifts import NO_TURN, UNREADABLE, ProgramShift, ShiftAxes
 
@@ -35,7 +36,19 @@ _WRITTEN_REMOTE = (
     "it is written with RX to RR, for a tool that stands in the cell; the listing does not say where"
 )
 _GIVES = re.compile(rb"(?<![A-Z])P\[[^\]\n]{1,40}+\][ \t]*+=(?!=)")
-_WORDS = (b"INC", b"COORD", b"RTCP", b"VR[", b"OFFSET", b"PR[", b"PAL_", b"SEARCH")
+_WORDS = (
+    b"INC",
+    b"COORD",
+    b"RTCP",
+    b"VR[",
+    b"OFFSET",
+    b"PR[",
+    b"PAL_",
+    b"SEARCH",
+    b"IBGN",
+    b"TRACK",
+    b"FORCE",
+)
 _REST = (  # "home", "Home1", "HomePos", "GoHome", "Grundstellung" as words; not "SPARK", "PARKETT" or "HomeBin"
     rb"(?<![a-z\x80-\xff])(?:(?:go|rob|robot)?(?:home|perch|park)|parken|parking|grund|ruhe)"
     rb"(?:pos|posn|position|point|pkt|punkt|platz|st|stlg|stellung|lage)?(?![a-z\x80-\xff])"
@@ -45,6 +58,12 @@ _HOME = re.compile(  # the robot's own resting posture, which no work moves, whe
 )
 _STRAIGHT = re.compile(rb"\b[LCAS][ \t]++PR\[ *+(\d{1,5}+)", re.IGNORECASE)
 _CARRY = "Carry it with `cellcal program registers`, or teach it there."
+_GUIDED = re.compile(  # motion that is streamed, and the path modified by what another device sends
+    rb"(?:IBGN[ \t]++START|TRACK[ \t]++DPM)\b", re.IGNORECASE
+)
+_FORCE = re.compile(
+    rb"FORCE[ \t]++CTRL\b", re.IGNORECASE
+)  # it presses and searches along the axes of a frame
 _TO_PALLET = re.compile(
     rb"[JLCAS][ \t]++(PAL_\d++\[[^\]]{0,20}+\])"
 )  # its places are no positions of the listing
@@ -98,6 +117,7 @@ def with_motions(positions: Positions, data: bytes, external_uses: ExternalUses 
         *here,
         *(shift for position, shift in elsewhere if position == START),
         *_pallet_places(data),
+        *_guided_motions(data),
         *_added_registers(found, registers),
         *_absent_places(data, frames, found, registers),
         *_with_rows(shifts, rows, positions),
@@ -131,6 +151,17 @@ def _pallet_places(data: bytes) -> Iterator[ProgramShift]:
             yield ProgramShift(
                 statement.line, "PALLETIZING", ShiftAxes.USER_FRAME, point=place, quaternion=None, sets=True
             )
+
+
+def _guided_motions(data: bytes) -> Iterator[ProgramShift]:
+    """Yield what moves the robot by sensors and other computers, and by forces."""
+    for statement in read_statements(data):
+        guided, pressed = _GUIDED.match(statement.text), _FORCE.match(statement.text)
+        if guided is not None:
+            yield guided_motion(statement.line, guided[0].decode("cp437"))
+        elif pressed is not None:
+            what = pressed[0].decode("cp437")
+            yield ProgramShift(statement.line, what, ShiftAxes.USER_FRAME, point="a computed place")
 
 
 def _added_registers(found: MotionFindings, registers: ComputedRegisters) -> Iterator[ProgramShift]:

@@ -8,6 +8,9 @@ import numpy as np
 
 from cellcal.calibration.geometry import Array
 
+LEAST_DECIMALS = (
+    3  # of controllers; a person's or a generator's `45 mm` does not mean that nothing finer counts
+)
 LARGEST = 1e6  # exclusive: 1 km, or as many degrees; the controller prints stars long before
 
 _PADDED = re.compile(rb"=[ ]{2,}[-+.\d]")
@@ -19,6 +22,11 @@ def count_decimals(text: bytes) -> int:
     """Return how many digits stand behind the point."""
     point = text.find(b".")
     return len(text) - point - 1 if point >= 0 else 0
+
+
+def kept_decimals(text: bytes) -> int:
+    """Return how many decimals a new value gets: those of the old one, and as many as controllers write."""
+    return max(count_decimals(text), LEAST_DECIMALS)
 
 
 def all_decimals(texts: Sequence[bytes]) -> Array:
@@ -49,21 +57,13 @@ class NumberStyle:
         return cls(padded=_PADDED.search(data, start, end) is not None, leading_zero=full)
 
     def write_value(self, old: bytes, value: float) -> bytes:
-        """Return a value (in the file's unit) with the decimals of ``old``, blanks before it included."""
-        digits = count_decimals(old)
-        if (
-            self.padded
-            and digits
-            and (value >= 1.0 or value <= -1.0)
-            and old[:1] == b" "
-            and b"\t" not in old
-        ):
+        """Return a value (in the file's unit) with the decimals of ``old``, at least three, and blanks before it."""
+        digits = kept_decimals(old)
+        if self.padded and (value >= 1.0 or value <= -1.0) and old[:1] == b" " and b"\t" not in old:
             return b" %*.*f" % (len(old) - 1, digits, value)  # nearly all of a million numbers
         text = b"%.*f" % (digits, value)
         if -1.0 < value < 1.0:
             text = self._write_small(text)
-        if old.endswith(b"."):
-            text += b"."
         blanks = len(old) - len(old.lstrip(b" \t"))
         if self.padded and blanks and b"\t" not in old:
             return b" " + text.rjust(len(old) - 1)

@@ -11,7 +11,7 @@ from cellcal.calibration.geometry import Array, homogeneous_matrix
 from cellcal.calibration.message import make_message
 from cellcal.calibration.orientation import rotation_from
 from cellcal.drivers.fanuc.program_files.ls_external import ExternalUnits, note_units, with_external_columns
-from cellcal.drivers.fanuc.program_files.ls_numbers import all_decimals, count_decimals
+from cellcal.drivers.fanuc.program_files.ls_numbers import LEAST_DECIMALS, all_decimals, kept_decimals
 from cellcal.drivers.fanuc.program_files.ls_records import (
     AxisText,
     CoordinateForm,
@@ -149,8 +149,8 @@ def poses_of(values: Array, places: Array) -> tuple[Array, Array]:
 
 
 def decimal_resolutions(digits: NDArray[np.number]) -> Array:
-    """Return one unit of the last decimal (N, 2) [m, rad]."""
-    found: Array = 10.0 ** -digits.astype(float) * [1e-3, np.pi / 180.0]
+    """Return one unit of the last decimal that a new value gets (N, 2) [m, rad]."""
+    found: Array = 10.0 ** -np.maximum(digits.astype(float), LEAST_DECIMALS) * [1e-3, np.pi / 180.0]
     return found
 
 
@@ -170,7 +170,7 @@ def _axis_digits(
         if record.form is CoordinateForm.JOINTS:
             for column, unit in enumerate((b"mm", b"deg")):
                 digit_texts = [
-                    count_decimals(axis.text)
+                    kept_decimals(axis.text)
                     for axis in record.axes
                     if axis.unit == unit and axis.letter == b"J"
                 ]

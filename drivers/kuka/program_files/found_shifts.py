@@ -46,6 +46,7 @@ class ShiftNotes:
 
     found: KrlPositions
     notes: list[_FoundShift] = field(default_factory=list)
+    guided: list[ProgramShift] = field(default_factory=list)  # motions that a sensor guides
 
     def note_relative(self, place: int, word: str, literal: KrlLiteral | None, used: PointMove) -> None:
         """Note a relative move along the axes of the base; a literal of None is computed."""
@@ -105,7 +106,7 @@ class ShiftNotes:
 
     def to_shifts(self, points: PointUses) -> tuple[ProgramShift, ...]:
         """Return the shifts, with the base of the move that each belongs to."""
-        return tuple(self._make_shift(one, points) for one in self.notes)
+        return (*(self._make_shift(one, points) for one in self.notes), *self.guided)
 
     def _make_shift(self, one: _FoundShift, points: PointUses) -> ProgramShift:
         base = None if one.used is None else points.frames_of_move(one.used, joints=False).frame

@@ -24,6 +24,7 @@ from cellcal.drivers.kuka.program_files.literals import KrlLiteral
 from cellcal.drivers.kuka.program_files.passed_points import call_of, calls_of, given_from, is_by_value
 from cellcal.drivers.kuka.program_files.point_uses import PointMove, PointUses
 from cellcal.drivers.programs.barred import OVERWRITTEN
+from cellcal.drivers.programs.guided_motions import guided_motion
 
 
 @dataclass
@@ -194,6 +195,8 @@ class KrlMotions:
         for name in sorted(names):
             if name.startswith(patterns.SENSOR):
                 self.found.add_remark(line.start, "vision", make_message(patterns.FOUND, name))
+            if name in patterns.GUIDES:
+                self.shifts.guided.append(guided_motion(self.found.source.line_of(line.start), name))
 
     def _take_arguments(self, code: str, line: KrlLine) -> None:
         """Take the data that calls pass, and what functions of the language give a value."""

@@ -41,6 +41,7 @@ from cellcal.drivers.kuka.program_files.point_uses import PointUses
 from cellcal.drivers.kuka.program_files.usual import TAUGHT_MOVE
 from cellcal.drivers.programs.barred import OVERWRITTEN
 from cellcal.drivers.programs.file_declarations import COPIED
+from cellcal.drivers.programs.guided_motions import AXIS_BY_ITSELF
 from cellcal.drivers.programs.spans import ProgramText
 
 
@@ -121,7 +122,10 @@ class KrlProgram(KrlMotions):
             routine = self.points.routines[-1]
             handlers = routine.shown_handlers if declared[1] else routine.handlers
             handlers |= {declared[2].upper()} - patterns.KNOWN_CALLS
-        if word in patterns.BRANCHES:
+        if word in patterns.ASYNCHRONOUS:
+            name = f"{word}@{self.found.source.line_of(line.start)}"
+            self.found.add_unread(name, line.start, AXIS_BY_ITSELF)
+        elif word in patterns.BRANCHES:
             self._take_branch(word, line.start)
         elif word == patterns.FRAME_DATA_ACTIVE:
             data = patterns.FRAME_DATA_SET.match(code)  # a part of it, or all written out, is of no point

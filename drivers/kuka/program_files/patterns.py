@@ -85,6 +85,9 @@ CORRECTIONS = frozenset(
 )  # BAS.SRC then shifts every base, in its own axes or the world's
 LOOPS = frozenset(("LOOP", "REPEAT"))
 JUMP_TARGETS = frozenset(("ENDLOOP", "UNTIL"))
+# RobotSensorInterface: what it is sent corrects the motions that follow, or moves the robot by itself.
+GUIDES = frozenset(("RSI_ON", "RSI_MOVECORR", "ST_ON", "ST_ON1", "ST_MOVESENS"))
+ASYNCHRONOUS = frozenset(("ASYPTP", "ASYCONT"))
 SENSOR = "TS_BC"  # TouchSense: corrections from what was found
 SET_BY_POINTS = frozenset(("PTP_PARAMS", "CP_PARAMS", "FRAMES"))
 OFFSET = "The operator ':' adds a frame to this point while the program runs."

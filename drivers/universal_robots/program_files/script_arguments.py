@@ -209,6 +209,23 @@ class PassedArguments:
                 return ""
         return ""
 
+    def taker_of_element(self, at: int) -> str:
+        """Return what takes up one element of a list: "[" for another list, the function, or "" for neither."""
+        deep = 0
+        for i in range(at - 1, max(0, at - _LONGEST_CALL) - 1, -1):
+            sign = self.text[i]
+            deep += (sign in ")]") - (sign in "([")
+            if deep < 0:
+                called = _CALLED.search(self.text, max(0, i - _LONGEST_NAME), i)
+                if sign == "[":
+                    return "" if called and called[1] != "p" else "["  # behind a name it chooses an element
+                if called:
+                    return called[1]
+                deep = 0  # brackets of an expression
+            if sign == "\n" and not deep and self.text[max(0, i - 1)] not in ",([\\\r":
+                return ""
+        return ""
+
     def _parameter_at(self, at: int, function: str, parameters: Sequence[str]) -> str:
         """Return the parameter that an argument is for; "" where it is none."""
         before = self.text[max(0, at - _LONGEST_CALL) : at]

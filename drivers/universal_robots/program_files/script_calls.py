@@ -21,6 +21,9 @@ _TARGETS = {
 NUMBER_TAKERS = frozenset(_TARGETS) | frozenset(
     (
         "if", "elif", "while", "and", "or", "not", "xor", "return",
+        "abs", "acos", "asin", "atan", "atan2", "ceil", "cos", "d2r", "floor", "log", "pow",
+        "r2d", "sin", "sqrt", "tan", "sleep", "path_offset_set", "set_analog_out",
+        "set_standard_analog_out",
         "speedj", "speedl", "force_mode", "set_payload", "set_target_payload", "set_gravity",
         "torque_command", "direct_torque", "wrench_trans", "tool_contact", "joint_stop", "estimate_payload",
         "get_list_length", "length", "norm", "dot_product", "transpose", "inv", "size", "to_str", "str_cat",

@@ -219,10 +219,23 @@ class PositionFinder:
             return self._in_list(literal.start) or self._may_move(self._function_at(literal.call))
         if literal.role != "value" or literal.name in self.reached or literal.name in self.near:
             return False
-        uses = self.found.uses.get(literal.name, ())
-        if any(self._in_list(at) or self._may_move(where) for at, _, where in uses):
+        return self.may_be_gone_to(literal.name, literal.start)
+
+    def may_be_gone_to(self, name: str, at: int) -> bool:
+        """Return whether joints that a variable gets at an offset may be moved to, by a copy, a list or a function.
+
+        Its numbers one by one are joints only where a list or a function that may move takes them up.
+        """
+        uses = self.found.uses.get(name, ())
+        if any(
+            self._in_list(place) or self._may_move(self._taker_of(place, where)) for place, _, where in uses
+        ):
             return True
-        return bool(uses) and bool(self.passed.moves_to_copies(literal.name, literal.start))
+        return bool(uses) and bool(self.passed.moves_to_copies(name, at))
+
+    def _taker_of(self, at: int, where: str) -> str:
+        """Return the function that a use is an argument of; of one number of a list also the list that is written."""
+        return self.passed.taker_of_element(at) if where == "[" else where
 
     def _may_move(self, function: str) -> bool:
         """Return whether a function of this script, or one that nothing here tells of, may go to what it is given."""

@@ -164,11 +164,27 @@ class ScriptShifts:
             yield self._make_shift(one.offset, what, one.name, translation, turn, each_time=True)
 
     def _is_no_place(self, one: ElementSet) -> bool:
-        """Return whether an element is set to a truth or a text, or is one of a list that has no six numbers."""
+        """Return whether an element is set to a truth or a text, or belongs to what no move goes to."""
         if _NO_NUMBER.search(self.text, one.offset, self._end_of_line(one.offset)) is not None:
+            return True
+        if self._is_never_gone_to(one.name):
             return True
         values = self._assigned_values(one.name)
         return bool(values) and one.name not in self.parameters and all(map(_is_other_list, values))
+
+    def _is_never_gone_to(self, name: str) -> bool:
+        """Return whether a variable holds six numbers without a p, as written, that nothing moves to."""
+        literals = self.finder.literals_by_name.get(name, ())
+        return (
+            bool(literals)
+            and name not in self.parameters
+            and name not in self.finder.found.assigned
+            and name not in self.finder.reached
+            and name not in self.finder.near
+            and not any(
+                literal.is_pose or self.finder.may_be_gone_to(name, literal.start) for literal in literals
+            )
+        )
 
     def _holds_pose(self, name: str) -> bool:
         values = self._assigned_values(name)

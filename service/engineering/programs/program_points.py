@@ -12,7 +12,10 @@ from cellcal.drivers.programs.external_settings import sets_external_axes
 from cellcal.drivers.programs.file_declarations import VALUES_GIVEN
 from cellcal.drivers.programs.positions import CARTESIAN, JOINTS, UNTAUGHT, ProgramFile
 from cellcal.service.engineering.programs.controller_joints import NO_UNIT, as_chain, lacks_units
-from cellcal.service.engineering.programs.external.point_reasons import external_reasons
+from cellcal.service.engineering.programs.external.point_reasons import (
+    external_reasons,
+    leave_lists_of_programs,
+)
 from cellcal.service.engineering.programs.external.point_values import PointAxes
 from cellcal.service.engineering.programs.point_columns import joints_of, marked_rows, side_by_side
 from cellcal.service.engineering.programs.project import Project
@@ -130,6 +133,7 @@ def points_of(programs: Sequence[ProgramFile], cell: Project) -> ProgramPoints:
         external_reasons(program, cell.axes, cell.standing_tools, axes, set_later=set_later)
         for program in programs
     ]
+    leave_lists_of_programs(programs, found)
     all_of = [program.positions for program in programs]
     count = [len(positions) for positions in all_of]
     no_units = [lacks_units(one.brand, one.positions, cell.nominal) for one in programs]

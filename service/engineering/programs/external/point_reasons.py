@@ -79,6 +79,18 @@ def external_reasons(
     return ExternalReasons(reasons, stays, point_axes)
 
 
+def leave_lists_of_programs(programs: Sequence[ProgramFile], found: Sequence[ExternalReasons]) -> None:
+    """Leave all points of a KUKA program where its text, or its data list, carries axes that are not stated."""
+    elsewhere = {
+        program.name
+        for program, external in zip(programs, found, strict=True)
+        if program.brand == "kuka" and {EXTERNAL, BESIDE_EXTERNAL}.intersection(external.reasons)
+    }
+    for program, external in zip(programs, found, strict=True):
+        if program.brand == "kuka" and program.name in elsewhere:
+            external.reasons[:] = [reason or BESIDE_EXTERNAL for reason in external.reasons]
+
+
 def _add_standing(positions: Positions, axes: CellAxes, reasons: list[str], *, caseless: bool) -> None:
     """Leave points whose program says that their frame stands, where the project lets an axis turn it."""
     for row in positions.standing_frames:
