@@ -6,6 +6,7 @@ import signal
 import sys
 
 from cellcal.calibration.errors import CellError
+from cellcal.calibration.message import make_message
 
 _KEPT_BYTES = 4096
 _CHUNK = 4096
@@ -18,13 +19,24 @@ class ChildEndedError(CellError):
     code = "process.ended"
 
     def __init__(self, title: str, code: int, words: str) -> None:
-        how = f"exit code {code}" if code >= 0 else f"signal {-code} ({signal.strsignal(-code) or 'unknown'})"
+        reason = describe_exit(code)
         was_killed = -code in (signal.SIGKILL, signal.SIGTERM)  # by another: what it said before is no reason
-        last = f' Its last words: "{words}".' if words and not was_killed else ""
+        last_lines = (
+            make_message(' Its last words: "{words}".', words=words) if words and not was_killed else ""
+        )
         super().__init__(
-            f"{title} ended: {how}.{last}",
+            make_message(
+                "{title} ended: {reason}.{last_lines}", title=title, reason=reason, last_lines=last_lines
+            ),
             remedy="It is started again by itself. If this stays, look into the log of the service.",
         )
+
+
+def describe_exit(code: int) -> str:
+    """Return how a process ended, in words."""
+    if code >= 0:
+        return make_message("exit code {code}", code=code)
+    return make_message("signal {number} ({name})", number=-code, name=signal.strsignal(-code) or "unknown")
 
 
 class StderrTail:

@@ -5,6 +5,8 @@ import math
 _SHOWN = {
     "m": (1e3, "mm", 3),
     "rad": (180.0 / math.pi, "deg", 4),
+    "rad/s": (180.0 / math.pi, "deg/s", 4),
+    "m/s": (1e3, "mm/s", 3),
     "turn": (1.0, "turns", 3),
     "count": (1.0, "counts", 0),
 }

@@ -6,6 +6,7 @@ from defusedxml import DefusedXmlException  # ships no types
 from defusedxml.ElementTree import fromstring  # ships no types
 
 from cellcal.calibration.documents.errors import DocumentError
+from cellcal.calibration.message import make_message
 
 MOST_CHARACTERS = 64_000_000
 _MOST_DEPTH = 100
@@ -21,7 +22,7 @@ def parse_xml(raw: bytes | str, *, most_depth: int = _MOST_DEPTH) -> Element:
         It is no XML, declares a document type, or goes past a limit.
     """
     if len(raw) > MOST_CHARACTERS:
-        raise _xml_error(f"it is larger than {MOST_CHARACTERS // 1_000_000} MB")
+        raise _xml_error(make_message("it is larger than {most} MB", most=MOST_CHARACTERS // 1_000_000))
     try:
         root: Element = fromstring(raw, forbid_dtd=True)
     except ParseError as error:

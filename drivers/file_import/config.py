@@ -8,6 +8,7 @@ from typing import Literal
 
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
+from cellcal.calibration.message import make_message
 from cellcal.calibration.orientation import CONVENTIONS
 from cellcal.drivers.file_import.devices import FileGauge, FileTracker, FrameOptions, InstrumentOptions
 from cellcal.drivers.file_import.number_text import ColumnLayout
@@ -87,7 +88,9 @@ class FileGaugeConfig(_InstrumentConfig):
     @asynccontextmanager
     async def open(self, operator: Operator | None = None) -> AsyncIterator[FileGauge]:
         """Open it; ``operator`` is who is asked for readings, or for the first row of a file."""
-        question = f"Read {self.instrument} and type its length in {self.unit}."
+        question = make_message(
+            "Read {instrument} and type its length in {unit}.", instrument=self.instrument, unit=self.unit
+        )
         gauge = FileGauge(self._make_rows(operator, question), self._instrument_options())
         try:
             yield gauge
@@ -140,8 +143,18 @@ class FileTrackerConfig(_InstrumentConfig):
             tracker.close()
 
     def _question_text(self) -> str:
-        turn = ""
-        if self.orientation:
-            fields = " ".join(CONVENTIONS[self.orientation].fields)
-            turn = f" {fields} in {self.angle_unit}, as {self.orientation} has them"
-        return f"Measure with {self.instrument} and type x y z in {self.unit}{turn}, with blanks between."
+        if not self.orientation:
+            return make_message(
+                "Measure with {instrument} and type x y z in {unit}, with blanks between.",
+                instrument=self.instrument,
+                unit=self.unit,
+            )
+        return make_message(
+            "Measure with {instrument} and type x y z in {unit} {fields} in {angle_unit}, as {orientation} has them, "
+            "with blanks between.",
+            instrument=self.instrument,
+            unit=self.unit,
+            fields=" ".join(CONVENTIONS[self.orientation].fields),
+            angle_unit=self.angle_unit,
+            orientation=self.orientation,
+        )

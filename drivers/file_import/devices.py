@@ -121,7 +121,12 @@ class FileGauge(_Instrument):
         value_m = raw * _STEP_M
         if not 0.0 <= value_m <= self._options.range_m:
             raise self._refused_error(
-                row, f"{value_m * 1e3:.3f} mm is outside 0 to {self._options.range_m * 1e3:g} mm"
+                row,
+                make_message(
+                    "{value:.3f} mm is outside 0 to {most:g} mm",
+                    value=value_m * 1e3,
+                    most=self._options.range_m * 1e3,
+                ),
             )
         return LengthReading(value_m, self._options.sigma_m, time.monotonic(), raw)
 

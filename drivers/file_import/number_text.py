@@ -4,6 +4,8 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from cellcal.calibration.message import make_message
+
 _NUMBER = re.compile(r"[+-]?([0-9]+([.,][0-9]*)?|[.,][0-9]+)([eE][+-]?[0-9]+)?")
 _UNIT_AT_END = re.compile(r"[\[(]\s*(\S+?)\s*[\])]\s*$|_([A-Za-zµ]+)$")
 _METRES = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "µm": 1e-6, "μm": 1e-6, "in": 0.0254, "inch": 0.0254}
@@ -50,10 +52,14 @@ def parse_number(cell: str) -> float:
     """Return the number in a cell; a comma is a decimal mark. Raise TextError for anything else."""
     plain = cell.strip().strip('"').strip().replace("\N{MINUS SIGN}", "-")
     if not _NUMBER.fullmatch(plain):
-        raise TextError(f"{cell.strip()[:40]!r} is not a number (thousands are written without a mark)")
+        raise TextError(
+            make_message(
+                "{cell!r} is not a number (thousands are written without a mark)", cell=cell.strip()[:40]
+            )
+        )
     value = float(plain.replace(",", "."))
     if abs(value) > _LARGEST:
-        raise TextError(f"{cell.strip()[:40]!r} is too large to be a reading")
+        raise TextError(make_message("{cell!r} is too large to be a reading", cell=cell.strip()[:40]))
     return value
 
 
@@ -61,7 +67,11 @@ def parse_typed(line: str, count: int) -> tuple[float, ...]:
     """Return the numbers that a person typed, between blanks, tabs or semicolons; a comma is a decimal mark."""
     cells = [cell for cell in re.split(r"[;\s]+", line.strip()) if cell]
     if len(cells) != count:
-        raise TextError(f"{len(cells)} numbers instead of {count}; write blanks between them")
+        raise TextError(
+            make_message(
+                "{found} numbers instead of {count}; write blanks between them", found=len(cells), count=count
+            )
+        )
     return tuple(parse_number(cell) for cell in cells)
 
 
@@ -83,7 +93,7 @@ def rows_of(text: str, layout: ColumnLayout) -> list[TextRow]:
             rows.append(TextRow(_read_values(line, at, places, layout), at, line.strip()))
     if places is None and lines:
         names = ", ".join(str(column) for column in layout.columns)
-        raise TextError(f"no line names the columns {names}")
+        raise TextError(make_message("no line names the columns {names}", names=names))
     return rows
 
 
@@ -116,7 +126,9 @@ def _check_unit(cell: str, unit: str) -> None:
     found = _UNIT_AT_END.search(cell)
     heading_unit = "" if found is None else (found.group(1) or found.group(2)).lower()
     if heading_unit in _METRES and _METRES[heading_unit] != _METRES[unit]:
-        raise TextError(f"the heading says {cell!r}, cell.toml says {unit}")
+        raise TextError(
+            make_message("the heading says {cell!r}, cell.toml says {unit}", cell=cell, unit=unit)
+        )
 
 
 def _is_units(line: str, places: Sequence[int], layout: ColumnLayout) -> bool:
@@ -143,10 +155,14 @@ def _read_values(line: str, at: int, places: Sequence[int], layout: ColumnLayout
             faults.append(str(fault))
     if len(found) > 1:
         raise TextError(
-            f"line {at}: it can be read in two ways; name the separator in cell.toml: {line.strip()[:60]!r}"
+            make_message(
+                "line {at}: it can be read in two ways; name the separator in cell.toml: {line!r}",
+                at=at,
+                line=line.strip()[:60],
+            )
         )
     if not found:
-        raise TextError(f"line {at}, {faults[0]}")
+        raise TextError(make_message("line {at}, {fault}", at=at, fault=faults[0]))
     return next(iter(found))
 
 
@@ -154,11 +170,15 @@ def _read_numbers(cells: Sequence[str], places: Sequence[int]) -> tuple[float, .
     values = []
     for place in places:
         if place >= len(cells):
-            raise TextError(f"column {place + 1}: there are only {len(cells)} columns")
+            raise TextError(
+                make_message(
+                    "column {column}: there are only {count} columns", column=place + 1, count=len(cells)
+                )
+            )
         try:
             values.append(parse_number(cells[place]))
         except TextError as fault:
-            raise TextError(f"column {place + 1}: {fault}") from None
+            raise TextError(make_message("column {column}: {fault}", column=place + 1, fault=fault)) from None
     return tuple(values)
 
 

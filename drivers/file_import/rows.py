@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
 
-from cellcal.calibration.message import make_message
+from cellcal.calibration.message import join_messages, make_message
 from cellcal.drivers.errors import DeviceTimeoutError, RefusedError, UnreachableError
 from cellcal.drivers.file_import.number_text import ColumnLayout, TextError, TextRow, parse_typed, rows_of
 from cellcal.drivers.interfaces import Operator, Question
@@ -60,7 +60,9 @@ class TypedRows:
             except TextError as fault:
                 text = make_message("{fault}. {text}", fault=fault, text=self._text)
         raise RefusedError(
-            self._device, f"no reading was given: {text}", remedy="Read the instrument again, then resume."
+            self._device,
+            make_message("no reading was given: {text}", text=text),
+            remedy="Read the instrument again, then resume.",
         )
 
     async def check_source(self) -> None:
@@ -108,7 +110,9 @@ class _ReadingFile:
         except OSError as error:
             raise UnreachableError(
                 self.device,
-                f"{self.options.path} cannot be read: {error.strerror or error}.",
+                make_message(
+                    "{path} cannot be read: {reason}.", path=self.options.path, reason=error.strerror or error
+                ),
                 remedy="Check the path in cell.toml, the share and its permissions.",
             ) from error
         except ValueError as error:
@@ -128,7 +132,7 @@ class _ReadingFile:
             return rows_of(_decode_text(complete), self.options.layout)
         except TextError as fault:
             raise self.file_error(
-                f"{fault}", "Correct the row in the instrument's program, or its layout."
+                str(fault), "Correct the row in the instrument's program, or its layout."
             ) from fault
 
     def file_error(self, message: str, remedy: str) -> RefusedError:
@@ -173,7 +177,12 @@ class GrowingFile:
                 return new[0]
             if new:
                 raise self._file.file_error(
-                    f"{len(new)} rows were written for one reading (lines {new[0].line} to {new[-1].line})",
+                    make_message(
+                        "{count} rows were written for one reading (lines {first} to {last})",
+                        count=len(new),
+                        first=new[0].line,
+                        last=new[-1].line,
+                    ),
                     "One shot for each question: resume, and shoot once when asked.",
                 )
         raise self._late_row_error(content, earlier_rows)
@@ -183,12 +192,15 @@ class GrowingFile:
 
     def _late_row_error(self, content: bytes, earlier_rows: int) -> DeviceTimeoutError:
         wait_s = self._file.options.wait_s
-        message = (
-            f"no new row in {self._file.options.path.name} within {wait_s:g} s; it has {earlier_rows} "
-            f"older ones."
+        message = make_message(
+            "no new row in {name} within {wait_s:g} s; it has {earlier_rows} older ones.",
+            name=self._file.options.path.name,
+            wait_s=wait_s,
+            earlier_rows=earlier_rows,
         )
         if _last_line(content).strip():
-            message += " Its last line has no line end yet, so it may be half written."
+            half_written = "Its last line has no line end yet, so it may be half written."
+            message = join_messages(" ", (message, half_written))
         return DeviceTimeoutError(self._file.device, message, remedy="Resume, and shoot after the question.")
 
 
@@ -210,7 +222,7 @@ class WholeFile:
             self._next = await self._ask_first_row(len(rows))
         if not 1 <= self._next <= len(rows):
             raise self._file.file_error(
-                f"row {self._next} is asked for, it has {len(rows)}",
+                make_message("row {row} is asked for, it has {count}", row=self._next, count=len(rows)),
                 "See that the file holds a row for every pose, in their order.",
             )
         row = rows[self._next - 1]
@@ -230,13 +242,17 @@ class WholeFile:
         if self._operator is None:
             raise self._file.file_error("which row is next is unknown", "Give first_row in cell.toml.")
         name = self._file.options.path.name
-        text = f"{name} has {count} rows. Which one belongs to the next pose? (1 unless the run was resumed)"
+        text = make_message(
+            "{name} has {count} rows. Which one belongs to the next pose? (1 unless the run was resumed)",
+            name=name,
+            count=count,
+        )
         answer = await self._operator.ask_question(Question(f"first_row:{self._file.device}", text))
         try:
             return int(answer.value)
         except ValueError:
             raise self._file.file_error(
-                f"{answer.value!r} is no row", "Resume, and give a whole number."
+                make_message("{typed!r} is no row", typed=answer.value), "Resume, and give a whole number."
             ) from None
 
 
@@ -253,7 +269,7 @@ def _read_file(path: Path) -> bytes:
     with path.open("rb") as file:
         content = file.read(MOST_BYTES + 1)
     if len(content) > MOST_BYTES:
-        raise ValueError(f"it is larger than {MOST_BYTES // 1_000_000} MB")
+        raise ValueError(make_message("it is larger than {most} MB", most=MOST_BYTES // 1_000_000))
     if content.startswith(_UTF_16) or b"\0" in content[:4096]:
         raise ValueError("it is not a text file in UTF-8")
     return content
@@ -272,5 +288,7 @@ def _first_change(before: bytes, now: bytes) -> str:
     lines = list(zip(before.splitlines(), now.splitlines(), strict=False))
     changed = next((i for i, (old, new) in enumerate(lines, start=1) if old != new), None)
     if changed is None:
-        return f"it has become shorter, from {len(before)} to {len(now)} bytes"
-    return f"line {changed} has changed since it was read"
+        return make_message(
+            "it has become shorter, from {before} to {now} bytes", before=len(before), now=len(now)
+        )
+    return make_message("line {line} has changed since it was read", line=changed)

@@ -85,7 +85,11 @@ class ChildProcess:
             async with asyncio.timeout(deadline_s):
                 return await answer
         except TimeoutError:
-            self.kill(f"it did not answer '{verb}' within {deadline_s:g} s")
+            self.kill(
+                make_message(
+                    "it did not answer '{verb}' within {deadline_s:g} s", verb=verb, deadline_s=deadline_s
+                )
+            )
             raise self._late_error() from None
         finally:
             self._waiting.pop(number, None)
@@ -133,7 +137,8 @@ class ChildProcess:
             except OSError as error:
                 ours.close()
                 raise UnreachableError(
-                    self.device, f"{self._title} could not be started: {error}."
+                    self.device,
+                    make_message("{title} could not be started: {error}.", title=self._title, error=error),
                 ) from error
             except BaseException:
                 ours.close()
@@ -157,12 +162,15 @@ class ChildProcess:
             while True:
                 (size,) = HEADER.unpack(await reader.readexactly(HEADER.size))
                 if size > LONGEST_FRAME:
-                    raise ValueError(f"a frame of {size} bytes")
+                    raise ValueError(make_message("a frame of {size} bytes", size=size))
                 self._settle_call(parse_json(await reader.readexactly(size)))
         except (asyncio.IncompleteReadError, ConnectionError):
             pass  # it ended; the exit code says how
         except (ValueError, KeyError, TypeError) as fault:
-            error = WireProtocolError(self.device, f"{self._title} sent what it must not: {fault}.")
+            error = WireProtocolError(
+                self.device,
+                make_message("{title} sent what it must not: {fault}.", title=self._title, fault=fault),
+            )
             self.kill(str(fault))
         await self._finish_process(error)
 
@@ -211,7 +219,7 @@ class ChildProcess:
     def _late_error(self) -> DeviceTimeoutError:
         return DeviceTimeoutError(
             self.device,
-            f"{self._title} hung: {self._reason}. It was ended.",
+            make_message("{title} hung: {reason}. It was ended.", title=self._title, reason=self._reason),
             remedy="Check the network cable and the controller, then try again: a new process is started.",
         )
 
@@ -219,10 +227,15 @@ class ChildProcess:
         """Return how the child ended, as an error to raise."""
         lines = self._printed.decode(errors="replace").split("\n")
         words = next((line.strip() for line in reversed(lines) if line.strip()), "")
-        last = f' Its last words: "{words}".' if words else ""
+        last_lines = make_message(' Its last words: "{words}".', words=words) if words else ""
         return UnreachableError(
             self.device,
-            f"{self._title} ended: {self._reason or self._exit_text()}.{last}",
+            make_message(
+                "{title} ended: {reason}.{last_lines}",
+                title=self._title,
+                reason=self._reason or self._exit_text(),
+                last_lines=last_lines,
+            ),
             remedy="Try again: a new process is started. If it happens again, report it with the log.",
         )
 
@@ -231,5 +244,7 @@ class ChildProcess:
         if code is None:
             return "it was not started"
         if code >= 0:
-            return f"exit code {code}"
-        return f"signal {-code} ({signal.strsignal(-code) or 'unknown'})"
+            return make_message("exit code {code}", code=code)
+        return make_message(
+            "signal {number} ({name})", number=-code, name=signal.strsignal(-code) or "unknown"
+        )

@@ -12,6 +12,7 @@ from cellcal.drivers.errors import DeviceError
 from cellcal.drivers.interfaces import GuidesPerson, Instruction, Joints, PositionCure, Readiness
 from cellcal.procedures.axis_texts import joints_text
 from cellcal.procedures.cell import Cell
+from cellcal.procedures.instruction_page import with_page
 from cellcal.procedures.questions import ask_confirmation, ask_while_watching
 from cellcal.procedures.recovery.shown_position import (
     AxisState,
@@ -207,7 +208,9 @@ async def _ask_and_watch(cell: Cell, what: AxisCure, wrong_text: str) -> None:
             sentence = make_message("The controller takes axis {axis} as good.", axis=axis)
         guides.show_guidance(sentence, {"axis": what.axis, "is_lost": is_lost})
 
-    await ask_while_watching(cell, cure_instruction(what, wrong_text), show_state, WATCH_S)
+    instruction = cure_instruction(what, wrong_text)
+    name = axis_name(what.cure, what.axis)
+    await ask_while_watching(cell, with_page(instruction, "ask", axis_name=name), show_state, WATCH_S)
 
 
 def _lost_since_error(state: AxisState, axes: list[int]) -> RefusalError:

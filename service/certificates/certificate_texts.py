@@ -25,6 +25,8 @@ _LEVELS = {
     "program": "a program that a person ran on the pendant",
     "commanded": "this software",
 }
+# The longer ending first: a speed is no length of time.
+_UNITS_BY_ENDING = (("_rad_s", "rad/s"), ("_m_s", "m/s"), ("_rad", "rad"), ("_m", "m"))
 WHOLE_RESULT = "The whole result is in the JSON file of the same name."
 
 
@@ -54,13 +56,18 @@ def describe_figure(figure: Mapping[str, Any], translations: Translations = ENGL
     unit, expanded, limit = figure["unit"], figure["expanded_uncertainty"], figure["limit"]
     bare = limit is None and (unit, figure["value"]) == ("1", 1.0)  # a fact, no figure
     shown = not bare and not figure["value"] == expanded > 0.0
+    if is_yes_or_no(figure):
+        found, limit_text = translations.translate("yes" if figure["value"] else "no"), ""
+    else:
+        found = _format_quantity(figure["value"], unit, translations) if shown else ""
+        limit_text = "" if limit is None else _format_quantity(limit, unit, translations)
     return FigureTexts(
         name=translations.translate(figure["name"]),
         word=translations.translate("stated" if figure["decision"] is None else figure["decision"].upper()),
-        found=_format_quantity(figure["value"], unit, translations) if shown else "",
+        found=found,
         expanded=_format_quantity(expanded, unit, translations) if expanded else "",
         coverage=translations.format_number(f"k = {figure['coverage']:.2f}") if expanded else "",
-        limit="" if limit is None else _format_quantity(limit, unit, translations),
+        limit=limit_text,
         rule=translations.translate(figure["rule"]),
         budget=tuple(
             (
@@ -71,6 +78,12 @@ def describe_figure(figure: Mapping[str, Any], translations: Translations = ENGL
             for part in figure["budget"]
         ),
     )
+
+
+def is_yes_or_no(figure: Mapping[str, Any]) -> bool:
+    """Return whether a judged figure is a condition that holds (1) or not (0), with 1 as its limit."""
+    is_judged = figure["decision"] is not None
+    return is_judged and (figure["unit"], figure["limit"]) == ("1", 1.0) and figure["value"] in (0.0, 1.0)
 
 
 def head_rows(content: Mapping[str, Any], translations: Translations = ENGLISH) -> list[tuple[str, str]]:
@@ -286,7 +299,7 @@ def _describe_scalar(key: str, value: bool | int | float | str, translations: Tr
     if isinstance(value, bool):
         return translations.translate("yes" if value else "no")
     if isinstance(value, float):
-        unit = next((unit for unit in ("rad", "m") if key.endswith(f"_{unit}")), "")
+        unit = next((unit for end, unit in _UNITS_BY_ENDING if key.endswith(end)), "")
         return translations.format_number(format_quantity(value, unit) if unit else f"{value:.6g}")
     text = str(value)
     return translations.translate(text) if translations.is_translated(text) else text
@@ -295,10 +308,9 @@ def _describe_scalar(key: str, value: bool | int | float | str, translations: Tr
 def _display_name(key: str, translations: Translations) -> str:
     if key in RESULT_NAMES:
         return translations.translate(RESULT_NAMES[key])
-    for unit in ("_rad", "_m"):
-        key = key.removesuffix(unit)
-    speed = " [rad/s]" if key.endswith("_rad_s") else ""
-    return key.removesuffix("_rad_s").replace("_", " ") + speed
+    for ending, _ in _UNITS_BY_ENDING:
+        key = key.removesuffix(ending)
+    return key.replace("_", " ")
 
 
 def _describe_identity(identity: Mapping[str, str], translations: Translations) -> str:

@@ -13,6 +13,7 @@ import orjson
 import typst
 
 from cellcal.calibration.errors import CellError
+from cellcal.calibration.message import make_message
 from cellcal.service.certificates.blocks import CertificatePage
 from cellcal.service.times import read_time
 
@@ -94,11 +95,17 @@ def _lacks_letters(error: typst.TypstError) -> bool:
 
 def _unknown_letters(error: typst.TypstError) -> MissingGlyphError:
     return MissingGlyphError(
-        f"the certificate holds characters that no font of this computer has: {error.message}.",
+        make_message(
+            "the certificate holds characters that no font of this computer has: {characters}.",
+            characters=error.message,
+        ),
         remedy="Install one that has them (Debian: `apt install fonts-noto-cjk`, or fonts-noto for other scripts), "
         "then ask for the PDF again. The JSON, text and HTML are complete without.",
     )
 
 
 def _compile_error(error: typst.TypstError) -> PdfError:
-    return PdfError(f"the PDF could not be set: {error.message}.", remedy="Report this with the JSON file.")
+    return PdfError(
+        make_message("the PDF could not be set: {message}.", message=error.message),
+        remedy="Report this with the JSON file.",
+    )

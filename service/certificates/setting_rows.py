@@ -7,7 +7,7 @@ from cellcal.service.certificates.certificate_texts import ENGLISH, describe_pos
 from cellcal.service.quantities import format_quantity
 from cellcal.service.translation import Translations
 
-_SCALED = ("m", "rad")
+_SCALED = ("m", "rad", "m/s", "rad/s")
 
 
 def setting_rows(

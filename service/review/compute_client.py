@@ -47,7 +47,7 @@ class SolverEndedError(ComputeError):
     """The process that computes ended before it had an answer."""
 
     def __init__(self, code: int) -> None:
-        how = f"signal {-code}" if code < 0 else f"exit code {code}"
+        how = f"signal {-code}" if code < 0 else make_message("exit code {code}", code=code)
         super().__init__(
             make_message("the process that computes has ended ({how}) before it had an answer.", how=how),
             remedy="Ask again: another one is started. If this stays, look into the service's log.",

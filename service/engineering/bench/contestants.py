@@ -14,6 +14,7 @@ import cellcal
 from cellcal.calibration.documents.json_text import parse_json
 from cellcal.calibration.errors import CellError
 from cellcal.calibration.geometry import Array
+from cellcal.calibration.message import make_message
 from cellcal.service.engineering.bench.child import MISSING
 
 _HERE = Path(__file__).parent
@@ -113,7 +114,7 @@ def run_contestant(
 
 
 def _failure_reason(contestant: Contestant, code: int, errors: str) -> str:
-    last = errors.strip().splitlines()[-1] if errors.strip() else f"exit code {code}"
+    last = errors.strip().splitlines()[-1] if errors.strip() else make_message("exit code {code}", code=code)
     if code != MISSING:
         return f"failed: {last}"
     missing = parse_json(last)["missing"]

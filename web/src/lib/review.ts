@@ -73,6 +73,3 @@ function plainly(unit: string, size: number, whole: boolean): [string, number, n
 /** What tells a run from others of its procedure: its id is the procedure's name, which no page shows, and this. */
 export const runNumber = (run: { run_id: string; procedure: string }): string =>
   run.run_id.startsWith(`${run.procedure}-`) ? run.run_id.slice(run.procedure.length + 1) : run.run_id;
-
-export const local = (utc: string): string =>
-  new Date(utc).toLocaleString(language.locale === "zh" ? "zh-Hans" : language.locale);

@@ -96,10 +96,16 @@ export function grouped(settings: Setting[]): { basic: Setting[]; groups: [strin
   return { basic: settings.filter(isBasic), groups: [...groups] };
 }
 
-/** The least and the most that a number may be, SI; whether the bound itself is allowed does not matter to a reader. */
+/** The least and the most that a number may be, SI. */
 export function boundsOf(setting: Setting): [number | undefined, number | undefined] {
   const field = resolved(setting.field, setting.definitions);
   return [field.minimum ?? field.exclusiveMinimum, field.maximum ?? field.exclusiveMaximum];
+}
+
+/** Which of the two bounds a number must not reach: a deviation is more than 0, never 0 itself. */
+export function openBoundsOf(setting: Setting): [boolean, boolean] {
+  const field = resolved(setting.field, setting.definitions);
+  return [field.minimum === undefined && field.exclusiveMinimum !== undefined, field.maximum === undefined && field.exclusiveMaximum !== undefined];
 }
 
 function partsIn(field: Field, definitions: Known, prefix: string): Setting[] {

@@ -78,6 +78,7 @@ export interface PromptData {
   counts?: Record<string, number[]>; // of encoders, one for each axis
   target?: HandTarget;
   jog?: JogTurn; // of one axis, by a person at the pendant
+  axis_name?: string; // of the axis that the work is at, as its maker calls it
   typed_counts?: { name: string; now: number; type: number }[]; // six integers for the pendant
 }
 
