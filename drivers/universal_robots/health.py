@@ -13,6 +13,7 @@ from cellcal.drivers.wire.tables import CodeEntry, code_table
 
 _PACKAGE = "cellcal.drivers.universal_robots"
 _LOWEST_SLIDER = 0.01
+_SAFE_BITS = 0b11  # normal, reduced
 
 LOCAL = Condition(
     Readiness.NOT_READY,
@@ -100,7 +101,13 @@ def translate_refusal(error: RefusedError) -> RefusedError:
 
 def _safety_entry(sample: StateSample) -> CodeEntry | None:
     table = code_table(_PACKAGE, "safety_bits.tsv")
-    return next((entry for bit, entry in table.items() if sample.safety_status_bits >> bit & 1), None)
+    bits = sample.safety_status_bits
+    known = next((entry for bit, entry in table.items() if bits >> bit & 1), None)
+    if known is not None or bits & _SAFE_BITS:
+        return known
+    return CodeEntry(
+        0, "not_ready", "the safety system does not say that all is well", "Look at the pendant."
+    )
 
 
 def _mode_entry(sample: StateSample) -> CodeEntry | None:
