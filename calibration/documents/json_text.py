@@ -1,4 +1,7 @@
-"""JSON within limits: finite numbers, whole numbers of 64 bits, text that can be written, bounded depth."""
+"""JSON within limits: finite numbers, whole numbers of 64 bits, text that can be written, bounded depth.
+
+A name that an object holds twice with two values is refused: readers differ in which of them they take.
+"""
 
 import json
 import math
@@ -34,6 +37,7 @@ def parse_json(raw: bytes | str, *, most_bytes: int = MOST_BYTES, most_depth: in
     try:
         found = json.loads(
             text.removeprefix("\ufeff"),
+            object_pairs_hook=_join_fields,
             parse_constant=_refuse_constant,
             parse_float=_parse_real,
             parse_int=_parse_whole,
@@ -60,6 +64,15 @@ def _refuse_depth(text: str, most_depth: int) -> None:
         depth += (first in "[{") - (first in "]}")
         if depth > most_depth:
             raise _json_error(f"it is nested deeper than {most_depth} levels")
+
+
+def _join_fields(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    fields = dict(pairs)
+    if len(fields) < len(pairs):
+        for name, value in pairs:
+            if fields[name] != value:
+                raise _json_error(f"{name[:40]!r} stands in it twice, with two values")
+    return fields
 
 
 def _refuse_constant(word: str) -> Any:

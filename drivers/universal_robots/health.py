@@ -13,6 +13,7 @@ from cellcal.drivers.wire.tables import CodeEntry, code_table
 
 _PACKAGE = "cellcal.drivers.universal_robots"
 _LOWEST_SLIDER = 0.01
+_SAFE_BITS, _NONE_SET = 0b11, 64  # normal, reduced; beyond the 32 bits
 
 LOCAL = Condition(
     Readiness.NOT_READY,
@@ -100,7 +101,9 @@ def translate_refusal(error: RefusedError) -> RefusedError:
 
 def _safety_entry(sample: StateSample) -> CodeEntry | None:
     table = code_table(_PACKAGE, "safety_bits.tsv")
-    return next((entry for bit, entry in table.items() if sample.safety_status_bits >> bit & 1), None)
+    bits = sample.safety_status_bits
+    known = next((entry for bit, entry in table.items() if bits >> bit & 1), None)
+    return known if known is not None or bits & _SAFE_BITS else table[_NONE_SET]
 
 
 def _mode_entry(sample: StateSample) -> CodeEntry | None:

@@ -12,7 +12,13 @@ from cellcal.calibration.geometry import Pose, homogeneous_matrix
 from cellcal.calibration.mastering.position_record import ShownValue
 from cellcal.calibration.message import make_message
 from cellcal.calibration.orientation import rotation_from
-from cellcal.drivers.errors import DeviceError, DeviceTimeoutError, RefusedError, UnreachableError
+from cellcal.drivers.errors import (
+    DeviceError,
+    DeviceTimeoutError,
+    RefusedError,
+    UnreachableError,
+    WireProtocolError,
+)
 from cellcal.drivers.interfaces import (
     ActiveFrames,
     Condition,
@@ -30,11 +36,12 @@ from cellcal.drivers.universal_robots.rtde import RuntimeState
 from cellcal.drivers.universal_robots.state import Six, StateSample
 from cellcal.drivers.wire.cancellation import run_to_end
 from cellcal.drivers.wire.deadline import answer_deadline
-from cellcal.drivers.wire.possible_values import check_override
+from cellcal.drivers.wire.possible_values import check_mass, check_override
 
 _log = logging.getLogger(__name__)
 
 STILL_S = 0.1
+_MOST_M, _MOST_RAD = 20.0, 20.0  # of a place with its tool; of a rotation vector, which is below a turn
 _WATCHDOG_S = 1.5  # longer than any watchdog_hz of the cell file
 LOOK_FIRST = "Look at the robot first: it should have stopped. Use the emergency stop if it has not."
 READ_ONLY_CAPABILITIES = RobotCapabilities(
@@ -111,14 +118,17 @@ class ReadingUniversalRobot:
         if not all(map(math.isfinite, (*sample.tcp_pose, *sample.tcp_offset))):
             raise RefusedError(self.name, "the controller tells a pose or tool that is not a number.",
                                remedy="Set the TCP anew on the pendant, and look at the pose there.")  # fmt: skip
-        return _to_pose(sample.tcp_pose) @ _to_pose(sample.tcp_offset).inverse()
+        return self._to_pose(sample.tcp_pose) @ self._to_pose(sample.tcp_offset).inverse()
 
     async def active_frames(self) -> ActiveFrames:
         sample = await self._read_sample("reading the active tool")
-        if not all(map(math.isfinite, (*sample.tcp_offset, sample.payload_kg))):
+        if not (
+            all(map(math.isfinite, (*sample.tcp_offset, sample.payload_kg))) and sample.payload_kg >= 0.0
+        ):
             raise RefusedError(self.name, "the controller tells a tool or payload that is not a number.",
                                remedy="Set TCP and payload anew on the pendant.")  # fmt: skip
-        return ActiveFrames(None, _to_pose(sample.tcp_offset), 0, sample.payload_kg)  # poses are in the base
+        payload_kg = check_mass(self.name, sample.payload_kg)
+        return ActiveFrames(None, self._to_pose(sample.tcp_offset), 0, payload_kg)  # poses are in the base
 
     async def speed_override(self) -> float:
         sample = await self._read_sample("reading the speed slider")
@@ -198,15 +208,19 @@ class ReadingUniversalRobot:
         async with answer_deadline(self.name, self._options.deadline_s, doing):
             return await self._contact.read_sample()
 
-
-def _to_pose(values: Six) -> Pose:
-    numbers = np.array(values)
-    return Pose.from_matrix(homogeneous_matrix(rotation_from("ur_rotation_vector", numbers[3:]), numbers[:3]))
+    def _to_pose(self, values: Six) -> Pose:
+        """Return a pose; raise RefusedError where no arm of this maker reaches, or no rotation is."""
+        numbers = np.array(values)
+        if max(np.abs(numbers[:3]) / _MOST_M) > 1.0 or max(np.abs(numbers[3:]) / _MOST_RAD) > 1.0:
+            raise RefusedError(self.name, "the controller tells a pose or tool that its arm cannot have.",
+                               remedy="Set the TCP anew on the pendant, and look at the pose there.")  # fmt: skip
+        rotation = rotation_from("ur_rotation_vector", numbers[3:])
+        return Pose.from_matrix(homogeneous_matrix(rotation, numbers[:3]))
 
 
 def with_look_first(error: DeviceError) -> DeviceError:
     """Where we lost sight of the arm, the first thing to do is to look at it."""
-    blind = isinstance(error, UnreachableError | DeviceTimeoutError)
+    blind = isinstance(error, UnreachableError | DeviceTimeoutError | WireProtocolError)
     if blind and not error.remedy.startswith(LOOK_FIRST):
         error.remedy = make_message("{look} {error_remedy}", look=LOOK_FIRST, error_remedy=error.remedy)
     return error

@@ -22,6 +22,7 @@ _BASE = "/universal-robots/robot-api"
 _TELLS_MODES_SINCE = (3, 1, 4)
 _MOST_OCTETS = 8_000_000
 _SHOWN = 500
+_DONE = (200, 201, 202, 204)  # whole answers: a part of one (206) is none
 _VERSION = re.compile(r"\s*v?(\d{1,4}(?:\.\d{1,6}){1,3})(?![.\d])", re.ASCII | re.IGNORECASE)
 _ASK_TO_REPORT = "Report this with the controller's version; nothing in the cell is at fault."
 _SWITCHED_ON = (
@@ -117,7 +118,7 @@ class RobotApiClient:
         self.trace.add_frame("<", f"{response.status_code} {response.text[:_SHOWN]}")
         if response.request.method != method or response.url.host != self._host:
             raise self._unreadable(make_message("{path} leads elsewhere", path=path))
-        if not response.is_success:
+        if response.status_code not in _DONE:
             raise self._refused_error(response)
         return self.decode_answer(response.content) if response.content else {}
 

@@ -24,6 +24,7 @@ CABLE = "Check that the controller is switched on and the network cable is plugg
 
 _KEPT_SAMPLES = 512
 _HEX_SHOWN = 48
+_WIDEST_RAD = 6.5  # limits are 363 deg; the sixth joint of some arms turns without an end
 _MOST_REPLIES = 16  # that wait; each answers one question, and one is asked at a time
 
 # Name and RTDE type: the order of the packet.
@@ -234,7 +235,7 @@ class StateClient:
             self._fail_with(self._protocol_error("a joint state that is not a number", payload))
             self.close()
             return
-        if not are_possible_joints(sample.joints_rad):
+        if not are_possible_joints(sample.joints_rad) or max(map(abs, sample.joints_rad[:5])) > _WIDEST_RAD:
             self._fail_with(self._protocol_error("a joint angle where no axis can stand", payload))
             self.close()
             return

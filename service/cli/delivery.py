@@ -1,13 +1,15 @@
 """``cellcal program fetch | compare | deliver | restore``: programs of controllers, copied, compared, replaced."""
 
 import asyncio
+from collections.abc import Callable, Coroutine
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
 if TYPE_CHECKING:
+    from cellcal.calibration.errors import CellError
     from cellcal.service.engineering.delivery.deliveries import Approval
     from cellcal.service.engineering.delivery.store_addresses import StoreLogin
     from cellcal.service.engineering.delivery.stored_copies import StoredDelivery
@@ -95,10 +97,31 @@ def fetch(
         sums = {name: sha256_of(content) for name, content in found.items()}
         return {"address": address, "folder": str(folder), "sha256": sums}
 
-    fetched = [asyncio.run(fetch_one(address)) for address in addresses]
-    if as_json:
+    fetched, failures = _fetch_each(addresses, fetch_one)
+    if as_json and fetched:
         print_json({"controllers": fetched})
+    if failures:
+        raise failures[0]
     return 0
+
+
+def _fetch_each(
+    addresses: tuple[str, ...], fetch_one: Callable[[str], Coroutine[Any, Any, dict[str, object]]]
+) -> tuple[list[dict[str, object]], "list[CellError]"]:
+    """Return what was fetched, and why others were not: one controller that is off keeps none of the others out."""
+    from cellcal.calibration.errors import CellError
+    from cellcal.service.cli.printing import STDERR_CONSOLE
+
+    fetched: list[dict[str, object]] = []
+    failures: list[CellError] = []
+    for address in addresses:
+        try:
+            fetched.append(asyncio.run(fetch_one(address)))
+        except CellError as error:
+            failures.append(error)
+            if len(addresses) > 1:
+                STDERR_CONSOLE.print(f"{address}: {error.message}", markup=False, soft_wrap=True)
+    return fetched, failures
 
 
 def compare(address: str, /, *programs: Path, login: LoginOptions = _USUAL, as_json: Json = False) -> int:

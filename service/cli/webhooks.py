@@ -19,14 +19,11 @@ def secret(file: Path, /) -> int:
     file
         A new file; nothing is written over.
     """
-    import os
-
     from cellcal.service.cli.printing import STDERR_CONSOLE
     from cellcal.service.export.webhook_sender import new_secret
+    from cellcal.service.files import create_file
 
-    descriptor = os.open(file, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
-    with os.fdopen(descriptor, "w", encoding="utf-8") as written:
-        written.write(new_secret() + "\n")
+    create_file(file, (new_secret() + "\n").encode())
     STDERR_CONSOLE.print(
         f"{file}: give its content to the receiver over a safe way. In the cell file:\n\\[webhook]\n"
         f'url = "https://…"\nsecret_file = "{file}"',

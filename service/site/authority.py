@@ -5,7 +5,6 @@ play the router. Private keys are written for their owner only and never over an
 """
 
 import ipaddress
-import os
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -16,6 +15,7 @@ from cryptography.hazmat.primitives.asymmetric import ec
 from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 
 from cellcal.calibration.documents.plain_files import read_plain_bytes
+from cellcal.service.files import create_file
 from cellcal.service.site.keys import SiteError
 
 AUTHORITY_DAYS, LEAF_DAYS = 3650, 1095
@@ -105,17 +105,13 @@ def write_new(path: Path, content: bytes, mode: int = 0o644) -> None:
         There is one.
     """
     try:
-        descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, mode)
+        create_file(path, content, mode=mode)
     except FileExistsError as error:
         raise SiteError(
             f"{path} is there already and is not written over.",
             remedy="Move it away first if it is to be replaced.",
             code="usage",
         ) from error
-    with os.fdopen(descriptor, "wb") as file:
-        file.write(content)
-        file.flush()
-        os.fsync(file.fileno())
 
 
 _USAGES = (

@@ -133,7 +133,8 @@ def test_another_reader_would_be_seen(tmp_path: Path, source: str) -> None:
 @pytest.mark.parametrize(
     "text",
     ["[" * 100_000, "[" * 65 + '"' + '\\"' * 300_000, '{"a": NaN}', "[-Infinity]", "1e999", "9" * 5000,
-     "1" + "0" * 30, '"\\ud800"', '{"\\udfff": 1}', "\ud800", "", "{", '{"a":' * 60_000],
+     "1" + "0" * 30, '"\\ud800"', '{"\\udfff": 1}', "\ud800", "", "{", '{"a":' * 60_000,
+     '{"a": 1, "a": 2}', '[{"b": {"a": [], "a": {}}}]'],
 )  # fmt: skip
 def test_no_json_past_the_limits(text: str) -> None:
     with pytest.raises(DocumentError, match="not valid JSON"):
@@ -145,6 +146,7 @@ def test_json_within_the_limits_is_as_it_was() -> None:
         2**64 - 1, -(2**63), 1.5, "😀", None,
     ]  # fmt: skip
     assert parse_json("[" * 64 + "]" * 64) is not None
+    assert parse_json('{"a": 1, "b": 2, "a": 1}') == {"a": 1, "b": 2}
 
 
 @pytest.mark.parametrize(

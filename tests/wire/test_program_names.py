@@ -152,23 +152,36 @@ async def test_names_that_a_controller_gives_its_own_files_are_fetched_and_deliv
 class NamedFiles:
     """A controller that lists these names."""
 
+    device = "r2"
+
     def __init__(self, *names: str) -> None:
         self._names = names
 
     async def list_names(self) -> tuple[str, ...]:
         return self._names
 
+    async def read_file(self, name: str) -> bytes | None:
+        return name.encode()
+
 
 @pytest.mark.parametrize(
-    "names", [("../x.mod",), ("a\\b.mod",), ("c:x.mod",), ("..",), ("a\nb.mod",), ("a.mod", "A.MOD")]
-)
+    "names",
+    [
+        ("../x.mod",), ("a\\b.mod",), ("c:x.mod",), ("..",), ("a\nb.mod",), ("a.mod", "A.MOD"), ("\ud800.mod",),
+        ("a" * 300,),
+    ],
+)  # fmt: skip
 async def test_no_name_of_a_controller_leads_out_of_the_folder_of_its_copies(
     tmp_path: Path, names: tuple[str, ...]
 ) -> None:
-    store: Any = NamedFiles(*names)
-    with pytest.raises(CellError, match="cannot be copied into a folder"):
+    """Such a name is left and named with its controller; the other programs are copied."""
+    store: Any = NamedFiles("weld.mod", *names)
+    with pytest.raises(
+        CellError, match=r"r2: \d of \d programs cannot be read and were not copied"
+    ) as caught:
         await fetch_programs(store, tmp_path / "out")
-    assert not (tmp_path / "out").exists()
+    assert repr(names[0][:80]) in caught.value.message
+    assert {entry.name for entry in (tmp_path / "out").iterdir()} == {"weld.mod"}
 
 
 @pytest.mark.parametrize("dialect", [FirstDialect(), SecondDialect()])

@@ -168,8 +168,9 @@ async def test_an_unnoticed_lost_link_is_reported_once(
         (state_message(2.0, math.nan), "not a number"),
         (state_message(2.0, math.inf), "not a number"),
         (state_message(2.0, 1e5), "where no axis can stand"),
+        (state_message(2.0, 57.3), "where no axis can stand"),
     ],
-    ids=["short", "foreign recipe", "impossible size", "nan", "inf", "impossible angle"],
+    ids=["short", "foreign recipe", "impossible size", "nan", "inf", "impossible angle", "degrees"],
 )
 async def test_a_malformed_state_never_becomes_a_reading(
     controller: RtdeController, client: StateClient, data: bytes, says: str

@@ -26,6 +26,10 @@ class EditMastership:
         await self._link.post_action(_EDIT, "request")
         self._has_mastership = True
 
+    def note_loss(self) -> None:
+        """Take it for lost after a write that was refused: the next call asks for it again."""
+        self._has_mastership = False
+
     async def release(self) -> None:
         """Give it back. Where the controller is out of reach, the next call tries again."""
         if not self._may_have_mastership:

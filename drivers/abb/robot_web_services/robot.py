@@ -27,7 +27,7 @@ from cellcal.drivers.abb.robot_web_services.state import (
     text_of,
 )
 from cellcal.drivers.abb.robot_web_services.web_link import WebLink
-from cellcal.drivers.errors import RefusedError
+from cellcal.drivers.errors import DeviceError, RefusedError, WireProtocolError
 from cellcal.drivers.interfaces import (
     ActiveFrames,
     Condition,
@@ -212,20 +212,20 @@ class AbbRobot(StreamedStepwiseMotion):
     async def _halt_arm(self) -> None:
         try:
             await self._mastership.acquire()
-        except RefusedError:
-            await self._stop_without_mastership()
-        else:
             await self._server.stop()
+        except (RefusedError, WireProtocolError) as error:
+            self._mastership.note_loss()
+            await self._stop_all_programs(error)
 
-    async def _stop_without_mastership(self) -> None:
-        """Stop every program where another client bars the write of a stop.
+    async def _stop_all_programs(self, error: DeviceError) -> None:
+        """Stop every program where the write of a stop was barred: by another client, or with a right that has ended.
 
         A move of this client that has ordered nothing yet has nothing to stop. What another client has ordered is not
         known: between two of its steps its program waits.
         """
         if self._doing and not self._has_ordered:
             return
-        _LOG.warning("%s: another client has mastership: all programs are stopped", self.name)
+        _LOG.warning("%s: a stop was not written (%s): all programs are stopped", self.name, error.message)
         await self._link.post_action("/rw/rapid/execution", "stop", stopmode="stop")
 
     async def _release_arm(self) -> None:

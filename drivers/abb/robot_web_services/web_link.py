@@ -6,6 +6,7 @@ The session's cookies are sent back, or every request would take a new session a
 """
 
 import asyncio
+import re
 from collections.abc import AsyncIterator, Mapping
 from contextlib import asynccontextmanager
 from typing import Any
@@ -36,6 +37,13 @@ from cellcal.drivers.wire.link_errors import find_reason, unreadable_answer_erro
 from cellcal.drivers.wire.trace import FrameTrace
 
 _MOST_OCTETS = 4_000_000
+_MOST_COOKIES = 20  # two are in the maker's document; more than these would fill each request
+_DONE = (
+    httpx.codes.OK,
+    httpx.codes.CREATED,
+    httpx.codes.ACCEPTED,
+    httpx.codes.NO_CONTENT,
+)  # whole answers; one that leads elsewhere has done nothing
 _CONFIRMING = {
     "/rw/panel/opmode": "opmode",
     "/rw/panel/speedratio": "speedratio",
@@ -53,6 +61,7 @@ _WHY = {
     ),
     503: NO_SESSION,
 }
+_ROBOT = re.compile(r"(?:\bROB_|\bT_ROB)(\d+)")
 State = Mapping[str, Any]
 
 
@@ -153,9 +162,12 @@ class WebLink:
         """Return all states of a resource, at least one; errors as for ``get_state``."""
         dialect = self.dialect
         response = await self._request("GET", path, {**dialect.query, **query})
-        states = dialect.states_in(self._decode(response))
+        reply = self._decode(response)
+        states = dialect.states_in(reply)
         if not states:
             raise self._unreadable(f"{path} holds no state")
+        if is_of_another_robot(path, reply, states):
+            raise self._unreadable(make_message("{path} holds the state of another robot", path=path))
         return [dict(state) for state in states]
 
     async def get_document(self, path: str, **query: str) -> Mapping[str, Any]:
@@ -213,7 +225,7 @@ class WebLink:
             async with answer_deadline(
                 self.device, self._deadline_s, "waiting for an answer", is_half=self._is_half
             ):
-                response = await self._client.request(
+                response = await self._ask_client(
                     method, path, params=dict(query), content=body, headers=headers
                 )
         except OversizedAnswerError as error:
@@ -241,9 +253,26 @@ class WebLink:
                 remedy="Check the address; a proxy in between may ask so.",
             ) from error
         self.trace.add_frame("<", f"{response.status_code} {response.text[:500]}")
-        if response.status_code >= 400:
+        self._bound_cookies()
+        if response.has_redirect_location:
+            raise self._unreadable(make_message("{path} leads elsewhere", path=path))
+        if response.status_code not in _DONE:
             raise self._refused(response)
         return response
+
+    async def _ask_client(self, method: str, path: str, **fields: Any) -> httpx.Response:
+        """Return the answer; where a session has ended, one more time in a new one: what was refused was not done."""
+        assert self._client is not None
+        response = await self._client.request(method, path, **fields)
+        if response.status_code == httpx.codes.UNAUTHORIZED and len(self._client.cookies.jar):
+            self._client.cookies.clear()
+            response = await self._client.request(method, path, **fields)
+        return response
+
+    def _bound_cookies(self) -> None:
+        """Forget the cookies of a server that sends ever new ones; the session begins anew."""
+        if self._client is not None and len(self._client.cookies.jar) > _MOST_COOKIES:
+            self._client.cookies.clear()
 
     def _is_half(self) -> bool:
         return self._transport is not None and self._transport.is_half
@@ -293,3 +322,17 @@ class WebLink:
             "Check that the address is that of an ABB controller with RobotWare 6 or 7.",
             self.trace.last_received(),
         )
+
+
+def is_of_another_robot(path: str, reply: Mapping[str, Any], states: list[State]) -> bool:
+    """Return whether an answer names itself, or a state of it, by another robot than the one that was asked for."""
+    asked = _robots_in(path)
+    links = reply.get("_links")
+    own = links.get("self") if isinstance(links, dict) else None
+    names = [own.get("href") if isinstance(own, dict) else None, *(state.get("_title") for state in states)]
+    named = {number for name in names if isinstance(name, str) for number in _robots_in(name)}
+    return bool(asked) and not named <= asked
+
+
+def _robots_in(name: str) -> set[str]:
+    return set(_ROBOT.findall(name))

@@ -37,6 +37,9 @@ _DISAGREE_WITH_POWER = (  # seen in a public backup of an R-2000iC/210L under po
 _READ_AGAIN = "Let the robot stand still, then read it once more."
 
 
+FLICKER_COUNTS = 2  # one was seen, in the files of a robot that stood
+
+
 class ControllerRecordError(CellError):
     """No mastering record can be made of a controller's files."""
 
@@ -210,6 +213,31 @@ def read_pulses(files: ControllerFiles, mastering: GroupMastering) -> tuple[int,
                 code="certificate.moved",
             )
     return pulses
+
+
+def refuse_other_turns(
+    files: ControllerFiles, mastering: GroupMastering, drives: GroupDrives, pulses: Sequence[int]
+) -> None:
+    """Refuse counts that differ by whole motor turns from those that the controller has noted ($SPC_COUNT).
+
+    The angles that the controller shows come from the same counts: they agree, and are off by these turns, too.
+    """
+    pairs = zip(mastering.pulse_counts, pulses, drives.counts_per_turn(), strict=False)
+    turned = [(axis, _turns_between(*pair)) for axis, pair in enumerate(pairs, 1)]
+    if lost := [f"J{axis} by {turns:+d}" for axis, turns in turned if turns]:
+        raise ControllerRecordError(
+            files.device,
+            f"{AXES} counts other motor turns than {MASTERING} has noted ($SPC_COUNT): {', '.join(lost)}. A pulse "
+            "coder may have lost turns since.",
+            remedy="Compare these axes with their witness marks, and master those that are off. Where none is, save "
+            "all files anew and read them again.",
+        )
+
+
+def _turns_between(noted: int, pulse: int, counts_per_turn: float) -> int:
+    """Return by how many whole turns counts differ; 0 where it is none, or more than a part of a turn."""
+    turns = round((pulse - noted) / counts_per_turn)
+    return turns if abs(pulse - noted - turns * counts_per_turn) <= FLICKER_COUNTS else 0
 
 
 def check_angles(

@@ -17,12 +17,14 @@ from cellcal.drivers.fanuc.program_files.va_mastering import GroupMastering
 from cellcal.procedures.recovery.record_seal import seal_record
 from cellcal.service.engineering.controller_files.other_axes import find_other_axes, name_axis
 from cellcal.service.engineering.controller_files.record_checks import (
+    FLICKER_COUNTS,
     AngleCheck,
     ControllerRecordError,
     check_angles,
     choose_groups,
     describe_low_batteries,
     read_pulses,
+    refuse_other_turns,
     refuse_unhealthy,
     require_drives,
     unchecked_angles,
@@ -31,7 +33,6 @@ from cellcal.service.engineering.controller_files.robot_models import name_model
 from cellcal.service.engineering.controller_files.sliding_axes import SlidingAxis, find_sliding_axes
 
 _FEWEST_OF_ARM = 4  # axes
-_FLICKER_COUNTS = 2  # one was seen, in the files of a robot that stood
 TAKEN_BY = "controller files 1"
 _NEVER_CHECKED = (
     "lengths and places: lost turns cannot be found with this record alone",
@@ -122,11 +123,19 @@ def _make_record(files: ControllerFiles, mastering: GroupMastering, names: Recor
     drives = require_drives(files, mastering)
     is_without_counts = AXES in files.missing and not files.is_live  # as in backups of older software
     pulses = () if is_without_counts else read_pulses(files, mastering)
+    refuse_other_turns(files, mastering, drives, pulses)
     angles = (
         unchecked_angles(files, drives)
         if is_without_counts
         else check_angles(files, mastering, drives, pulses)
     )
+    differs = _differs_without_motion(files, mastering, pulses)
+    if differs and not angles.is_compared:
+        raise ControllerRecordError(
+            files.device,
+            f"{differs}, and {POSITION} shows no joints of this group: the files may be of two moments.",
+            remedy="Give the files of one backup, whole.",
+        )
     number = names.serial or files.serial
     if not number:
         raise ControllerRecordError(
@@ -218,14 +227,24 @@ def _list_checked(
     if mastering.pulse_counts == pulses:
         found.append(f"{MASTERING} holds the same counts as {AXES} ($SPC_COUNT)")
     elif _is_flicker(mastering, pulses):
-        found.append(f"{MASTERING} holds the counts of {AXES} within {_FLICKER_COUNTS} ($SPC_COUNT)")
+        found.append(f"{MASTERING} holds the counts of {AXES} within {FLICKER_COUNTS} ($SPC_COUNT)")
     return tuple(found)
 
 
 def _is_flicker(mastering: GroupMastering, pulses: tuple[int, ...]) -> bool:
     """Return whether two files hold the same counts but for the last digit of an encoder that stands."""
     pairs = zip(mastering.pulse_counts, pulses, strict=False)
-    return bool(mastering.pulse_counts and pulses) and all(abs(a - b) <= _FLICKER_COUNTS for a, b in pairs)
+    return bool(mastering.pulse_counts and pulses) and all(abs(a - b) <= FLICKER_COUNTS for a, b in pairs)
+
+
+def _differs_without_motion(
+    files: ControllerFiles, mastering: GroupMastering, pulses: tuple[int, ...]
+) -> str:
+    """Return that two files hold other counts of a robot that cannot move by itself; "" where they do not."""
+    differs = bool(mastering.pulse_counts and pulses) and not _is_flicker(mastering, pulses)
+    if differs and files.axes is not None and files.axes.servo_ready is False:
+        return f"{MASTERING} holds other counts than {AXES} ($SPC_COUNT), although the drives are off"
+    return ""
 
 
 def _list_not_checked(files: ControllerFiles, angles: AngleCheck) -> tuple[str, ...]:
@@ -250,9 +269,8 @@ def _list_findings(
     files: ControllerFiles, mastering: GroupMastering, pulses: tuple[int, ...], others: Sequence[int]
 ) -> tuple[str, ...]:
     found = [*describe_low_batteries(files), *mastering.findings]
-    differs = bool(mastering.pulse_counts and pulses) and not _is_flicker(mastering, pulses)
-    if differs and files.axes is not None and files.axes.servo_ready is False:
-        found.append(f"{MASTERING} holds other counts than {AXES} ($SPC_COUNT), although the drives are off")
+    if differs := _differs_without_motion(files, mastering, pulses):
+        found.append(differs)
     if other := find_other_axes(files, mastering.group, *others):
         counts = [
             f"{name_axis(name)} ({count}{'' if mastered else ', not mastered'})"

@@ -2,6 +2,7 @@
 
 import logging
 import re
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
@@ -9,14 +10,15 @@ from pathlib import Path
 
 from cellcal.calibration.documents.plain_files import read_plain_bytes
 from cellcal.calibration.errors import CellError
-from cellcal.calibration.message import make_message
+from cellcal.calibration.message import join_messages, make_message
 from cellcal.drivers.errors import RefusedError
 from cellcal.drivers.interfaces.program_store import ProgramStore, StoreOfFolders
 from cellcal.service.engineering.delivery.deliveries import check_each_once, is_same_program
 from cellcal.service.files import make_private_folder, replace_file
 
 _LOG = logging.getLogger(__name__)
-_MOST_NAMED = 12
+_MOST_NAMED, _LONGEST_SHOWN = 12, 80
+_LONGEST_NAME = 200  # octets; a draft beside the file has a longer one, and 255 are the most
 _LEADS_AWAY = re.compile(r"[/\\:\x00-\x1f\x7f]")
 
 
@@ -76,15 +78,15 @@ async def fetch_programs(store: ProgramStore, folder: Path) -> dict[str, bytes]:
     Raises
     ------
     CellError
-        There is no program, a name leads out of the folder, a copy cannot be written or reads back as another, or
-        programs are named that the controller does not give: the others are copied then.
+        There is no program, or a copy cannot be written or reads back as another. Programs are named that the
+        controller does not give, or whose names can be none of files in the folder: the others are copied then.
     """
     found: dict[str, bytes] = {}
     not_given: list[str] = []
-    names = await store.list_names()
-    if not names:
+    listed = await store.list_names()
+    if not listed:
         raise await _no_program(store)
-    _check_places(names)
+    names = _file_names(listed)
     try:
         make_private_folder(folder)
     except OSError as error:
@@ -101,10 +103,12 @@ async def fetch_programs(store: ProgramStore, folder: Path) -> dict[str, bytes]:
         if _read_whole(folder / name) != content:
             raise CellError(make_message("{path} is not what was written.", path=folder / name), code="store")
         found[name] = content
-    if not_given and (
-        unread := set(not_given) & set(await store.list_names())
-    ):  # the others were deleted since
-        raise _not_copied(sorted(unread), len(names), folder)
+    unread = (
+        sorted(set(not_given) & set(await store.list_names())) if not_given else []
+    )  # the others were deleted
+    unnameable = sorted(set(listed) - set(names))
+    if unread or unnameable:
+        raise _not_copied(store.device, unread, unnameable, len(listed), folder)
     return found
 
 
@@ -140,17 +144,35 @@ async def _read_given(store: ProgramStore, name: str) -> bytes | None:
         return None
 
 
-def _not_copied(names: Sequence[str], count: int, folder: Path) -> CellError:
+def _not_copied(
+    device: str, unread: Sequence[str], unnameable: Sequence[str], count: int, folder: Path
+) -> CellError:
+    names = [
+        *(name[:_LONGEST_SHOWN] for name in unread),
+        *(repr(name[:_LONGEST_SHOWN]) for name in unnameable),
+    ]
     listed = ", ".join(names[:_MOST_NAMED]) + (", …" if len(names) > _MOST_NAMED else "")
+    remedies = []
+    if unread:
+        remedies.append(
+            "Look at the pendant whether they are protected or open in the editor, then fetch again."
+        )
+    if unnameable:
+        remedies.append(
+            "What stands in quotation marks is no name of a file here, or is one name twice: rename it on the "
+            "controller."
+        )
     return CellError(
         make_message(
-            "{left} of {count} programs cannot be read and were not copied: {names}. The others are in {folder}.",
+            "{device}: {left} of {count} programs cannot be read and were not copied: {names}. The others are in "
+            "{folder}.",
+            device=device,
             left=len(names),
             count=count,
             names=listed,
             folder=folder,
         ),
-        remedy="Look at the pendant whether they are protected or open in the editor, then fetch again.",
+        remedy=join_messages(" ", remedies),
         code="store",
     )
 
@@ -165,18 +187,18 @@ async def _no_program(store: ProgramStore) -> CellError:
     )
 
 
-def _check_places(names: Sequence[str]) -> None:
-    """Refuse names that lead out of a folder, and names that are one file where letters' case does not count."""
-    places: set[str] = set()
-    for name in names:
-        plain = name not in ("", ".", "..") and not _LEADS_AWAY.search(name)
-        if not plain or name.lower() in places:
-            raise CellError(
-                make_message("{name!r} cannot be copied into a folder under its name.", name=name[:80]),
-                remedy="Rename it on the controller, or copy it at the pendant.",
-                code="store",
-            )
-        places.add(name.lower())
+def _file_names(names: Sequence[str]) -> list[str]:
+    """Return the names without those that lead out of a folder, and those that are one where case does not count."""
+    counts = Counter(name.lower() for name in names)
+    return [name for name in names if counts[name.lower()] == 1 and _is_file_name(name)]
+
+
+def _is_file_name(name: str) -> bool:
+    try:
+        length = len(name.encode())
+    except UnicodeEncodeError:  # half a character
+        return False
+    return name not in ("", ".", "..") and length <= _LONGEST_NAME and not _LEADS_AWAY.search(name)
 
 
 def _read_whole(path: Path) -> bytes:
