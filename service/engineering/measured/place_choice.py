@@ -107,8 +107,7 @@ def further_places_note(places: Sequence[Sequence[str]]) -> str:
         return ""
     shown = "; ".join(", ".join(names) for names in places[:_SHOWN])
     return make_message(
-        "{count} other places of each row take no part ({columns}): if they are other targets, a layout fits all "
-        "together (`--layout`)",
-        count=len(places),
+        "places in each row that take no part: {columns}; if they are other targets, a layout fits all together "
+        "(`--layout`)",
         columns=shown if len(places) <= _SHOWN else f"{shown}; …",
     )
