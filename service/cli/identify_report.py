@@ -56,9 +56,11 @@ def _print_errors(console: "Console", report: "IdentifyReport") -> None:
     table = PlainTable("errors (mm)", "rows", "RMSE", "mean", "95 %", "max", title=title)
     robot = "the nominal robot" if report.start == "nominal" else report.start
     level = f"{report.level}, {LEVEL_NAMES[report.level]}"
+    described = report.described
     figures = (
         (f"before: base and tool fitted to {robot}", report.before),
-        *held_out_figures(level, report.held_out, report.described),
+        ("before, rows that the model describes", None if described is None else described.before),
+        *held_out_figures(level, report.held_out, None if described is None else described.held_out),
         ("held out: and a residual model", report.with_residual),
         ("fit (residuals, not an accuracy)", report.fit),
         ("check file", report.check),

@@ -27,6 +27,7 @@ from cellcal.calibration.identification.tip_uncertainty import HayatiTable, haya
 from cellcal.calibration.identification.work_parts import SERIAL, PartRunner
 from cellcal.calibration.message import make_message
 from cellcal.calibration.uncertainty import coverage_factor
+from cellcal.service.engineering.identification.described_errors import DescribedErrors, described_errors
 from cellcal.service.engineering.identification.fixed_joints import naming_fixed_joints
 from cellcal.service.engineering.identification.identify_check import (
     CheckedFile,
@@ -92,11 +93,9 @@ class IdentifyReport:
         return coverage_factor(max(self.identification.robust.degrees_of_freedom, 1.0))
 
     @property
-    def described(self) -> ErrorSummary | None:
-        """Held-out errors of the rows that the model describes; none where no row was put aside (decision 337)."""
-        outliers = [row.row for row in self.rejected if row.kind == OUTLIER]
-        describes = ~np.isin(self.held_out_rows, outliers)
-        return None if describes.all() else ErrorSummary.from_sizes(self.held_out_m[describes])
+    def described(self) -> DescribedErrors | None:
+        """Errors of the rows that the model describes; none where no row was put aside (decision 337)."""
+        return described_errors(self.rejected, self.held_out_rows, self.before_m, self.held_out_m)
 
     def as_document(self) -> dict[str, object]:
         """Return the object that ``--json`` prints."""
@@ -108,7 +107,8 @@ class IdentifyReport:
             "before": asdict(self.before),
             "fit": asdict(self.fit),
             "held_out": asdict(self.held_out),
-            "held_out_described": None if described is None else asdict(described),
+            "before_described": None if described is None else asdict(described.before),
+            "held_out_described": None if described is None else asdict(described.held_out),
             "check": None if self.check is None else asdict(self.check),
             "breaks": list(self.breaks),
             "rejected": [asdict(row) for row in self.rejected],

@@ -30,6 +30,7 @@ export interface Report {
   before: ErrorSummary;
   fit: ErrorSummary;
   held_out: ErrorSummary;
+  before_described: ErrorSummary | null; // of the same rows
   held_out_described: ErrorSummary | null; // without the rows put aside, if there are any
   check: ErrorSummary | null; // of another file
   held_out_by: string;
@@ -43,6 +44,12 @@ export interface Report {
 }
 
 export const reportOf = (found: Found): Report => found.report as unknown as Report;
+
+/** The errors that count first: of the rows that the model describes, by the nominal and by the identified robot. */
+export const describedErrors = (report: Report): { before: ErrorSummary; after: ErrorSummary } => ({
+  before: report.before_described ?? report.before,
+  after: report.held_out_described ?? report.held_out,
+});
 
 /** The parts of the report of several readings that the page shows. */
 export interface CellReport {
