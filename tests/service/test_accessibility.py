@@ -258,7 +258,10 @@ async def test_dates_are_iso_in_data_and_local_on_the_page(pendant: FakePendant)
     runs_answer = (await pendant.viewer.client.get("/api/runs")).json()
     assert runs_answer
     assert all(ISO.match(line["started_utc"]) for line in runs_answer)
-    for locale, local in (("de", r"\b\d{1,2}\.\d{1,2}\.\d{4}\b"), ("zh", r"\b\d{4}/\d{1,2}/\d{1,2}\b")):
+    for locale, local in (
+        ("de", r"\b\d{1,2}\. [A-Z][a-zä]+\.? \d{4}\b"),
+        ("zh", r"\d{4}年\d{1,2}月\d{1,2}日"),
+    ):
         async with pendant.viewer.open_page("#/history", locale=locale) as page:
             row = page.get_by_test_id("run").first
             await expect(row).to_contain_text(re.compile(local))
