@@ -107,8 +107,6 @@ class IdentifyReport:
             "before": asdict(self.before),
             "fit": asdict(self.fit),
             "held_out": asdict(self.held_out),
-            "before_described": None if described is None else asdict(described.before),
-            "held_out_described": None if described is None else asdict(described.held_out),
             "check": None if self.check is None else asdict(self.check),
             "breaks": list(self.breaks),
             "rejected": [asdict(row) for row in self.rejected],
@@ -117,6 +115,8 @@ class IdentifyReport:
                 for item in found.not_identified
             ],
             "seconds": self.seconds,
+            "before_described": None if described is None else asdict(described.before),
+            "held_out_described": None if described is None else asdict(described.held_out),
             "usable": len(self.measurements.rows),
             "level_name": LEVEL_NAMES[self.level],
             "level_reasons": list(found.level_reasons),
