@@ -7,6 +7,7 @@ import sys
 
 from cellcal.calibration.errors import CellError
 from cellcal.calibration.message import make_message
+from cellcal.drivers.wire.process_exit import describe_exit
 
 _KEPT_BYTES = 4096
 _CHUNK = 4096
@@ -30,13 +31,6 @@ class ChildEndedError(CellError):
             ),
             remedy="It is started again by itself. If this stays, look into the log of the service.",
         )
-
-
-def describe_exit(code: int) -> str:
-    """Return how a process ended, in words."""
-    if code >= 0:
-        return make_message("exit code {code}", code=code)
-    return make_message("signal {number} ({name})", number=-code, name=signal.strsignal(-code) or "unknown")
 
 
 class StderrTail:

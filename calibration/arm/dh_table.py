@@ -65,18 +65,10 @@ def row_matrix(row: Array) -> Array:
 
     ``row`` holds theta, d, a, alpha and, if it has five numbers, beta [rad, m].
     """
-    theta, d, a, alpha = map(float, row[:4])
-    beta = float(row[4]) if len(row) > 4 else 0.0
-    c, s, ca, sa = math.cos(theta), math.sin(theta), math.cos(alpha), math.sin(alpha)
-    cb, sb = math.cos(beta), math.sin(beta)
-    return np.array(
-        [
-            [c * cb - s * sa * sb, -s * ca, c * sb + s * sa * cb, c * a],
-            [s * cb + c * sa * sb, c * ca, s * sb - c * sa * cb, s * a],
-            [-ca * sb, sa, ca * cb, d],
-            [0.0, 0.0, 0.0, 1.0],
-        ]
-    )
+    c, s = math.cos(row[0]), math.sin(row[0])
+    turn = np.array([[c, -s, 0.0, 0.0], [s, c, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
+    matrix: Array = turn @ DhTable.from_rows(row[None]).to_placements()[0]
+    return matrix
 
 
 def read_only(array: Array) -> Array:

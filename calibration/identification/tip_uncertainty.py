@@ -150,8 +150,7 @@ def _parameter_slopes(fit: ArmFit, function: Callable[[RobotModel], Array]) -> A
         change = np.zeros(len(steps))
         change[i] = step
         there, back = (fit.layout.apply_step(fit.state, sign * change) for sign in (1.0, -1.0))
-        if not np.array_equal(
-            there.geometry, back.geometry
-        ):  # places and joint terms leave the model as it is
+        # Places and joint terms leave the model as it is.
+        if not np.array_equal(there.geometry, back.geometry):
             slopes[i] = (function(there.arm_model) - function(back.arm_model)) / (2 * step)
     return slopes

@@ -11,7 +11,6 @@ import contextlib
 import itertools
 import logging
 import os
-import signal
 import socket
 import sys
 from functools import partial
@@ -23,6 +22,7 @@ from cellcal.calibration.message import make_message
 from cellcal.drivers.errors import DeviceTimeoutError, RefusedError, UnreachableError, WireProtocolError
 from cellcal.drivers.supervision import start_link_task
 from cellcal.drivers.wire.child import HEADER, LONGEST_FRAME, pack_message
+from cellcal.drivers.wire.process_exit import describe_exit
 
 _log = logging.getLogger(__name__)
 
@@ -241,10 +241,4 @@ class ChildProcess:
 
     def _exit_text(self) -> str:
         code = self._process.returncode if self._process is not None else None
-        if code is None:
-            return "it was not started"
-        if code >= 0:
-            return make_message("exit code {code}", code=code)
-        return make_message(
-            "signal {number} ({name})", number=-code, name=signal.strsignal(-code) or "unknown"
-        )
+        return "it was not started" if code is None else describe_exit(code)

@@ -114,9 +114,8 @@ class KrlPositions:
             self.add_remark(literal.start, "computed", make_message(_PARTIAL, name))
             self.bar_row(len(self.names), "it leaves coordinates to what the robot has at that moment")
             self._start_row(name, UNTAUGHT, literal.start, literal.configuration_text)
-            self._add_external(
-                name, literal
-            )  # a move of external axes alone: the points behind it stand there
+            # A move of external axes alone: the points behind it stand there.
+            self._add_external(name, literal)
             return
         main = [text for text in literal.main if text is not None]
         self._start_row(
