@@ -1,5 +1,6 @@
 """For all tests: Ctrl+C interrupts what they start, time limits fit this machine, and failures do not outlive them."""
 
+import gc
 import signal
 from collections.abc import Iterator
 
@@ -11,6 +12,10 @@ from tests.machine_speed import publish_slowness, stretch_test_timeouts
 
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # a run in the background; children would ignore it
     signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+# Collection makes objects that all stay: looking for garbage among them takes a quarter of its time.
+gc.disable()
 
 
 def pytest_configure(config: pytest.Config) -> None:
@@ -27,6 +32,12 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     if whole_files and (unknown := names_without_test(items, names)):
         raise pytest.UsageError(f"tests/long_tests.txt names tests that do not exist: {unknown}")
     mark_long_tests(items, names)
+
+
+def pytest_collection_finish() -> None:
+    """Look for garbage from here on, but not among the tests that were collected."""
+    gc.freeze()
+    gc.enable()
 
 
 @pytest.fixture(autouse=True)

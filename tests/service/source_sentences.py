@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 from string import Formatter
-from typing import TypeGuard
+from typing import NamedTuple, TypeGuard
 
 ROOT = Path(__file__).parents[2]
 SENTENCE = re.compile(r"(?<=[.?!])\s+")  # as in web/src/lib/say.svelte.ts
@@ -59,17 +59,47 @@ _NAMED_HOLE = re.compile(r"(?<!\{)\{[a-z_]\w*(?:![rsa])?(?::[^{}]*)?\}")
 _CODE = re.compile(r"[a-z_]+(\.[a-z_{}0]+)+")  # of an error or alarm: told to programs
 
 
+class SourceTexts(NamedTuple):
+    """What a file says, and its literals."""
+
+    sentences: frozenset[str]
+    """Of its errors, remedies, rules and reasons, sentence by sentence."""
+    templates: tuple[tuple[int, str], ...]
+    """Line and template, without formats, of each message."""
+    literals: tuple[str, ...]
+    f_strings: tuple[tuple[int, str], ...]
+    """Line and text of each f-string, every hole written ``{0}``."""
+
+
 @cache
-def sentences_in(path: Path) -> set[str]:
-    """Return what a file's errors, remedies, rules and reasons say, sentence by sentence."""
-    return {
-        number_holes(part)
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
-        for expression in _sentence_expressions(node)
-        for template in expression_texts(expression)
-        for part in SENTENCE.split(template)
-        if _HOLE.sub("", part).strip(" .,:;'") and not _CODE.fullmatch(part)
-    }
+def read_source(path: Path) -> SourceTexts:
+    """Return the texts of a file, whose syntax tree is made once: it takes longer than all that is read from it."""
+    sentences, templates = set[str](), list[tuple[int, str]]()
+    literals, f_strings = list[str](), list[tuple[int, str]]()
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        sentences |= set(_sentences_of(node))
+        if isinstance(node, ast.Constant) and isinstance(node.value, str):
+            literals.append(node.value)
+        elif isinstance(node, ast.JoinedStr):
+            f_strings.append((node.lineno, _text_of(node)))
+        elif isinstance(node, ast.Call) and getattr(node.func, "id", "") == "make_message":
+            templates += ((node.lineno, _plain_template(each)) for each in _literals_of(node.args[0]))
+    return SourceTexts(frozenset(sentences), tuple(templates), tuple(literals), tuple(f_strings))
+
+
+def _sentences_of(node: ast.AST) -> Iterator[str]:
+    for expression in _sentence_expressions(node):
+        for template in expression_texts(expression):
+            for part in SENTENCE.split(template):
+                if _HOLE.sub("", part).strip(" .,:;'") and not _CODE.fullmatch(part):
+                    yield number_holes(part)
+
+
+def _text_of(node: ast.JoinedStr) -> str:
+    return "".join(
+        part.value if isinstance(part, ast.Constant) and isinstance(part.value, str) else "{0}"
+        for part in node.values
+    )
 
 
 def number_holes(part: str) -> str:
@@ -79,26 +109,12 @@ def number_holes(part: str) -> str:
     return numbered.replace("{{", "{").replace("}}", "}")  # braces that are no holes
 
 
-@cache
-def message_templates(path: Path) -> tuple[tuple[int, str], ...]:
-    """Return line and template, without formats, of each message of a file."""
-    text = path.read_text(encoding="utf-8")
-    if "make_message" not in text:
-        return ()
-    return tuple(
-        (node.lineno, _plain_template(template))
-        for node in ast.walk(ast.parse(text))
-        if isinstance(node, ast.Call) and getattr(node.func, "id", "") == "make_message"
-        for template in _literals_of(node.args[0])
-    )
-
-
 def constant_templates(path: Path) -> Iterator[str]:
     """Yield the constants of a file that have named holes: templates that are used by name, or in a table."""
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-        if isinstance(node, ast.Constant) and isinstance(node.value, str) and _NAMED_HOLE.search(node.value):
+    for literal in read_source(path).literals:
+        if _NAMED_HOLE.search(literal):
             with contextlib.suppress(ValueError):
-                yield _plain_template(node.value)
+                yield _plain_template(literal)
 
 
 def _literals_of(node: ast.expr) -> Iterator[str]:
@@ -123,8 +139,7 @@ def expression_texts(node: ast.expr) -> Iterator[str]:
     if isinstance(node, ast.Constant) and isinstance(node.value, str):
         yield _OPEN.sub("{0}", node.value)
     elif isinstance(node, ast.JoinedStr):
-        parts = (str(part.value) if isinstance(part, ast.Constant) else "{0}" for part in node.values)
-        yield _OPEN.sub("{0}", "".join(parts))
+        yield _OPEN.sub("{0}", _text_of(node))
     elif isinstance(node, ast.Call) and getattr(node.func, "id", "") == "make_message":
         yield from expression_texts(node.args[0])
     elif isinstance(node, ast.Call) and getattr(node.func, "id", "") == "join_messages":

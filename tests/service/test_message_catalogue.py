@@ -13,7 +13,7 @@ from cellcal.calibration.message import fill_template
 from cellcal.calibration.message_table import read_message
 from cellcal.calibration.renamed_holes import renamed_holes
 from cellcal.service.translation import Locale
-from tests.service.source_sentences import ROOT, SENTENCE, constant_templates, message_templates, number_holes
+from tests.service.source_sentences import ROOT, SENTENCE, constant_templates, number_holes, read_source
 
 ROOMS = ("calibration", "drivers", "procedures", "service")
 CATALOGUES = ("web/src/locales/refusals", "web/src/locales/procedures", "service/certificates/translations")
@@ -52,7 +52,7 @@ def test_every_template_stands_in_the_catalogues_with_the_names_of_its_holes() -
     wrong = [
         f"{file.relative_to(ROOT)}:{line}: {sentence!r} is {numbered[number_holes(sentence)]!r} in the catalogue"
         for file in source_files()
-        for line, template in message_templates(file)
+        for line, template in read_source(file).templates
         for sentence in sentences_with_holes(template)
         if number_holes(sentence) in numbered and not {sentence, LEAD.sub("", sentence)} & catalogue()
     ]
@@ -64,7 +64,7 @@ def test_no_hole_has_a_numbered_name() -> None:
     templates = [
         f"{file.relative_to(ROOT)}:{line}: {template}"
         for file in source_files()
-        for line, template in message_templates(file)
+        for line, template in read_source(file).templates
         if NUMBERED.search(template)
     ]
     assert not templates
@@ -96,7 +96,7 @@ def test_every_entry_with_named_holes_has_a_template() -> None:
     templates = {
         sentence
         for file in source_files()
-        for template in (*(each for _, each in message_templates(file)), *constant_templates(file))
+        for template in (*(each for _, each in read_source(file).templates), *constant_templates(file))
         for whole in sentences_with_holes(template)
         for sentence in (whole, LEAD.sub("", whole))
     }
@@ -110,11 +110,10 @@ def test_no_f_string_is_used_where_a_translated_message_belongs() -> None:
     """An f-string is English for ever: use ``make_message("... {name} ...", name=...)``."""
     numbered = {number_holes(key) for key in catalogue() if HOLE.search(key)}
     found = [
-        f"{file.relative_to(ROOT)}:{node.lineno}: {sentence}"
+        f"{file.relative_to(ROOT)}:{line}: {sentence}"
         for file in source_files()
-        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8")))
-        if isinstance(node, ast.JoinedStr)
-        for sentence in _numbered_sentences(node)
+        for line, text in read_source(file).f_strings
+        for sentence in _numbered_sentences(text)
         if sentence in numbered - _NAMES
     ]
     assert not found
@@ -123,11 +122,7 @@ def test_no_f_string_is_used_where_a_translated_message_belongs() -> None:
 _NAMES = {"J{1} offset"}  # a parameter's name: each number has an entry of its own
 
 
-def _numbered_sentences(node: ast.JoinedStr) -> Iterator[str]:
-    text = "".join(
-        part.value if isinstance(part, ast.Constant) and isinstance(part.value, str) else "{0}"
-        for part in node.values
-    )
+def _numbered_sentences(text: str) -> Iterator[str]:
     yield from (number_holes(part) for part in SENTENCE.split(text) if "{0}" in part)
 
 

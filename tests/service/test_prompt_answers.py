@@ -11,7 +11,7 @@ import pytest
 from cellcal.drivers.interfaces import Instruction
 from cellcal.procedures.prompt_answers import PLAIN, all_answers, answers_for
 from cellcal.service.cell_process.screen_operator import Prompt
-from tests.service.source_sentences import sentences_in
+from tests.service.source_sentences import read_source
 
 ROOT = Path(__file__).parents[2]
 LOCALES = ("en", "de", "es", "zh")
@@ -43,7 +43,7 @@ def test_every_instruction_has_answers_of_its_own() -> None:
 
 def test_no_instruction_speaks_of_a_yes_that_no_button_has() -> None:
     paths = sorted((ROOT / "procedures").rglob("*.py"))
-    sentences = {sentence for path in paths for sentence in sentences_in(path)}
+    sentences = {sentence for path in paths for sentence in read_source(path).sentences}
     assert len(sentences) > 500
     assert [each for each in sentences if re.search(r"\b(say|answer) (yes|no)\b", each, re.IGNORECASE)] == []
 

@@ -3,9 +3,7 @@
 import ast
 import json
 import re
-from collections.abc import Iterator
 from functools import cache
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -20,7 +18,7 @@ from cellcal.calibration.points.touch_design import TURNS, ToolTurn
 from cellcal.drivers.errors import DeviceTimeoutError
 from cellcal.drivers.wire.tables import code_table
 from cellcal.service.translation import Translations
-from tests.service.source_sentences import ROOT, SENTENCE, number_holes, sentences_in
+from tests.service.source_sentences import ROOT, SENTENCE, number_holes, read_source
 from tests.service.translated_rooms import WHOLE
 
 TRANSLATED = ("de", "es", "zh")
@@ -144,7 +142,9 @@ def test_every_refusal_and_rule_has_its_words(room: str) -> None:
         if place.is_dir()
         else [place]
     )
-    source_sentences = {sentence for file in files for sentence in sentences_in(file)} - NOT_FOR_PEOPLE
+    source_sentences = {
+        sentence for file in files for sentence in read_source(file).sentences
+    } - NOT_FOR_PEOPLE
     assert source_sentences
     for locale in TRANSLATED:
         missing = [
@@ -167,10 +167,10 @@ def test_a_translation_has_the_holes_of_its_sentence(locale: str) -> None:
 def test_every_translation_has_a_source_sentence() -> None:
     rooms = ("calibration", "drivers", "procedures", "service")
     sources = [file for room in rooms for file in (ROOT / room).rglob("*.py")]
-    source_sentences = {sentence for file in sources for sentence in sentences_in(file)}
+    source_sentences = {sentence for file in sources for sentence in read_source(file).sentences}
     source_sentences |= {sentence for name in ARM_TABLES for sentence in of_an_arm(name)}
     source_sentences |= told_by_devices()
-    written = "\n".join(literal for file in sources for literal in _string_literals(file))
+    written = "\n".join(literal for file in sources for literal in read_source(file).literals)
     former = set(map(number_holes, json.loads(FORMER.read_text(encoding="utf-8"))))
     assert not former & source_sentences
     unsaid = [
@@ -186,12 +186,6 @@ def test_sentences_of_earlier_journals_are_still_translated(locale: str) -> None
     former = json.loads(FORMER.read_text(encoding="utf-8"))
     assert former
     assert not set(former) - refusal_texts(locale).keys()
-
-
-def _string_literals(file: Path) -> Iterator[str]:
-    for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
-        if isinstance(node, ast.Constant) and isinstance(node.value, str):
-            yield node.value
 
 
 def _stands_in(sentence: str, written: str) -> bool:
@@ -257,7 +251,8 @@ TIMED = (
 )
 
 
-def _done_in_time() -> set[str]:
+@cache
+def _done_in_time() -> frozenset[str]:
     """Return what drivers say they were doing when a device took too long."""
     doing: set[str] = set()
     for file in (ROOT / "drivers").rglob("*.py"):
@@ -268,7 +263,7 @@ def _done_in_time() -> set[str]:
             words = [a.value for a in node.args if isinstance(a, ast.Constant) and isinstance(a.value, str)]
             if called in TIMED:
                 doing.update(word for word in words if re.fullmatch(r"[a-z]+ing( [a-z]+)*", word))
-    return doing
+    return frozenset(doing)
 
 
 def _too_long(doing: str) -> str:

@@ -2,6 +2,7 @@
 
 import asyncio
 import contextlib
+import functools
 import gzip
 import re
 import time
@@ -23,7 +24,12 @@ MOST_SENT = 64_000_000  # octets that a server gets rid of: what is in the buffe
 CHALLENGE = b'HTTP/1.1 401 No\r\nWWW-Authenticate: Digest realm="r", qop="auth", nonce="n", opaque="o"\r\n'
 FOUND = b"HTTP/1.1 200 OK\r\n"
 MOVED = b"HTTP/1.1 302 Found\r\nLocation: /elsewhere\r\n"
-BOMB = gzip.compress(b" " * 500_000_000, 1)
+
+
+@functools.cache
+def make_bomb() -> bytes:
+    """Return a small body that is 500 MB when it is unpacked."""
+    return gzip.compress(b" " * 500_000_000, 1)
 
 
 @contextlib.asynccontextmanager
@@ -44,7 +50,8 @@ async def serving(head: bytes, how: str, first: bytes = b"") -> AsyncIterator[tu
             writer.write_eof()
             await asyncio.sleep(DEADLINE_S)
         elif how == "packed":
-            writer.write(head + b"Content-Encoding: gzip\r\nContent-Length: %d\r\n\r\n" % len(BOMB) + BOMB)
+            bomb = make_bomb()
+            writer.write(head + b"Content-Encoding: gzip\r\nContent-Length: %d\r\n\r\n" % len(bomb) + bomb)
             await writer.drain()
             await asyncio.sleep(DEADLINE_S)
         else:
