@@ -111,6 +111,7 @@ class KukaRobot(StreamedStepwiseMotion):
             if compared := await self._read_compared():
                 return compared
             before = await self._read_angles()
+            await self._let_cycles_pass()
             text = await self._link.read_variable("$AXIS_ACT")
             joints = await self._read_angles()
         moving = bool(self._doing) or joints != before  # the server tells no motion of others
