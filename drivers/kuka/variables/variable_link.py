@@ -49,6 +49,7 @@ class VariableLink:
         self._tag = 0
         self._asked: deque[int] = deque(maxlen=_KEPT_TAGS)  # tags of this connection
         self.serial = ""
+        self.given: set[str] = set()  # variables that this controller has, as it has once given them
         self._is_half = False  # an answer has begun, and its end is waited for
         self.trace = FrameTrace(device)
 
@@ -83,6 +84,7 @@ class VariableLink:
         value = await self._exchange(_READ, variable, None)
         if not value.strip():
             raise self._refused(variable)
+        self.given.add(variable)
         return value
 
     async def write_variable(self, variable: str, value: str) -> None:
