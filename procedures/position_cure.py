@@ -172,7 +172,10 @@ def _planned_cures(spec: PositionCureSpec, state: AxisState, axes: int) -> tuple
         )
     zero: Zero = USUAL_ZERO[state.cure] if spec.zero == "usual" else spec.zero
     named = sorted({*state.lost_axes, *(axis - 1 for axis in spec.axes_again)})
-    return tuple(AxisCure(axis, state.cure, zero, axis in state.lost_axes) for axis in named)
+    return tuple(
+        AxisCure(axis, state.cure, "new" if axis in state.without_zero else zero, axis in state.lost_axes)
+        for axis in named
+    )
 
 
 def _first_doubt(spec: PositionCureSpec, record: MasteringRecord, cures: tuple[AxisCure, ...]) -> Turns:

@@ -7,6 +7,7 @@ import time
 from collections.abc import Callable, Sequence
 from contextlib import AbstractAsyncContextManager
 from dataclasses import dataclass
+from datetime import datetime
 
 from asyncua import ua
 
@@ -49,13 +50,14 @@ from cellcal.drivers.opc_ua.robot_nodes import (
 from cellcal.drivers.opc_ua.safety_state import SafetyState, condition_of, mode_name
 from cellcal.drivers.opc_ua.server_link import ServerLink
 from cellcal.drivers.opc_ua.standstill import StandstillWatch
+from cellcal.drivers.opc_ua.value_times import ValueTimes, describe_age
 from cellcal.drivers.wire.deadline import answer_deadline
 from cellcal.drivers.wire.possible_values import check_joints, check_override
 from cellcal.drivers.wire.serial_number import check_serial_number
 
 _LOG = logging.getLogger(__name__)
 VERIFIED_ON: tuple[str, ...] = ()  # controller software this driver has run on; none yet, see README.md
-_NAMESPACE_ARRAY, _SERVER_STATE = ua.NodeId(2255), ua.NodeId(2259)
+_NAMESPACE_ARRAY, _SERVER_STATE, _CURRENT_TIME = ua.NodeId(2255), ua.NodeId(2259), ua.NodeId(2258)
 _RUNNING = 0  # ServerState
 _POLL_S = 0.05
 _CLEAR_S = 0.1  # of a deadline, left for what is said at its end
@@ -90,6 +92,7 @@ class OpcUaRobot:
         self._selection = RobotSelection(options.motion_device, options.axes, options.capabilities.axes)
         self._nodes: RobotNodes | None = None
         self._standstill = StandstillWatch(options.still_s)
+        self._times = ValueTimes()
         self._lock = asyncio.Lock()  # one request at a time: nodes may have to be looked for anew
 
     @property
@@ -120,6 +123,16 @@ class OpcUaRobot:
         return Identity(
             maker, " ".join(filter(None, (model, code))), serial, " ".join(filter(None, revisions))
         )
+
+    async def identity_doubts(self) -> str:
+        """Say where the times of the positions do not show that they still come from the arm."""
+        async with self._deadline("reading the joints"):
+            _, values = await self._read(
+                lambda nodes: (_CURRENT_TIME, *(axis.position for axis in nodes.axes))
+            )
+        clock = None if values[0].Value is None else values[0].Value.Value
+        stamps = [value.SourceTimestamp for value in values[1:]]
+        return describe_age(stamps, clock if isinstance(clock, datetime) else None)
 
     async def read_condition(self) -> Condition:
         try:
@@ -214,6 +227,8 @@ class OpcUaRobot:
             joints.append(stated[-1] * self._scale_of(axis.name, unit, profile))
         check_joints(self.name, tuple(joints))
         now_s = time.monotonic()
+        for k, axis in enumerate(nodes.axes):
+            self._times.take_value(self.name, axis.name, stated[k], values[3 * k].SourceTimestamp, now_s)
         self._standstill.add_reading(now_s, joints)
         raw = struct.pack(f"<{len(stated)}d", *stated).hex()
         return JointReading(tuple(joints), moving=True, taken_at_s=now_s, raw=raw)
@@ -268,6 +283,7 @@ class OpcUaRobot:
         """Find the robot in this session, and refuse another one than the cell file's."""
         self._nodes = None
         self._standstill.forget()
+        self._times.forget()
         array = await self._link.ask(
             lambda session: session.read_attributes([_NAMESPACE_ARRAY], ua.AttributeIds.Value),
             "its namespaces",

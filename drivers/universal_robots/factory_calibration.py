@@ -21,6 +21,7 @@ from cellcal.drivers.universal_robots.state import Six
 _KINEMATICS = struct.Struct(">6I6d6d6d6dI")
 _CONFIGURATION = struct.Struct(">12d12d5d6d6d6d6d4i")  # newer software may add to it
 _KINEMATICS_INFO, _CONFIGURATION_DATA = 5, 6
+_LINEARISED = 2
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,6 +34,11 @@ class FactoryKinematics:
     alpha_rad: Six
     checksums: tuple[int, int, int, int, int, int]
     status: int  # 0 not initialised, 1 not linearised, 2 linearised
+
+    @property
+    def is_measured(self) -> bool:
+        """Whether the controller says that the maker measured this arm; else arms of a type may share the table."""
+        return self.status == _LINEARISED
 
     def to_table(self) -> DhTable:
         """Return the table for cellcal.calibration.arm.ur_factory.factory_model."""

@@ -27,6 +27,11 @@ MANUAL = Condition(
     "the operational mode is manual.",
     "Choose the automatic mode at the pendant, or continue by hand.",
 )
+MODE_UNKNOWN = Condition(
+    Readiness.NOT_READY,
+    "the controller names an operational mode that is not known here.",
+    "Choose the automatic mode at the pendant; report this with the controller's version if it is chosen.",
+)
 REMOTE_UNKNOWN = Condition(
     Readiness.NOT_READY,
     "the controller does not tell whether the pendant is in Remote.",
@@ -65,6 +70,13 @@ def condition_of(sample: StateSample, *, program_is_ours: bool) -> Condition:
             "Raise the speed slider at the pendant.",
         )
     return condition
+
+
+def mode_condition_of(mode: str) -> Condition | None:
+    """Return what an operational mode forbids; None for automatic, and for "" of a controller that tells none."""
+    if mode in ("", "AUTOMATIC"):
+        return None
+    return MANUAL if mode == "MANUAL" else MODE_UNKNOWN
 
 
 def safety_stop_of(device: str, sample: StateSample) -> MotionStoppedError | None:

@@ -20,10 +20,10 @@ from cellcal.drivers.errors import (
 from cellcal.drivers.interfaces import Condition, Joints, Readiness, RobotCapabilities
 from cellcal.drivers.universal_robots.health import (
     LOCAL,
-    MANUAL,
     REMOTE_UNKNOWN,
     condition_error,
     condition_of,
+    mode_condition_of,
     safety_stop_of,
 )
 from cellcal.drivers.universal_robots.motion import (
@@ -57,7 +57,6 @@ _STOP_RECEIVED_S = 0.5
 _STUCK_S = 1.0
 _PATH_RAD = 0.05
 _SLOWER = 1.5
-_MANUAL = "MANUAL"
 
 CAPABILITIES = replace(READ_ONLY_CAPABILITIES, moves_joints=True, tells_mode=True)
 
@@ -194,7 +193,7 @@ class UniversalRobot(ReadingUniversalRobot):
         if not await self._contact.in_remote_control(known_s=remote_known_s):
             return LOCAL
         mode = await self._contact.operational_mode(known_s=remote_known_s)
-        return MANUAL if mode == _MANUAL else condition
+        return mode_condition_of(mode) or condition
 
     # during a move
 

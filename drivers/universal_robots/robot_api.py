@@ -1,7 +1,8 @@
 """The Robot API of PolyScope X: JSON over plain HTTP, in place of the dashboard.
 
-Source: the maker's C++ client library 2.14.0 (its Robot API client, tests and manual). The serial number and the
-model are not in it. Modes can be read from version 3.1.4 on (PolyScope X 10.12).
+Source: the maker's C++ client library 2.14.0 (its Robot API client, tests and manual). Modes can be read from version
+3.1.4 on (PolyScope X 10.12). Serial number and model are told from version 5.0.107 on (PolyScope X 10.14), as the
+client of that library's development after 2.14.0 asks for them.
 """
 
 import re
@@ -19,7 +20,7 @@ from cellcal.drivers.wire.http_answers import STEP_SHARE, BoundedTransport, Over
 from cellcal.drivers.wire.trace import FrameTrace
 
 _BASE = "/universal-robots/robot-api"
-_TELLS_MODES_SINCE = (3, 1, 4)
+_TELLS_MODES_SINCE, _TELLS_PLATE_SINCE = (3, 1, 4), (5, 0, 107)
 _MOST_OCTETS = 8_000_000
 _SHOWN = 500
 _DONE = (200, 201, 202, 204)  # whole answers: a part of one (206) is none
@@ -72,9 +73,27 @@ class RobotApiClient:
         """Whether the modes can be read."""
         return self._version >= _TELLS_MODES_SINCE
 
+    async def name_plate(self) -> tuple[str | None, str | None]:
+        """Return serial number and model; None for both where the controller does not tell them."""
+        if self._version < _TELLS_PLATE_SINCE:
+            return None, None
+        path = "/system/v1/information"
+        try:
+            reply = await self._request("GET", path)
+        except RefusedError:
+            return None, None
+        serial, model = (reply.get(key) for key in ("serialNumber", "robotType"))
+        if not (isinstance(serial, str) and serial.strip() and isinstance(model, str) and model.strip()):
+            raise self._unreadable(make_message("{path} holds no serial number or no model", path=path))
+        return serial.strip(), model.strip()
+
     async def in_remote_control(self) -> bool:
         """Whether the pendant has handed control to the network."""
-        return await self._read_mode("/system/v1/controlmode") == "REMOTE"
+        path = "/system/v1/controlmode"
+        mode = await self._read_mode(path)
+        if mode not in ("REMOTE", "LOCAL"):
+            raise self._unreadable(make_message("{path} holds {mode}", path=path, mode=mode[:40]))
+        return mode == "REMOTE"
 
     async def operational_mode(self) -> str:
         """Return the operational mode, MANUAL or AUTOMATIC."""

@@ -188,7 +188,7 @@ class RobotConnection:
 
     async def _ask_robot_api(self) -> tuple[str | None, str | None]:
         await self._robot_api.connect()
-        return None, None  # neither is in it
+        return await self._robot_api.name_plate()
 
     def _check_serial(self, serial: str | None) -> None:
         if serial is None or serial == self._expected.serial:
@@ -231,7 +231,15 @@ class RobotConnection:
                     others=any_of(others),
                 )
             )
-        if not tells_serial and not self._expected.calibration:
+        if not tells_serial and not arm.factory.is_measured:
+            found.append(
+                make_message(
+                    "Its controller does not tell a serial number, and says that the factory calibration is not "
+                    "linearised: nothing tells this arm from another {model}.",
+                    model=self._expected.arm,
+                )
+            )
+        elif not tells_serial and not self._expected.calibration:
             found.append(
                 make_message(
                     "Its controller does not tell a serial number; {serial} is what the cell file says. Write "

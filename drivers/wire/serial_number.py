@@ -33,6 +33,13 @@ def check_serial_number(device: str, found: str, expected: str) -> None:
         )
 
 
+def describe_untold_serial(serial: str) -> str:
+    """Return that a controller does not tell the serial number, so that the one that is shown proves nothing."""
+    return make_message(
+        "Its controller does not tell a serial number; {serial} is what the cell file says.", serial=serial
+    )
+
+
 def describe_second_robot(unit: str) -> str:
     """Return that a controller has more robots than the one that is read, which its name plate does not tell."""
     return make_message(

@@ -25,6 +25,7 @@ from cellcal.drivers.wire.deadline import answer_deadline
 
 _LOG = logging.getLogger(__name__)
 _POLL_S = 0.01
+_APART_S = 0.03  # controllers renew their joints each 4 to 24 ms: nearer readings are of one cycle
 _LOOK = "Look at the robot first: it should have stopped. Use the emergency stop if it has not."
 IsFinished = Callable[[], Awaitable[bool]]
 
@@ -231,7 +232,7 @@ class StepwiseMotion(ABC):
             before: Joints = ()
             while (joints := await self._read_angles()) != before:
                 before = joints
-                await asyncio.sleep(_POLL_S)
+                await self._let_cycles_pass()
             await self._release_arm()
 
     # shared by everything that a robot does
@@ -246,6 +247,10 @@ class StepwiseMotion(ABC):
         finally:
             self._doing = ""
             self._idle.set()
+
+    async def _let_cycles_pass(self) -> None:
+        """Wait until an arm that moves shows other joints than before."""
+        await asyncio.sleep(_APART_S)
 
     def _answer_deadline(self, doing: str, *, times: int = 1) -> AbstractAsyncContextManager[None]:
         return answer_deadline(self.name, times * self._motion.deadline_s, doing)

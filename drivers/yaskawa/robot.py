@@ -11,7 +11,7 @@ import numpy as np
 from cellcal.calibration.geometry import Array, Pose
 from cellcal.calibration.mastering.counts import DriveTrain
 from cellcal.calibration.mastering.position_record import ShownValue
-from cellcal.calibration.message import make_message
+from cellcal.calibration.message import join_messages, make_message
 from cellcal.drivers.errors import (
     DeviceError,
     RefusedError,
@@ -29,7 +29,7 @@ from cellcal.drivers.interfaces import (
     RobotCapabilities,
 )
 from cellcal.drivers.wire.possible_values import check_joints
-from cellcal.drivers.wire.serial_number import describe_second_robot
+from cellcal.drivers.wire.serial_number import describe_second_robot, describe_untold_serial
 from cellcal.drivers.wire.stepwise_motion import IsFinished, StepwiseMotion, StepwiseOptions
 from cellcal.drivers.yaskawa.absolute_data import read_absolute_data
 from cellcal.drivers.yaskawa.alarm_history import read_position_history
@@ -48,6 +48,7 @@ from cellcal.drivers.yaskawa.tool_file import ToolData, pose_of, read_tools
 
 _LOG = logging.getLogger(__name__)
 VERIFIED_ON: tuple[str, ...] = ()  # controller software this driver has run on; none yet, see README.md
+_DITHER_PULSES = 2  # of an axis that its servo holds
 _TOOL_FILE, _HOME_FILE = "TOOL.CND", "ABSO.DAT"
 
 CAPABILITIES = RobotCapabilities(
@@ -115,13 +116,14 @@ class YaskawaRobot(StepwiseMotion):
         return Identity("Yaskawa", model, self._options.serial, version)
 
     async def identity_doubts(self) -> str:
-        """Say that another robot is on the same controller."""
+        """Say that no serial number is told, and where another robot is on the same controller."""
+        doubts = [describe_untold_serial(self._options.serial)]
         async with self._answer_deadline("asking who it is"):
             try:
                 _, second = await read_system(self._link, number=2)
             except RefusedError:
-                return ""
-        return describe_second_robot("R1") if second else ""
+                second = ""
+        return join_messages(" ", [*doubts, describe_second_robot("R1")] if second else doubts)
 
     async def _request_condition(self) -> Condition:
         status = await read_status(self._link)
@@ -130,10 +132,16 @@ class YaskawaRobot(StepwiseMotion):
 
     async def read_joints(self) -> JointReading:
         async with self._answer_deadline("reading the joints"):
+            before = (await read_pulses(self._link)).pulses
+            await self._let_cycles_pass()
             status = await read_status(self._link)
             position = await read_pulses(self._link)
         joints = check_joints(self.name, self._options.scale.to_joints(position.pulses))
-        return JointReading(joints, status.is_running, time.monotonic(), raw=position.raw)
+        turned = max(abs(a - b) for a, b in zip(position.pulses, before, strict=True))
+        moving = (
+            bool(self._doing) or status.is_running or turned > _DITHER_PULSES
+        )  # no status tells of jogging
+        return JointReading(joints, moving, time.monotonic(), raw=position.raw)
 
     async def flange_pose(self) -> Pose:
         async with self._answer_deadline("reading the pose"):

@@ -218,8 +218,16 @@ class AbbController:
         self.counters.lose_turns(axes)
         self.note_event(20032, 3, "Rev. counter not updated")
 
+    def lose_calibration(self, axes: list[int]) -> None:
+        """Take the calibration of these axes, as a new motor does: before a new one no counter can be updated."""
+        for axis in axes:
+            self.axis_states[axis] = "NotCalibrated"
+        self.counters.lose_turns(axes)
+
     def update_counter(self, axis: int) -> None:
         """Update the revolution counter of an axis at the pendant, where it stands."""
+        if self.axis_states[axis] == "NotCalibrated":
+            return
         self.counters.update_counter(axis)
         self.axis_states[axis] = "Synchronized"
 

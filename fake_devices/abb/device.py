@@ -60,6 +60,7 @@ class FakeAbbRobot(NetworkedRobot):
             "override": lambda p: c.set_speed(int(p.pop("percent", 100))),
             "tool_switched": self._switch_tool,
             "counters_lost": lambda p: c.lose_counters(parse_axes(p.pop("axes", "all"), _AXES)),
+            "calibration_lost": lambda p: c.lose_calibration(parse_axes(p.pop("axes", "all"), _AXES)),
             "update_counter": lambda p: c.update_counter(parse_axes(p.pop("axis", "1"), _AXES)[0]),
             "fine_calibrate": lambda p: c.fine_calibrate(parse_axes(p.pop("axis", "1"), _AXES)[0]),
             "auto_mode": lambda _: c.turn_to_auto(),

@@ -38,12 +38,14 @@ class ProxyPort(ListeningPort):
             writer.close()
 
     async def _serve_requests(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        earlier: int | None = None
         with suppress(struct.error):
             while True:
                 tag, length = struct.unpack(">HH", await reader.readexactly(4))
-                await self._answer(tag, await reader.readexactly(length), writer)
+                await self._answer(tag, await reader.readexactly(length), writer, earlier)
+                earlier = tag
 
-    async def _answer(self, tag: int, body: bytes, writer: asyncio.StreamWriter) -> None:
+    async def _answer(self, tag: int, body: bytes, writer: asyncio.StreamWriter, earlier: int | None) -> None:
         if self._faults.use_once("silent") is not None:
             return
         if self._faults.use_once("reset") is not None:
@@ -57,8 +59,8 @@ class ProxyPort(ListeningPort):
         else:
             text = self._read(name)
         frame = self._frame(tag, kind, text)
-        if self._faults.use_once("stale") is not None:
-            frame = self._frame((tag - 1) % 65536, kind, "stale") + frame
+        if earlier is not None and self._faults.use_once("stale") is not None:
+            frame = self._frame(earlier, kind, "stale") + frame
         if self._faults.use_once("short") is not None:
             frame = frame[:2] + struct.pack(">H", len(frame) - 5) + frame[4:-1]
         step = 1 if self._faults.active_parameters("split") is not None else len(frame)

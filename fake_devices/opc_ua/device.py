@@ -45,6 +45,7 @@ _VALUE_FAULTS: Mapping[str, Mapping[str, Any]] = {
     "wrong_type": {"node": "", "text": "12.5"},
     "no_value": {"node": ""},
     "other_value": {"node": "", "value": 0},
+    "frozen_value": {"node": ""},  # good status, and the time with which it was read first
 }
 
 
@@ -57,6 +58,7 @@ class FakeOpcUaRobot(NetworkedRobot):
         self.controller = RobotController(arm, NamePlate(serial=str(table.get("serial", "0"))))
         settings = dict(table.get("settings", {}))
         access = {key: settings.pop(key) for key in _ACCESS_KEYS if key in settings}
+        self._frozen: dict[str, ua.DataValue] = {}  # by the node's path
         self.layout = _layout_of(settings, len(arm.joints_rad))
         kinds = {**{kind: {} for kind in LINK_FAULTS}, **_VALUE_FAULTS}
         faults = LinkFaults(kinds, world.clock.real_now_s)
@@ -95,6 +97,8 @@ class FakeOpcUaRobot(NetworkedRobot):
             for kind in _VALUE_FAULTS:
                 found = faults.active_parameters(kind)
                 if found is not None and found["node"] and path.endswith(str(found["node"])):
+                    if kind == "frozen_value":
+                        return self._frozen.setdefault(path, value)
                     return _corrupt_value(kind, found, value)
             return value
 

@@ -34,6 +34,7 @@ _CB3_MODELS = ("UR3", "UR5", "UR10")
 _CB3_VERSION = (3, 15, 8, 106339)
 _CB3_RATE_HZ = 125
 _WHOLE_API = (10, 12)  # modes can be read over the Robot API from here on
+_PLATE_API = (10, 14)  # serial number and model, too
 
 
 @dataclass(frozen=True)
@@ -83,6 +84,8 @@ class UrIdentity:
     @property
     def robot_api_version(self) -> str:
         """Return the version of the Robot API. That of 10.11 is only known to be below 3.1.4."""
+        if self.version[:2] >= _PLATE_API:
+            return "5.0.107"
         return "3.1.4" if self.version[:2] >= _WHOLE_API else "3.0.0"
 
     @property

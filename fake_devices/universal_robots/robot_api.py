@@ -8,7 +8,8 @@ Source
 Modelled
     openapi.json with the version; power, brakes, protective stop; play, pause, resume, stop; the loaded program;
     robot, safety, control and operational mode. Before 3.1.4 the modes and the loaded program cannot be read, and
-    a program is loaded by another path. Keep-alive, several requests in one segment, requests in pieces.
+    a program is loaded by another path. From 5.0.107 on serial number and model (as that library's development
+    after 2.14.0 asks for them). Keep-alive, several requests in one segment, requests in pieces.
 Not modelled
     Programs as files; redirects other than the fault ``api_moved``. Assumed, for lack of a source: status 403 in
     local control, 409 for an order that the present state forbids, the mode LOCAL, the words of messages.
@@ -25,7 +26,7 @@ from cellcal.fake_devices.universal_robots.states import RuntimeState, SafetyMod
 DEFAULT_PORT = 80
 BASE = "/universal-robots/robot-api"
 _MOVED = "/universal-robots/moved-robot-api"
-_WHOLE = "3.1.4"
+_WHOLE, _WITH_PLATE = ("3.1.4", "5.0.107"), "5.0.107"
 _MOST_BYTES = 1 << 20
 _REASONS = {200: "OK", 307: "Temporary Redirect", 400: "Bad Request", 403: "Forbidden", 404: "Not Found"}
 _REASONS |= {409: "Conflict", 500: "Internal Server Error"}
@@ -43,7 +44,7 @@ class RobotApi:
         self.refuses_orders = False
         self.moved = False
         self.broken_answer: str | None = None
-        self._whole = controller.identity.robot_api_version == _WHOLE
+        self._whole = controller.identity.robot_api_version in _WHOLE
         self._questions = self._question_paths()
         self._orders: dict[str, Callable[[Mapping[str, Any]], JsonReply]] = {
             "/robotstate/v1/state": self._change_robot_state,
@@ -91,6 +92,11 @@ class RobotApi:
                 "/robotstate/v1/safetymode": lambda: {"mode": self._safety_mode()},
                 "/system/v1/controlmode": lambda: {"mode": "REMOTE" if c.remote else "LOCAL"},
                 "/system/v1/operationalmode": lambda: {"mode": "AUTOMATIC" if c.automatic else "MANUAL"},
+            }
+        if c.identity.robot_api_version == _WITH_PLATE:
+            paths["/system/v1/information"] = lambda: {
+                "serialNumber": c.identity.serial,
+                "robotType": c.identity.model_family,
             }
         return paths
 

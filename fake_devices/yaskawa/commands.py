@@ -107,7 +107,7 @@ class CommandTable:
 
     def _status(self, request: HostRequest) -> bytes:
         c = self._c
-        word_1 = 0x02 | (0x08 if c.arm.is_moving else 0)
+        word_1 = 0x02 | (0x08 if c.arm.is_moving and not c.is_jogged else 0)
         word_1 |= {TEACH: 0x20, PLAY: 0x40, REMOTE: 0xC0}[c.mode]
         word_2 = 0x02 * c.holds["pendant"] | 0x04 * c.holds["external"] | 0x08 * c.holds["command"]
         word_2 |= (0x10 if c.alarms else 0) | (0x40 if c.has_servo_power else 0)

@@ -46,6 +46,7 @@ class YaskawaController:
         self.mode, self.has_servo_power = REMOTE, True
         self.holds = {"pendant": False, "external": False, "command": False}
         self.emergency_stop = False
+        self.is_jogged = False  # the last motion was made at the pendant: no word of the status tells of it
         self.has_second_robot = False
         self.alarms: list[tuple[int, int, str, str]] = []  # code, data, time, text
         self.history: list[tuple[int, int, str, str]] = []
@@ -91,6 +92,7 @@ class YaskawaController:
         if longest > 0.0:
             pace = share * self.override_percent / 100.0
             needed_s = float((way / (self.arm.max_speed_rad_s * pace)).max())
+            self.is_jogged = False
             self.arm.start_move(target, longest / needed_s, _ACCELERATION_RAD_S2)
 
     def _refuse_unless_free(self) -> None:

@@ -90,9 +90,10 @@ class FakeYaskawaRobot(NetworkedRobot):
 
     def _jog_by_hand(self, parameters: dict[str, Any]) -> None:
         arm = self.controller.arm
+        self.controller.is_jogged = True
         target = arm.joints_rad
         target[parse_axes(parameters.pop("axis", "S"), AXES)[0]] += float(parameters.pop("rad", 0.01))
-        arm.start_move(target, 0.5, 2.0)
+        arm.start_move(target, float(parameters.pop("speed_rad_s", 0.5)), 2.0)
 
 
 def create_yaskawa_robot(world: World, table: Mapping[str, Any]) -> FakeYaskawaRobot:

@@ -18,6 +18,7 @@ class AxisState:
     is_lost: bool
     words: str
     cure: PositionCure
+    without_zero: tuple[int, ...] = ()  # of the lost ones: their zero has to be made anew
 
 
 def with_shown_motors(cell: Cell) -> Cell:
@@ -46,9 +47,20 @@ async def read_axis_state(cell: Cell) -> AxisState:
     if cure is None:
         raise NeedsUnmetError("no cure at the pendant is known", missing=("position_cure",))
     condition = await read_reached_condition(cell)
-    lost = {alarm.axis for alarm in condition.alarms if alarm.kind is AlarmKind.TURNS}
-    axes = tuple(sorted(axis for axis in lost if axis is not None))
-    return AxisState(axes, condition.readiness is Readiness.POSITION_LOST, condition.message, cure)
+    lost = _axes_of(condition, AlarmKind.TURNS)
+    counters = cure is PositionCure.REVOLUTION_COUNTERS  # of which an axis without calibration has none
+    without_zero = _axes_of(condition, AlarmKind.ENCODER) if counters else set()
+    return AxisState(
+        tuple(sorted(lost | without_zero)),
+        condition.readiness is Readiness.POSITION_LOST,
+        condition.message,
+        cure,
+        tuple(sorted(without_zero)),
+    )
+
+
+def _axes_of(condition: Condition, kind: AlarmKind) -> set[int]:
+    return {alarm.axis for alarm in condition.alarms if alarm.kind is kind and alarm.axis is not None}
 
 
 async def read_reached_condition(cell: Cell) -> Condition:

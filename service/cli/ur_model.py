@@ -46,8 +46,16 @@ def ur_model(
     found = asyncio.run(read_controller_arm(f"the arm at {address}", address, deadline_s=timeout_s))
     create_file(to, ur_model_text(found, arm, address).encode(), mode=SHARED_FILE)
     console = Console(stderr=True, emoji=False, highlight=False)
-    console.print(f'Written: {to}. Into the entry of the robot: model = "{to}", arm_type = "{arm}",')
+    if found.factory.is_measured:
+        console.print(f'Written: {to}. Into the entry of the robot: model = "{to}", arm_type = "{arm}",')
+        console.print(
+            f'calibration = "{found.factory.name}". Compare the lengths with the data sheet.', soft_wrap=True
+        )
+        return 0
+    console.print(f'Written: {to}. Into the entry of the robot: model = "{to}", arm_type = "{arm}".')
     console.print(
-        f'calibration = "{found.factory.name}". Compare the lengths with the data sheet.', soft_wrap=True
+        f"The controller says that its factory calibration is not linearised (status {found.factory.status}): it may "
+        "be that of the drawing, and does not tell this arm from others of its type. Have it looked at by the maker.",
+        soft_wrap=True,
     )
     return 0

@@ -2,6 +2,7 @@
 
 import asyncio
 from collections.abc import Awaitable, Callable
+from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -21,6 +22,10 @@ from cellcal.service.record.robot_lock import DEVICES, is_held
 from cellcal.service.record.run_store import RunStore
 
 IN_USE = "in use"
+_STANDS = (
+    Readiness.NOT_READY,
+    Readiness.STOPPED,
+)  # in manual mode, or stopped: its joints are to be believed
 OTHER_MODEL = "another model"
 _NOT_COMPARED = (
     "Its controller shows no flange pose, so the joints were not compared with the model of the cell file."
@@ -147,7 +152,12 @@ async def _report_robot(device: Robot, config: RobotConfig) -> DeviceReport:
     report = await _compare_joint_sources(device, report)
     if not device.capabilities.tells_flange_pose:
         return replace(report, message=f"{report.message} {_NOT_COMPARED}")
-    return await _hold_against_model(device, config.model, report) if report.is_ready else report
+    if report.is_ready:
+        return await _hold_against_model(device, config.model, report)
+    if report.state in _STANDS:
+        with suppress(DeviceError):  # what such a robot does not show now is compared when it is ready
+            return await _hold_against_model(device, config.model, report)
+    return report
 
 
 async def _compare_joint_sources(device: Robot, report: DeviceReport) -> DeviceReport:

@@ -43,6 +43,7 @@ class _Writer:
 )
 async def test_half_an_answer_of_a_kuka(sent: bytes, words: str) -> None:
     link: Any = VariableLink("kuka", "127.0.0.1", 7000, deadline_s=0.02)
+    link._new_tag = lambda: 1
     reader = asyncio.StreamReader()
     reader.feed_data(sent)
     link._streams = (reader, _Writer())

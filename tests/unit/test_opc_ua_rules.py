@@ -2,6 +2,7 @@
 
 import math
 import struct
+from datetime import UTC, datetime, timedelta
 from typing import Any
 
 import pytest
@@ -15,6 +16,7 @@ from cellcal.drivers.opc_ua.axis_units import order_axes, unit_of_axis
 from cellcal.drivers.opc_ua.config import OpcUaConfig
 from cellcal.drivers.opc_ua.safety_state import SafetyState, condition_of, mode_name
 from cellcal.drivers.opc_ua.standstill import StandstillWatch
+from cellcal.drivers.opc_ua.value_times import ValueTimes, describe_age
 
 CEFACT = "http://www.opcfoundation.org/UA/units/un/cefact"
 
@@ -129,3 +131,44 @@ def test_an_array_of_nothing_with_a_damaged_length_is_refused_at_once() -> None:
     )  # as many elements as fit, none of which takes an octet
     with pytest.raises(ValueError, match="empty values"):
         server_link.ua_binary.variant_from_binary(Buffer(octets))
+
+
+NOON = datetime(2026, 11, 30, 12, tzinfo=UTC)
+
+
+def at_s(seconds: float) -> datetime:
+    return NOON + timedelta(seconds=seconds)
+
+
+def test_a_time_that_stands_still_counts_where_each_sample_had_its_own() -> None:
+    times = ValueTimes()
+    for k in range(3):
+        times.take_value("r", "A1", 12.0, at_s(k), float(k))
+    times.take_value("r", "A1", 12.0, at_s(2.0), 6.9)
+    with pytest.raises(RefusedError, match="time has stood still for 6 s"):
+        times.take_value("r", "A1", 12.0, at_s(2.0), 8.0)
+    times.take_value("r", "A1", 12.5, at_s(8.5), 8.5)
+
+
+def test_a_server_that_stamps_changes_alone_is_read_while_the_arm_stands() -> None:
+    times = ValueTimes()
+    for k in range(1000):
+        times.take_value("r", "A1", 12.0, NOON, float(k))
+    times.take_value("r", "A1", 13.0, at_s(1000), 1000.0)
+    times.take_value("r", "A1", 13.0, at_s(1000), 2000.0)
+    times.take_value("r", "A1", 13.0, None, 2001.0)
+
+
+def test_an_older_value_is_refused_once_and_the_next_ones_count_from_it() -> None:
+    times = ValueTimes()
+    times.take_value("r", "A1", 12.0, at_s(9), 0.0)
+    with pytest.raises(RefusedError, match="A1 that is older"):
+        times.take_value("r", "A1", 11.0, at_s(8).replace(tzinfo=None), 0.1)
+    times.take_value("r", "A1", 11.0, at_s(8), 0.2)
+
+
+def test_times_of_positions_are_doubted_where_they_prove_nothing() -> None:
+    assert describe_age([at_s(0), at_s(4)], at_s(4.5)) == ""
+    assert "34 s before" in describe_age([at_s(0), at_s(4)], at_s(34))
+    assert "no time" in describe_age([at_s(0), None], at_s(0))
+    assert describe_age([at_s(0)], None) == ""

@@ -10,6 +10,7 @@ from cellcal.drivers.interfaces import Readiness
 from cellcal.drivers.universal_robots.health import (
     condition_error,
     condition_of,
+    mode_condition_of,
     safety_stop_of,
     translate_refusal,
 )
@@ -153,3 +154,16 @@ def test_the_path_of_a_joint_move_is_a_straight_line_in_joint_space() -> None:
 def test_a_move_is_expected_to_take_its_ramps_and_its_cruise() -> None:
     assert expected_s(START, TARGET, 0.5, 1.0) == pytest.approx(1.0 / 0.5 + 0.5)
     assert math.isclose(expected_s(START, START, 0.5, 1.0), 0.5)
+
+
+@pytest.mark.parametrize("mode", ["MANUAL", "SERVICE", "automatic", "NONE", "AUTOMATIC "])
+def test_only_the_automatic_mode_lets_an_arm_move(mode: str) -> None:
+    condition = mode_condition_of(mode)
+    assert condition is not None
+    assert condition.readiness is Readiness.NOT_READY
+    assert "pendant" in condition.remedy
+
+
+def test_the_automatic_mode_and_a_controller_without_modes_forbid_nothing() -> None:
+    assert mode_condition_of("AUTOMATIC") is None
+    assert mode_condition_of("") is None

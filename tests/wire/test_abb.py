@@ -160,7 +160,7 @@ def test_the_module_that_ships_declares_what_the_driver_uses() -> None:
     code = re.sub(r"!.*", "", text)
     declared = set(re.findall(r"PERS \w+ (\w+) :=", code))
     source = (ROOT / "drivers" / "abb" / "robot_web_services" / "motion_server.py").read_text()
-    assert set(re.findall(r'"(n[A-Z]\w+)"', source)) | {"jTarget", "nTime"} == declared
+    assert set(re.findall(r'"(n[A-Z]\w+)"', source)) | {"jTarget", "nTime", "tMounted"} == declared
     for opening, closing in (
         ("PROC ", "ENDPROC"),
         ("TRAP ", "ENDTRAP"),
@@ -169,6 +169,8 @@ def test_the_module_that_ships_declares_what_the_driver_uses() -> None:
     ):
         lines = [line.strip() for line in code.splitlines()]
         assert sum(line.startswith(opening) for line in lines) == lines.count(closing), opening
+    assert "tMounted := CTool();" in code.partition("PROC main()")[2].partition("ENDPROC")[0]
+    assert re.findall(r"MoveAbsJ .*, (\w+) \\WObj", code) == ["tMounted"]  # tool0 weighs a gramme
 
 
 async def _moves(fake_client: FakeCellClient) -> bool:

@@ -308,3 +308,11 @@ def test_the_program_that_ships_uses_the_variables_of_the_driver() -> None:
     lines = [line.strip() for line in parts.splitlines()]
     assert sum(line.startswith("DEF ") for line in lines) == lines.count("END")
     assert sum(line.startswith("IF ") for line in lines) == lines.count("ENDIF")
+    held = [f"CC_AXIS.E{axis}=$AXIS_ACT.E{axis}" for axis in range(1, 7)]  # rails and positioners stand
+    start = lines.index(held[0])
+    assert lines[start : start + 7] == [*held, "CC_STATE=2"]
+    assert (
+        lines.index("BAS(#TOOL,CC_TOOL)") == next(k for k, line in enumerate(lines) if "INITMOV," in line) + 2
+    )
+    names = {word.upper() for line in lines for word in re.findall(r"^DECL \w+ (\w+)", line)}
+    assert not names & {"AXIS", "POS", "FRAME", "E6AXIS", "E6POS", "LOAD"}  # types of the controller's own

@@ -9,6 +9,7 @@ from asyncua import Client, ua
 
 from cellcal.drivers.errors import DeviceError, MotionStoppedError, RefusedError, WireProtocolError
 from cellcal.drivers.interfaces import Readiness
+from cellcal.drivers.opc_ua import value_times
 from cellcal.drivers.opc_ua.server_access import ServerAccess
 from cellcal.drivers.opc_ua.server_link import ServerLink
 from tests.machine_speed import stretched_s
@@ -52,6 +53,22 @@ async def test_name_plate_mode_override_and_software_are_read() -> None:
         await fake.inject_fault("override", {"percent": 12.5})
         assert await robot.controller_mode() == "AUTOMATIC_EXTERNAL"
         assert await robot.speed_override() == 0.125
+
+
+async def test_positions_that_are_frozen_with_a_good_status_are_no_reading(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(value_times, "OLDEST_S", 0.0)
+    async with fake_server() as fake, config_of(fake).open() as robot:
+        assert await robot.identity_doubts() == ""
+        await robot.read_joints()
+        await robot.read_joints()  # the time goes on while the arm stands
+        await fake.inject_fault("frozen_value", {"node": POSITION})
+        await robot.read_condition()
+        await fake.inject_fault("jog_by_hand", {"axis": "J3", "rad": 0.4})
+        failure = await failure_of(robot.read_joints())
+        assert "stood still" in str(failure)
+        assert (await robot.read_condition()).readiness is Readiness.NOT_READY
 
 
 async def test_a_motion_of_others_is_seen_until_the_arm_stands() -> None:

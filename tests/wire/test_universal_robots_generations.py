@@ -108,6 +108,22 @@ async def test_an_arm_of_another_factory_calibration_is_refused() -> None:
                 pytest.fail("a stranger was let in")
 
 
+async def test_polyscope_x_from_10_14_on_proves_serial_number_and_model() -> None:
+    newer = {"software": "10.14.0.0"}
+    async with fake_ur(model="ur5e", settings=newer) as fake:
+        async with x_config(fake, model="ur5e").open() as robot:
+            doubts = await robot.identity_doubts()
+            assert "serial" not in doubts
+            assert "ur7e" in doubts  # the name UR5 may be that of a UR7e
+        with pytest.raises(WrongDeviceError, match="20225500042"):
+            async with x_config(fake, model="ur5e", serial="20235511111").open():
+                pytest.fail("a stranger was let in")
+    async with fake_ur(model="ur5e", settings=newer | {"dashboard_model": "UR7"}) as fake:
+        with pytest.raises(WrongDeviceError, match="answers a ur7e"):
+            async with x_config(fake, model="ur5e").open():
+                pytest.fail("a stranger was let in")
+
+
 async def test_a_port_30001_that_is_blocked_says_so() -> None:
     async with fake_ur() as fake:
         fake.server.ports[30001].silent = True
@@ -216,6 +232,7 @@ async def test_redirects_are_followed() -> None:
         "[]",
         '{"mode": 3}',
         '{"mode": ""}',
+        '{"mode": "SERVICE"}',
         "\ud800".encode("utf-8", "surrogatepass").decode("latin-1"),
     ],
 )

@@ -1,6 +1,7 @@
 """An arm that the catalogue lacks: its model file comes from its own controller, and the driver takes it with that."""
 
 import asyncio
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,8 +14,13 @@ from cellcal.calibration.arm.model_references import fixed_reference
 from cellcal.calibration.arm.ur_factory import factory_model
 from cellcal.calibration.errors import CalibrationError
 from cellcal.drivers.errors import WrongDeviceError
+from cellcal.drivers.universal_robots import factory_calibration
 from cellcal.drivers.universal_robots.config import UniversalRobotConfig
-from cellcal.drivers.universal_robots.factory_calibration import read_controller_arm
+from cellcal.drivers.universal_robots.factory_calibration import (
+    ControllerArm,
+    FactoryKinematics,
+    read_controller_arm,
+)
 from cellcal.procedures.steps.mastering import model_error_m
 from cellcal.service.cli.app import run_command_line
 from cellcal.service.engineering.parameters.ur_model_file import ur_model_text
@@ -104,6 +110,48 @@ async def test_a_factory_table_of_another_drawing_gets_no_file() -> None:
     assert ur_model_text(ours, "ur15", "here")
     with pytest.raises(CalibrationError, match="does not belong"):
         ur_model_text(mixed, "ur15", "here")
+
+
+@pytest.mark.parametrize(
+    ("changes", "says"),
+    [
+        ({"lower_rad": (-360.0,) * 6, "upper_rad": (360.0,) * 6}, "limits of -360 to 360 rad of joint 1"),
+        (
+            {"lower_rad": (2.0, *(-2.0,) * 5), "upper_rad": (1.0, *(2.0,) * 5)},
+            "limits of 2 to 1 rad of joint 1",
+        ),
+        ({"max_speed_rad_s": (2.0, 2.0, 0.0, 2.0, 2.0, 2.0)}, "a speed of 0 rad/s of joint 3"),
+        ({"max_speed_rad_s": (180.0,) * 6}, "a speed of 180 rad/s"),
+    ],
+)
+async def test_limits_and_speeds_of_no_arm_get_no_file(changes: dict[str, Any], says: str) -> None:
+    arm = load_model("ur5e")
+    assert arm.dh is not None
+    columns: list[Any] = [tuple(column) for column in arm.dh.to_rows()[:, [0, 2, 1, 3]].T]
+    theta, a, d, alpha = columns
+    zeros = FactoryKinematics(theta, a, d, alpha, (0,) * 6, 2)
+    told = ControllerArm(9, arm.dh, (-6.28,) * 6, (6.28,) * 6, (3.0,) * 6, zeros)
+    assert ur_model_text(
+        replace(told, lower_rad=(*(-6.28,) * 5, -360.0)), "ur15", "here"
+    )  # the last may be endless
+    with pytest.raises(CalibrationError, match=says):
+        ur_model_text(replace(told, **changes), "ur15", "here")
+
+
+async def test_a_calibration_that_is_not_linearised_is_said(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async with fake_ur(model="ur15", settings=settings_of("ur15")) as fake:
+        told = await read_controller_arm("ur", fake.server.address, deadline_s=DEADLINE_S)
+
+    async def read_unmeasured(*_: object, **__: object) -> ControllerArm:
+        return replace(told, factory=replace(told.factory, status=0))
+
+    monkeypatch.setattr(factory_calibration, "read_controller_arm", read_unmeasured)
+    assert await write_file("10.0.0.7", "ur15", tmp_path / "arm.toml") == 0
+    text = " ".join(capsys.readouterr().err.split())
+    assert "not linearised (status 0)" in text
+    assert 'calibration = "' not in text
 
 
 async def test_a_file_does_not_make_a_stranger_the_robot(tmp_path: Path) -> None:

@@ -277,6 +277,16 @@ async def test_a_file_in_one_answer_is_read_with_and_without_a_block_number(
         await store.delete_file("CELLCAL.JBI")
 
 
+async def test_an_arm_that_a_person_jogs_moves_although_no_status_says_so(
+    motoman: Any, fake_client: FakeCellClient
+) -> None:
+    assert not (await motoman.read_joints()).moving
+    await fake_client.inject_fault("jog_by_hand", device="motoman", axis="S", rad=0.5, speed_rad_s=0.02)
+    assert (await motoman.read_joints()).moving
+    await wait_until(lambda: _stands(fake_client))
+    assert not (await motoman.read_joints()).moving
+
+
 async def test_an_order_whose_answer_was_lost_is_not_given_twice(
     motoman: Any, fake_client: FakeCellClient
 ) -> None:

@@ -9,12 +9,15 @@ MODULE CellcalServer
   PERS num nLife := 0;   ! raised here
   PERS num nTime := 1;   ! seconds that the step takes
   PERS jointtarget jTarget := [[0,0,0,0,0,0],[9E+09,9E+09,9E+09,9E+09,9E+09,9E+09]];
+  ! the tool that is selected when main begins: its load counts in each motion (tool0 weighs 1 g)
+  PERS tooldata tMounted := [TRUE,[[0,0,0],[1,0,0,0]],[0.001,[0,0,0.001],[1,0,0,0],0,0,0]];
   VAR num nHeartBefore := 0;
   VAR num nSilent := 0;
   VAR intnum iTick;
 
   PROC main()
     nAck := nReq;
+    tMounted := CTool();
     IDelete iTick;
     CONNECT iTick WITH Tick;
     ITimer 0.1, iTick;
@@ -34,7 +37,7 @@ MODULE CellcalServer
     IF nStop = 0 THEN
       nSilent := 0;
       nState := 2;
-      MoveAbsJ jTarget \NoEOffs, v100 \T := nTime, fine, tool0 \WObj := wobj0;
+      MoveAbsJ jTarget \NoEOffs, v100 \T := nTime, fine, tMounted \WObj := wobj0;
       nState := 1;
       nAck := nReq;
     ENDIF

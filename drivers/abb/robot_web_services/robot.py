@@ -133,6 +133,7 @@ class AbbRobot(StreamedStepwiseMotion):
                 return compared
             async with self._link.confirmed_answers():
                 before, _ = await read_joints(self._link)
+                await self._let_cycles_pass()
                 joints, reply = await read_joints(self._link)
         moving = bool(self._doing) or joints != before  # the service tells no motion of others
         return JointReading(joints, moving, time.monotonic(), raw=str(dict(reply)))

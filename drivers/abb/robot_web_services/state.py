@@ -22,6 +22,10 @@ _UNIT = "/rw/motionsystem/mechunits/ROB_1"
 _MOTOR_CALIBRATION, _OFFSET = "/rw/cfg/MOC/MOTOR_CALIB/instances", "cal_offset"
 _SYNCHRONISED = "Synchronized"
 _COUNTER_LOST = "20032"
+_WITHOUT_ZERO = (
+    "NotCommutated",
+    "NotCalibrated",
+)  # a revolution counter cannot be updated before a calibration
 _LONGEST_WORD = 200
 _EMERGENCY_STOPS = ("emergencystop", "emergencystopreset")
 
@@ -146,15 +150,17 @@ def _motors_off(state: ControllerState) -> Condition:
 
 
 def _lost_condition(state: ControllerState) -> Condition:
-    alarms = tuple(
-        Alarm(
-            _COUNTER_LOST,
-            make_message("axis {axis}: {word}", axis=axis + 1, word=word),
-            axis,
-            AlarmKind.TURNS,
+    alarms = tuple(_alarm_of(axis, word) for axis, word in state.lost_axes.items())
+    zeroless = [axis for axis, word in state.lost_axes.items() if word in _WITHOUT_ZERO]
+    if zeroless:
+        text = make_message(
+            "axes {axes} are not calibrated.", axes=", ".join(str(axis + 1) for axis in zeroless)
         )
-        for axis, word in state.lost_axes.items()
-    )
+        remedy = (
+            "In manual mode calibrate each of these axes anew, as the maker's manual says: fine calibration, or its "
+            "offset from the label. Then update the revolution counters, and run a drift check."
+        )
+        return Condition(Readiness.POSITION_LOST, text, remedy, (*alarms, *state.events))
     if alarms:
         text = make_message(
             "axes {axes} are not synchronised.", axes=", ".join(str(axis + 1) for axis in state.lost_axes)
@@ -167,6 +173,14 @@ def _lost_condition(state: ControllerState) -> Condition:
         "check."
     )
     return Condition(Readiness.POSITION_LOST, text, remedy, (*alarms, *state.events))
+
+
+def _alarm_of(axis: int, word: str) -> Alarm:
+    """Return the alarm of an axis that is not synchronised, with what is left of its position."""
+    text = make_message("axis {axis}: {word}", axis=axis + 1, word=word)
+    if word in _WITHOUT_ZERO:
+        return Alarm(word, text, axis, AlarmKind.ENCODER)
+    return Alarm(_COUNTER_LOST, text, axis, AlarmKind.TURNS)
 
 
 def converted(link: WebLink, convert: Callable[[], T]) -> T:

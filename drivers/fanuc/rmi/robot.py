@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from functools import partial
 
 from cellcal.calibration.geometry import Array, Pose
+from cellcal.calibration.message import make_message
 from cellcal.drivers.fanuc.rmi.rmi_link import Packet, RmiLink
 from cellcal.drivers.fanuc.rmi.rmi_state import (
     AXES,
@@ -88,6 +89,15 @@ class FanucRmiRobot(StepwiseMotion):
         firmware = f"RMI {version.major}.{version.minor}"
         return Identity("FANUC", self._options.model, self._options.serial, firmware)
 
+    async def identity_doubts(self) -> str:
+        """Say that model and serial number, as they are shown, prove nothing."""
+        return make_message(
+            "This link tells neither model nor serial number; {model} and {serial} are what the cell file says. "
+            "Compare the label on the arm.",
+            model=self._options.model,
+            serial=self._options.serial,
+        )
+
     async def _request_condition(self) -> Condition:
         async with self._link.confirmed_answers():
             status = await read_status(self._link)
@@ -97,6 +107,7 @@ class FanucRmiRobot(StepwiseMotion):
     async def read_joints(self) -> JointReading:
         async with self._confirmed_answers("reading the joints"):
             before, _ = await read_joint_angles(self._link)
+            await self._let_cycles_pass()
             joints, reply = await read_joint_angles(self._link)
         moving = bool(self._doing) or joints != before  # this link tells no motion of others
         return JointReading(joints, moving, time.monotonic(), raw=str(dict(reply)))

@@ -27,6 +27,7 @@ from cellcal.drivers.kuka.variables.state import (
     read_state,
     read_value,
     refuse_external_tool,
+    tells_mastering,
 )
 from cellcal.drivers.kuka.variables.values import (
     AXES,
@@ -103,6 +104,16 @@ class KukaRobot(StreamedStepwiseMotion):
             serial = await self._link.read_serial()
         return Identity("KUKA", model, serial, f"{server.name} {server.version}".strip())
 
+    async def identity_doubts(self) -> str:
+        """Say where this software does not tell whether its axes are mastered: a loss is not seen then."""
+        async with self._answer_deadline("asking its condition"):
+            if await tells_mastering(self._link):
+                return ""
+        return (
+            "This controller does not tell whether its axes are mastered: a lost position is NOT seen. Run a drift "
+            "check after service, and read the messages at the pendant."
+        )
+
     async def _request_condition(self) -> Condition:
         return condition_of(await read_state(self._link))
 
@@ -111,6 +122,7 @@ class KukaRobot(StreamedStepwiseMotion):
             if compared := await self._read_compared():
                 return compared
             before = await self._read_angles()
+            await self._let_cycles_pass()
             text = await self._link.read_variable("$AXIS_ACT")
             joints = await self._read_angles()
         moving = bool(self._doing) or joints != before  # the server tells no motion of others

@@ -68,12 +68,29 @@ async def read_mode(link: VariableLink) -> str:
 
 
 async def _read_lost_axes(link: VariableLink) -> tuple[int, ...]:
-    """Return the axes that are not mastered; none where this software does not have the variable."""
-    try:
-        flags = [await read_value(link, f"${_LOST}[{axis + 1}]", read_flag) for axis in range(AXES)]
-    except RefusedError:
+    """Return the axes that are not mastered; none where this software does not have the variable.
+
+    Raises
+    ------
+    RefusedError
+        A variable is not given that was given before, or of one axis and not of another: nothing is known then.
+    """
+    if not await tells_mastering(link):
         return ()
+    flags = [await read_value(link, f"${_LOST}[{axis + 1}]", read_flag) for axis in range(AXES)]
     return tuple(axis for axis, mastered in enumerate(flags) if not mastered)
+
+
+async def tells_mastering(link: VariableLink) -> bool:
+    """Return whether this software says of each axis if it is mastered; raise where it did, and does not now."""
+    first = f"${_LOST}[1]"
+    try:
+        await read_value(link, first, read_flag)
+    except RefusedError:
+        if first in link.given:
+            raise
+        return False
+    return True
 
 
 async def read_position_data(link: VariableLink) -> tuple[ShownValue, ...]:

@@ -5,7 +5,9 @@ these four octets, type; an answer ends with three octets of which only the last
 """
 
 import asyncio
+import secrets
 import struct
+from collections import deque
 from dataclasses import dataclass
 
 from cellcal.calibration.message import make_message
@@ -18,6 +20,7 @@ from cellcal.drivers.wire.trace import FrameTrace
 _HEADER, _LENGTH = struct.Struct(">HH"), struct.Struct(">H")
 _READ, _WRITE = 0, 1
 _MOST_TEXT = 2000
+_KEPT_TAGS = 64  # of questions whose answers may still come
 _CABLE = "Check that the controller is on, its variable server runs, and port 7000 is open in its network."
 _NO_SERVER = "Check that the address is that of a KUKA variable server."
 _PROXY_VERSION, _SERIAL = "@PROXY_VERSION", "$KR_SERIALNO"
@@ -44,7 +47,9 @@ class VariableLink:
         self._streams: tuple[asyncio.StreamReader, asyncio.StreamWriter] | None = None
         self._lock = asyncio.Lock()
         self._tag = 0
+        self._asked: deque[int] = deque(maxlen=_KEPT_TAGS)  # tags of this connection
         self.serial = ""
+        self.given: set[str] = set()  # variables that this controller has, as it has once given them
         self._is_half = False  # an answer has begun, and its end is waited for
         self.trace = FrameTrace(device)
 
@@ -79,6 +84,7 @@ class VariableLink:
         value = await self._exchange(_READ, variable, None)
         if not value.strip():
             raise self._refused(variable)
+        self.given.add(variable)
         return value
 
     async def write_variable(self, variable: str, value: str) -> None:
@@ -107,7 +113,7 @@ class VariableLink:
         assert self._streams is not None
         reader, writer = self._streams
         self._is_half = False
-        self.expect_tag(self._tag % 65535 + 1)
+        self.expect_tag(self._new_tag())
         body = struct.pack(">B", kind) + _packed(variable)
         if value is not None:
             body += _packed(value)
@@ -125,9 +131,16 @@ class VariableLink:
                 await self.close()  # what is still on its way must not answer the next question
             raise
 
+    def _new_tag(self) -> int:
+        """Return a tag that an answer sent before the question, or to another client, does not bear."""
+        while (tag := 1 + secrets.randbelow(0xFFFF)) in self._asked:
+            pass
+        return tag
+
     def expect_tag(self, tag: int) -> None:
         """Let only the answer with this tag count."""
         self._tag = tag
+        self._asked.append(tag)
 
     async def read_answer(self, reader: asyncio.StreamReader, kind: int, variable: str) -> str:
         """Return the value of the answer to a question; answers to earlier ones are passed over."""
@@ -136,9 +149,7 @@ class VariableLink:
             self._is_half = True
             header += await reader.readexactly(_HEADER.size - 1)
             tag, length = _HEADER.unpack(header)
-            if (
-                not 0 < tag <= self._tag
-            ):  # no question had it: the length is none either, and is not waited for
+            if tag not in self._asked:  # no question had it: the length is none either, and is not waited for
                 raise self._no_protocol(header)
             body = await reader.readexactly(length)
             self._is_half = False
@@ -163,6 +174,7 @@ class VariableLink:
             await self.close()
         try:
             self._streams = await asyncio.open_connection(self._address, self._port)
+            self._asked.clear()
         except OSError as error:
             raise no_connection_error(self.device, self._address, error, _CABLE) from error
         return True

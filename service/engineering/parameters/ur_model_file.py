@@ -22,6 +22,8 @@ _JOINTS = (
 )
 _SOURCE = "Primary interface of the controller at {address}, sub-package 6, type code {code}"
 _LONGEST_M = 3.0  # no arm of this maker is longer
+_WIDEST_RAD = 6.5  # a little more than a turn; the last joint of some arms turns without an end
+_FASTEST_RAD_S = 20.0  # three times the quickest wrist of this maker
 
 
 def ur_model_text(arm: ControllerArm, arm_type: str, address: str) -> str:
@@ -44,6 +46,7 @@ def ur_model_text(arm: ControllerArm, arm_type: str, address: str) -> str:
             ),
             remedy="Correct the address, or name the arm that is on its label.",
         )
+    _check_joints(arm)
     text = _write_text(arm, arm_type, _SOURCE.format(address=address, code=arm.type_code))
     _check_drawing(arm, _model_of(arm_type, text))
     return text
@@ -65,6 +68,27 @@ def _known_type(arm_type: str) -> ArmType:
 
 def _model_of(name: str, text: str) -> RobotModel:
     return model_of_text(name, read_model_text(name, text))
+
+
+def _check_joints(arm: ControllerArm) -> None:
+    """Raise where a joint's limits or speed are those of no arm, as where degrees are sent for radians."""
+    for joint, (low, high, speed) in enumerate(
+        zip(arm.lower_rad, arm.upper_rad, arm.max_speed_rad_s, strict=True), 1
+    ):
+        is_wide = max(abs(low), abs(high)) > _WIDEST_RAD and joint < len(_JOINTS)
+        if is_wide or low >= high:
+            what = make_message("limits of {low:.4g} to {high:.4g} rad", low=low, high=high)
+        elif not 0.0 < speed <= _FASTEST_RAD_S:
+            what = make_message("a speed of {speed:.4g} rad/s", speed=speed)
+        else:
+            continue
+        raise CalibrationError(
+            make_message(
+                "the controller tells {what} of joint {joint}, which no arm has.", what=what, joint=joint
+            ),
+            remedy="Look at the joint limits in the safety settings at the pendant; where they are right, report "
+            "this with the controller's version.",
+        )
 
 
 def _check_drawing(arm: ControllerArm, nominal: RobotModel) -> None:
