@@ -179,7 +179,7 @@ def test_pages_show_no_code_in_backticks() -> None:
 
 
 def test_pages_tell_why_something_could_not_be_loaded() -> None:
-    """`NotLoaded` shows what the service said; "is the service running?" is asked only where it did not answer."""
+    """What the service said is shown; "is the service running?" is asked only where it did not answer."""
     pages = [*(ROOT / "web/src/pages").glob("*.svelte")]
     assert len(pages) > 10
     assert not [page.name for page in pages if '{t("not_loaded")}' in page.read_text(encoding="utf-8")]
