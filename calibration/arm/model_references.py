@@ -81,7 +81,11 @@ def parse_reference(text: str) -> ModelReference:
             continue
         if key not in _KEYS or not value or key in words:
             raise CalibrationError(
-                f"{word!r} behind the ? of {text!r} is neither base=LINK nor tip=LINK.",
+                make_message(
+                    "{word!r} in {text!r} is neither base=LINK nor tip=LINK.",
+                    word=word,
+                    text=text,
+                ),
                 remedy="Write FILE.urdf?base=LINK&tip=LINK, in quotes on a command line.",
                 code="usage",
             )
@@ -181,8 +185,8 @@ def _frame(name: str, what: str, frame: str, frames: dict[str, Array]) -> Array:
     if frame not in frames:
         there = f"It has {', '.join(sorted(frames))}" if frames else "It has none but its own"
         raise CalibrationError(
-            f"robot {name} has no {what} frame {frame!r}.",
-            remedy=f"{there}; leave ?{what} out for the controller's.",
+            make_message("robot {name} has no {what} frame {frame!r}.", name=name, what=what, frame=frame),
+            remedy=make_message("{there}; leave ?{what} out for the controller's.", there=there, what=what),
             code="usage",
         )
     return frames[frame]
@@ -193,7 +197,9 @@ def _file_model(parts: ModelReference) -> RobotModel:
         return _description(parts).model
     if parts.base is not None or parts.tip is not None:
         raise CalibrationError(
-            f"{parts.file_name} is a model file: it states its own base and flange.",
+            make_message(
+                "{file_name} is a model file: it states its own base and flange.", file_name=parts.file_name
+            ),
             remedy="Leave ?base and ?tip out.",
             code="usage",
         )
@@ -231,7 +237,11 @@ def _text_and_name(parts: ModelReference) -> tuple[str, str]:
         text = text_of(content, path)
     except (OSError, DocumentError) as broken:
         raise CalibrationError(
-            f"the robot description {path} cannot be read: {getattr(broken, 'strerror', None) or broken}",
+            make_message(
+                "the robot description {path} cannot be read: {broken}",
+                path=path,
+                broken=getattr(broken, "strerror", None) or broken,
+            ),
             remedy=getattr(broken, "remedy", "")
             or "Name a model file (.toml) or a description (.urdf), or a robot of `cellcal models`.",
             code="usage",
@@ -239,8 +249,13 @@ def _text_and_name(parts: ModelReference) -> tuple[str, str]:
     digest = hashlib.sha256(content).hexdigest()
     if parts.sha256 is not None and not digest.startswith(parts.sha256):
         raise CalibrationError(
-            f"{path.name} is another file than the one that was used before: its SHA-256 begins with "
-            f"{digest[:_DIGITS]}, not {parts.sha256}.",
+            make_message(
+                "{name} is another file than the one that was used before: "
+                "its SHA-256 begins with {digest}, not {sha256}.",
+                name=path.name,
+                digest=digest[:_DIGITS],
+                sha256=parts.sha256,
+            ),
             remedy="Put the old file back; or name the new one, and calibrate again.",
         )
     name = replace(parts, where=str(path.resolve()), sha256=digest[:_DIGITS])

@@ -18,6 +18,7 @@ from cellcal.calibration.arm.dh_table import row_matrix
 from cellcal.calibration.arm.kinematics import DhTable, RobotModel
 from cellcal.calibration.errors import CalibrationError
 from cellcal.calibration.geometry import Array, inverse_transform
+from cellcal.calibration.message import make_message
 
 Six = tuple[float, float, float, float, float, float]
 _MASK = (1 << 64) - 1
@@ -55,12 +56,14 @@ def parse_calibration_conf(text: str) -> FactoryCalibration:
         keys = [key for key, _ in lines]
         twice = next(key for key in keys if keys.count(key) > 1)
         raise CalibrationError(
-            f"calibration.conf holds {twice} twice.",
+            make_message("calibration.conf holds {twice} twice.", twice=twice),
             remedy="Two files stand in one: divide it, and take the one of this arm.",
         )
     missing = [key for key in ("delta_theta", "delta_a", "delta_d", "delta_alpha") if key not in values]
     if missing:
-        raise CalibrationError(f"calibration.conf lacks {', '.join(missing)}")
+        raise CalibrationError(
+            make_message("calibration.conf lacks {missing_text}", missing_text=", ".join(missing))
+        )
     checksum = (
         _parse_numbers("joint_checksum", values["joint_checksum"]) if "joint_checksum" in values else []
     )
@@ -91,12 +94,16 @@ def factory_model(nominal: RobotModel, absolute: DhTable, *, name: str | None = 
         3 degrees, away from nominal.
     """
     if nominal.dh is None or len(absolute.theta_rad) != nominal.axis_count:
-        raise CalibrationError(f"{nominal.label}: a factory table needs a nominal DH model with as many axes")
+        raise CalibrationError(
+            make_message(
+                "{label}: a factory table needs a nominal DH model with as many axes", label=nominal.label
+            )
+        )
     table = to_well_conditioned(absolute, nominal.dh)
     change = np.abs(table.to_rows() - nominal.dh.to_rows()).max(axis=0)
     if not (change[[1, 2]].max() <= 0.02 and change[[0, 3, 4]].max() <= math.radians(3)):
         raise CalibrationError(
-            f"the factory table does not belong to a {nominal.title}.",
+            make_message("the factory table does not belong to a {title}.", title=nominal.title),
             remedy="Check the robot type; compare the link lengths.",
         )
     return RobotModel.from_dh(
@@ -186,7 +193,7 @@ def _wrap_angle(angle: float) -> float:
 def _parse_six(key: str, text: str) -> Six:
     values = _parse_numbers(key, text)
     if len(values) != 6 or not all(math.isfinite(v) for v in values):
-        raise CalibrationError(f"calibration.conf: {key} needs six finite numbers")
+        raise CalibrationError(make_message("calibration.conf: {key} needs six finite numbers", key=key))
     a, b, c, d, e, f = values
     return (a, b, c, d, e, f)
 
@@ -195,7 +202,9 @@ def _parse_numbers(key: str, text: str) -> list[float]:
     try:
         return [float(value) for value in ast.literal_eval(text)]
     except (ValueError, SyntaxError, TypeError) as broken:
-        raise CalibrationError(f"calibration.conf: {key} is not a list of numbers") from broken
+        raise CalibrationError(
+            make_message("calibration.conf: {key} is not a list of numbers", key=key)
+        ) from broken
 
 
 def _libstdcxx_hash(data: bytes) -> int:

@@ -95,7 +95,9 @@ class CellSeries:
     def __post_init__(self) -> None:
         _check_observations(self.name, self.observations)
         if self.groups is not None and self.groups.shape != (len(self.observations),):
-            raise CalibrationError(f"series {self.name!r}: one group for every row, please")
+            raise CalibrationError(
+                make_message("series {name!r}: one group for every row, please", name=self.name)
+            )
         if self.covariance is not None:
             _check_covariance(self.name, self.observations, self.covariance)
 
@@ -156,71 +158,109 @@ class CalibrationCell:
         return [*(tool.name for tool in self.tools), *(target.name for target in self.targets)]
 
     def _check_series(self, series: CellSeries) -> None:
-        here = f"series {series.name!r}"
+        here = make_message("series {name!r}", name=series.name)
         _require_name("device", series.device, [d.name for d in self.devices], here)
         _require_name("target", series.target, self._target_names(), here)
         axes, joints = self.robot_of(series.target).model.axis_count, series.observations.joints_rad.shape[1]
         if axes != joints:
-            raise CalibrationError(f"{here}: its robot has {axes} joints, its rows have {joints}")
+            raise CalibrationError(
+                make_message(
+                    "{here}: its robot has {axes} joints, its rows have {joints}",
+                    here=here,
+                    axes=axes,
+                    joints=joints,
+                )
+            )
         places, last = len(self.find_device(series.device).places), int(series.observations.mounting.max())
         if last >= places:
             raise CalibrationError(
-                f"{here}: rows of mounting {last + 1}, but {series.device!r} has {places} places.",
+                make_message(
+                    "{here}: rows of mounting {mounting}, but {device!r} has {places} places.",
+                    here=here,
+                    mounting=last + 1,
+                    device=series.device,
+                    places=places,
+                ),
                 remedy="Give the device one place for each time it was put up.",
             )
         unknown = set(self.find_device(series.device).scalars) - {"zero_m", "scale", "radius_m"}
         if unknown:
-            raise CalibrationError(f"device {series.device!r} has no number {sorted(unknown)[0]!r}")
+            raise CalibrationError(
+                make_message(
+                    "device {device!r} has no number {unknown!r}",
+                    device=series.device,
+                    unknown=sorted(unknown)[0],
+                )
+            )
 
 
 def _check_observations(name: str, observations: CellObservations) -> None:
     count = len(observations)
     if not count:
-        raise CalibrationError(f"series {name!r} has no rows")
+        raise CalibrationError(make_message("series {name!r} has no rows", name=name))
     for what, values in observations.__dict__.items():
         if len(values) != count:
-            raise CalibrationError(f"series {name!r}: {len(values)} entries of {what} for {count} rows")
+            raise CalibrationError(
+                make_message(
+                    "series {name!r}: {values_count} entries of {what} for {count} rows",
+                    name=name,
+                    values_count=len(values),
+                    what=what,
+                    count=count,
+                )
+            )
     sigmas = [observations.sigma_m] + (
         [observations.sigma_rad] if isinstance(observations, PoseObservations) else []
     )
     if not all(np.isfinite(sigma).all() and (sigma > 0).all() for sigma in sigmas):
         raise CalibrationError(
-            f"series {name!r}: standard deviations must be finite and above zero.",
+            make_message("series {name!r}: standard deviations must be finite and above zero.", name=name),
             remedy="State what the device's certificate says; only ratios matter much, sizes are checked.",
         )
     if int(np.min(observations.mounting)) < 0:
-        raise CalibrationError(f"series {name!r}: mountings count from zero")
+        raise CalibrationError(make_message("series {name!r}: mountings count from zero", name=name))
     if isinstance(observations, BarLengths) and bool((observations.lengths_m <= 0).any()):
-        raise CalibrationError(f"series {name!r}: the length of a bar is above zero")
+        raise CalibrationError(make_message("series {name!r}: the length of a bar is above zero", name=name))
 
 
 def _check_covariance(name: str, observations: CellObservations, covariance: Array) -> None:
     expected_shape = (len(observations), observations.channels, observations.channels)
     if covariance.shape != expected_shape or not np.isfinite(covariance).all():
         raise CalibrationError(
-            f"series {name!r}: covariances are {expected_shape} finite numbers, not {covariance.shape}"
+            make_message(
+                "series {name!r}: covariances are {expected_shape} finite numbers, not {shape}",
+                name=name,
+                expected_shape=expected_shape,
+                shape=covariance.shape,
+            )
         )
     size = np.sqrt(np.abs(np.diagonal(covariance, axis1=1, axis2=2)))
     scaled = covariance / np.maximum(size[:, :, None] * size[:, None, :], 1e-300)
     symmetric = np.abs(scaled - scaled.swapaxes(1, 2)).max() < _SYMMETRIC
     if not symmetric or np.linalg.eigvalsh(scaled).min() <= _SYMMETRIC:
         raise CalibrationError(
-            f"series {name!r}: a covariance is not symmetric and positive.",
+            make_message("series {name!r}: a covariance is not symmetric and positive.", name=name),
             remedy="Give every channel a variance above zero, and correlations below one.",
         )
 
 
 def _refuse_doubles(what: str, names: list[str]) -> None:
     if not all(names):
-        raise CalibrationError(f"every {what} needs a name; one has none")
+        raise CalibrationError(make_message("every {what} needs a name; one has none", what=what))
     doubled = next((name for name in names if names.count(name) > 1), None)
     if doubled is not None:
-        raise CalibrationError(f"two {what} entries are called {doubled!r}; each needs a name of its own")
+        raise CalibrationError(
+            make_message(
+                "two {what} entries are called {doubled!r}; each needs a name of its own",
+                what=what,
+                doubled=doubled,
+            )
+        )
 
 
 def _require_name(what: str, name: str, names: list[str], where: str) -> None:
     if name not in names:
         raise CalibrationError(
-            f"{where}: there is no {what} {name!r}.",
-            remedy=f"Known are {', '.join(map(repr, names)) or 'none'}.",
+            make_message("{where}: there is no {what} {name!r}.", where=where, what=what, name=name),
+            remedy=make_message("Known are {names_text}.", names_text=", ".join(map(repr, names)) or "none"),
         )

@@ -22,6 +22,7 @@ from cellcal.calibration.identification.observations import (
     TipFrames,
     check_rows,
 )
+from cellcal.calibration.message import make_message
 
 _NEAREST_M = 1e-6  # nearer, a direction is noise
 
@@ -175,8 +176,11 @@ class BarLengths(LengthObservations):
             or not np.isfinite(self.other_joints_rad).all()
         ):
             raise CalibrationError(
-                f"the second postures of a bar must be finite and of shape {self.joints_rad.shape}, "
-                f"not {self.other_joints_rad.shape}"
+                make_message(
+                    "the second postures of a bar must be finite and of shape {shape}, not {other_shape}",
+                    shape=self.joints_rad.shape,
+                    other_shape=self.other_joints_rad.shape,
+                )
             )
 
     def own_columns(self, tip: TipFrames, device: DevicePlacement) -> Array:

@@ -27,6 +27,7 @@ from cellcal.calibration.identification.observations import (
     Rows,
 )
 from cellcal.calibration.identification.parameters import FRAMES
+from cellcal.calibration.message import make_message
 
 _MOST_ROWS = 100
 _STEPS = 12
@@ -63,8 +64,11 @@ def first_places(frames: CellFrames) -> Array:
                 "place of the tool (within 50 mm)" if slot.role == "tool" else "place (within 0.2 m, 20 deg)"
             )
             raise DegenerateDataError(
-                f"the series do not tell where to begin looking for {slot.name!r}.",
-                remedy=f"Give a rough {what} as `Place.unknown(...)`, or measure more rows that show it.",
+                make_message("the series do not tell where to begin looking for {name!r}.", name=slot.name),
+                remedy=make_message(
+                    "Give a rough {what} as `Place.unknown(...)`, or measure more rows that show it.",
+                    what=what,
+                ),
             )
     return np.array([guess.places[number] for number in range(len(frames.slots))])
 

@@ -15,6 +15,7 @@ from cellcal.calibration.geometry import (
     log_rotation,
     skew_matrix,
 )
+from cellcal.calibration.message import make_message
 
 AXES = ("x", "y", "z", "rx", "ry", "rz")
 _FREE = (np.inf,) * 3
@@ -88,7 +89,9 @@ class FramePrior:
 def _translation(position_m: ArrayLike) -> Array:
     position = np.asarray(position_m, dtype=float)
     if position.shape != (3,) or not np.isfinite(position).all():
-        raise CalibrationError(f"a point is three finite numbers, not {position_m!r}")
+        raise CalibrationError(
+            make_message("a point is three finite numbers, not {position_m!r}", position_m=position_m)
+        )
     return homogeneous_matrix(np.eye(3), position)
 
 

@@ -115,7 +115,11 @@ def fit_cell(cell: CalibrationCell, options: CellOptions | None = None) -> CellI
     if options.level is not None and options.level not in LEVELS:
         raise CalibrationError(
             make_message("there is no level {level}.", level=options.level),
-            remedy=f"Levels are {LEVELS[0]} to {LEVELS[-1]}.",
+            remedy=make_message(
+                "Levels are {lowest_level} to {highest_level}.",
+                lowest_level=LEVELS[0],
+                highest_level=LEVELS[-1],
+            ),
         )
     frames = CellFrames.from_cell(cell)
     refuse_unknown_words(frames, options)
@@ -149,7 +153,11 @@ def _refuse_too_few(frames: CellFrames) -> None:
     readings = sum(len(s.observations) * s.observations.channels for s in frames.cell.series)
     if readings < unknown + _LEAST_REDUNDANT:
         raise DegenerateDataError(
-            f"{readings} readings cannot tell {unknown} unknown coordinates of frames.",
+            make_message(
+                "{readings} readings cannot tell {unknown} unknown coordinates of frames.",
+                readings=readings,
+                unknown=unknown,
+            ),
             remedy="Measure more postures, or give places that are known.",
         )
 

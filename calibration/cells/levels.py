@@ -215,6 +215,10 @@ def refuse_unknown_words(frames: CellFrames, options: CellOptions) -> None:
         if not any(_names_parameter(word, parameter) for parameter in all_parameters):
             near = sorted({p.name.rsplit(" ", 1)[0] for p in all_parameters if p.role != "harmonic"})
             raise CalibrationError(
-                f"there is no parameter {word!r} in this cell.",
-                remedy=f"Groups: {', '.join(GROUPS)}. Names begin with: {', '.join(near)}.",
+                make_message("there is no parameter {word!r} in this cell.", word=word),
+                remedy=make_message(
+                    "Groups: {groups_text}. Names begin with: {near_text}.",
+                    groups_text=", ".join(GROUPS),
+                    near_text=", ".join(near),
+                ),
             )

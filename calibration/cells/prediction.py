@@ -72,7 +72,11 @@ def tip_covariance(fit: CellFit, target: str, joints_rad: Array, *, seen_from: s
         or not np.isfinite(joints).all()
     ):
         raise CalibrationError(
-            f"joints must be finite and (N, {chain.along.arm.nominal.axis_count}), not {joints.shape}"
+            make_message(
+                "joints must be finite and (N, {axis_count}), not {shape}",
+                axis_count=chain.along.arm.nominal.axis_count,
+                shape=joints.shape,
+            )
         )
     _, linear, _ = chain.motion_columns(
         PreparedPostures.from_joints(chain.along.arm, joints), np.arange(len(joints)), turning=False
@@ -116,7 +120,7 @@ def tool_in_flange(fit: CellFit, tool: str) -> FoundFrame:
         No tool has such a name.
     """
     if ("tool", tool) not in fit.layout.frames.names:
-        raise CalibrationError(f"the cell has no tool {tool!r}.")
+        raise CalibrationError(make_message("the cell has no tool {tool!r}.", tool=tool))
     number = fit.layout.frames.names["tool", tool]
     follows = np.eye(len(fit.layout.whole))[6 * number : 6 * number + 6, fit.layout.free]
     return FoundFrame(fit.state.places[number], follows @ fit.covariance @ follows.T)
@@ -129,7 +133,7 @@ def _slot_number(layout: CellLayout, name: str) -> int:
         if (role, name) in layout.frames.names:
             return layout.frames.names[role, name]
     raise CalibrationError(
-        f"the cell has no robot and no device {name!r}.",
+        make_message("the cell has no robot and no device {name!r}.", name=name),
         remedy=make_message(
             "It has {names}.",
             names=", ".join(sorted((repr(n) for r, n in layout.frames.names if r in ("base", "device")))),
@@ -141,7 +145,7 @@ def _target_chain(layout: CellLayout, state: CellState, target: str, seen_from: 
     target_names = [key[1] for key in layout.frames.names if key[0] in ("tool", "target")]
     if target not in target_names:
         raise CalibrationError(
-            f"the cell has no target {target!r}.",
+            make_message("the cell has no target {target!r}.", target=target),
             remedy=make_message("It has {names}.", names=", ".join(target_names)),
         )
     route = layout.frames.find_route(target)

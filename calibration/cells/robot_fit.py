@@ -25,7 +25,7 @@ def fit_of_robot(fit: CellFit, robot: str) -> ArmFit:
     names = [each.name for each in fit.layout.frames.cell.robots]
     if robot not in names:
         raise CalibrationError(
-            f"the cell has no robot {robot!r}.",
+            make_message("the cell has no robot {robot!r}.", robot=robot),
             remedy=make_message("It has {names}.", names=", ".join(names)),
         )
     arm = fit.state.arms[names.index(robot)]

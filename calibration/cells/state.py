@@ -169,7 +169,7 @@ def _refuse_loose(frames: CellFrames) -> None:
         is_measured = any(cell.robot_of(s.target) is robot for s in cell.series)
         if is_measured and frames.names["base", robot.name] not in tied:
             raise CalibrationError(
-                f"nothing tells where robot {robot.name!r} stands in the world.",
+                make_message("nothing tells where robot {name!r} stands in the world.", name=robot.name),
                 remedy="Let one device see both robots, or give the base's place or a device's.",
             )
 
@@ -348,7 +348,9 @@ def _expected_arm(robot: CellRobot, terms: tuple[JointTerm, ...]) -> ArmState:
     nominal = nominal_state(robot.model, ())
     earlier = robot.previous or nominal
     if earlier.geometry.shape != nominal.geometry.shape:
-        raise CalibrationError(f"robot {robot.name!r}: the earlier parameters belong to another model")
+        raise CalibrationError(
+            make_message("robot {name!r}: the earlier parameters belong to another model", name=robot.name)
+        )
     terms = (*terms, *_earlier_terms(robot, terms))
     before = dict(zip(earlier.terms, earlier.coefficients.tolist(), strict=True))
     coefficients = np.array([before.get(term, 0.0) for term in terms])

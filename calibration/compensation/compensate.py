@@ -28,6 +28,7 @@ from cellcal.calibration.compensation.pose_gap import (
 )
 from cellcal.calibration.errors import CalibrationError
 from cellcal.calibration.geometry import Array, is_rigid
+from cellcal.calibration.message import make_message
 
 Rows: TypeAlias = slice | NDArray[np.intp]
 
@@ -157,7 +158,13 @@ def reach_poses(
     moved, start = _as_arm(arm), np.asarray(start_rad, dtype=float)
     _check_input(moved, moved, start, limits)
     if base_tip.shape != (len(start), 4, 4) or (len(start) and not is_rigid(base_tip)):
-        raise CalibrationError(f"poses must be rigid transforms ({len(start)}, 4, 4), not {base_tip.shape}")
+        raise CalibrationError(
+            make_message(
+                "poses must be rigid transforms ({start_count}, 4, 4), not {shape}",
+                start_count=len(start),
+                shape=base_tip.shape,
+            )
+        )
 
     def target_of(rows: Rows) -> TargetPoses:
         poses = base_tip[rows]
@@ -320,16 +327,29 @@ def _check_input(moved: TipArm, followed: TipArm, joints: Array, limits: Compens
     n = moved.model.axis_count
     if followed.model.axis_count != n:
         raise CalibrationError(
-            f"arms of {n} and {followed.model.axis_count} joints cannot stand in for each other"
+            make_message(
+                "arms of {n} and {axis_count} joints cannot stand in for each other",
+                n=n,
+                axis_count=followed.model.axis_count,
+            )
         )
     held = set(limits.held)
     refuse_few_joints(moved.model)
     if not held <= set(range(n)) or n - len(held) < _POSE:
         raise CalibrationError(
-            f"{moved.model.label}: of {n} joints {sorted(held)} cannot stay: a pose needs six others."
+            make_message(
+                "{label}: of {n} joints {held} cannot stay: a pose needs six others.",
+                label=moved.model.label,
+                n=n,
+                held=sorted(held),
+            )
         )
     if joints.ndim != 2 or joints.shape[1] != n or not np.isfinite(joints).all():
-        raise CalibrationError(f"joints must be finite and (N, {n}), not {joints.shape}")
+        raise CalibrationError(
+            make_message(
+                "joints must be finite and (N, {axis_count}), not {shape}", axis_count=n, shape=joints.shape
+            )
+        )
     sizes = (limits.position_m, limits.angle_rad, limits.max_step_rad, limits.branch_rad)
     if not all(np.isfinite(size) and size > 0 for size in sizes):
         raise CalibrationError("tolerances and limits of compensation must be positive and finite")

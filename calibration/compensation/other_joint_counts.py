@@ -12,6 +12,7 @@ from cellcal.calibration.arm.kinematics import RobotModel
 from cellcal.calibration.compensation.pose_gap import TargetPoses, TipArm, gap_between
 from cellcal.calibration.errors import CalibrationError
 from cellcal.calibration.geometry import Array
+from cellcal.calibration.message import make_message
 
 _POSE = 6  # numbers of a pose
 _FIRST_STEPS, _LAST_STEPS = 40, 25
@@ -60,7 +61,11 @@ def approach_poses(
     free = [joint for joint in range(model.axis_count) if joint not in held]
     if not 0 < len(free) <= _POSE:
         raise CalibrationError(
-            f"{model.label}: {len(free)} joints are free, and a pose tells six at most.",
+            make_message(
+                "{label}: {free_count} joints are free, and a pose tells six at most.",
+                label=model.label,
+                free_count=len(free),
+            ),
             remedy="Name the joints that stay where they are.",
         )
     target = TargetPoses(base_tip[:, :3, :3].transpose(2, 1, 0), base_tip[:, :3, 3].T)

@@ -13,6 +13,7 @@ from cellcal.calibration.arm.kinematics import RobotModel, chain_frames, cross_p
 from cellcal.calibration.errors import CalibrationError
 from cellcal.calibration.geometry import Array, is_rigid
 from cellcal.calibration.identification.parameters import ArmState
+from cellcal.calibration.message import make_message
 
 JointExtra: TypeAlias = Callable[[Array], Array]
 Flags: TypeAlias = NDArray[np.bool_]
@@ -30,7 +31,9 @@ class TipArm:
 
     def __post_init__(self) -> None:
         if np.shape(self.flange_tip) != (4, 4) or not is_rigid(self.flange_tip):
-            raise CalibrationError(f"{self.model.label}: the tip is not a rigid transform (4, 4)")
+            raise CalibrationError(
+                make_message("{label}: the tip is not a rigid transform (4, 4)", label=self.model.label)
+            )
 
     @classmethod
     def of_state(cls, state: ArmState) -> Self:
@@ -153,7 +156,11 @@ def refuse_few_joints(model: RobotModel) -> None:
     """
     if model.axis_count < 6:
         raise CalibrationError(
-            f"{model.label} has {model.axis_count} joints: a whole pose is kept by six or more only.",
+            make_message(
+                "{label} has {axis_count} joints: a whole pose is kept by six or more only.",
+                label=model.label,
+                axis_count=model.axis_count,
+            ),
             remedy="Give joints in place of poses. `cellcal program` takes its programs as far as its joints follow.",
         )
 

@@ -33,6 +33,7 @@ from cellcal.calibration.identification.parameters import (
     ParameterLayout,
     Priors,
 )
+from cellcal.calibration.message import make_message
 
 # To the eighth: the same orders predict another series of one arm better, higher ones only the series they are from.
 RIPPLE_ORDERS = tuple(range(1, 9))
@@ -119,8 +120,13 @@ def normalise_words(words: Iterable[str], parameters: Sequence[Parameter]) -> tu
     if wrong:
         names = [p.name for p in parameters if p.role not in ("harmonic", *PLACE_ROLES)]
         raise CalibrationError(
-            f"there is no parameter {wrong[0]!r}.",
-            remedy=f"Groups: {', '.join(groups)}. Joints: {', '.join(joints)}. Parameters: {', '.join(names)}.",
+            make_message("there is no parameter {wrong!r}.", wrong=wrong[0]),
+            remedy=make_message(
+                "Groups: {groups_text}. Joints: {joints_text}. Parameters: {names_text}.",
+                groups_text=", ".join(groups),
+                joints_text=", ".join(joints),
+                names_text=", ".join(names),
+            ),
             code="usage",
         )
     return tuple(names_by_lower[word.lower()] for word in cleaned)
@@ -165,7 +171,11 @@ def starting_state(
         unknown_names = sorted(rest.keys() - others.keys())
         if unknown_names:
             raise CalibrationError(
-                f"{model.label} has no parameter {unknown_names[0]!r}.",
+                make_message(
+                    "{label} has no parameter {unknown_name!r}.",
+                    label=model.label,
+                    unknown_name=unknown_names[0],
+                ),
                 remedy="Start from a set of the same model.",
             )
         terms = (*terms, *(others[name] for name in rest if name not in own))

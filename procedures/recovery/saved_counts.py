@@ -48,7 +48,10 @@ async def confirm_newest(cell: Cell, page: PagedInstruction) -> Answer:
     except RefusedError as error:
         raise DeclinedError(
             "newer counts than the saved ones are at hand",
-            remedy="Read them in with cellcal mastering import, then start a new recovery.",
+            remedy=(
+                "An engineer reads them in at the cell's computer: `cellcal mastering import`. "
+                "Then start a new recovery."
+            ),
         ) from error
 
 

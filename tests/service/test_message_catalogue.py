@@ -167,6 +167,19 @@ def test_pages_write_lists_and_colons_as_their_language_does() -> None:
     assert not wrong
 
 
+def test_pages_show_no_code_in_backticks() -> None:
+    """A page's own text is plain; what the service says gets quotes, and the place of a command, in say.svelte.ts."""
+    files = [ROOT / f"web/src/locales/{locale}.json" for locale in ("en", "de", "es", "zh")]
+    assert not [text for file in files for text in read_catalogue(file).values() if "`" in text]
+
+
+def test_pages_tell_why_something_could_not_be_loaded() -> None:
+    """What the service said is shown; "is the service running?" is asked only where it did not answer."""
+    pages = [*(ROOT / "web/src/pages").glob("*.svelte")]
+    assert len(pages) > 10
+    assert not [page.name for page in pages if '{t("not_loaded")}' in page.read_text(encoding="utf-8")]
+
+
 @pytest.mark.parametrize(
     "file",
     ["service/translation.py", "calibration/message.py", "calibration/message_table.py"],

@@ -50,13 +50,17 @@ def model_text(name: str) -> ModelText:
     reason = withheld_reason(name)
     if reason is not None:
         raise CalibrationError(
-            f"robot {name} is in the catalogue without its numbers: {reason}",
+            make_message(
+                "robot {name} is in the catalogue without its numbers: {reason}", name=name, reason=reason
+            ),
             remedy="Write a model file of your own, or read the maker's description (URDF).",
             code="usage",
         )
     other = other_kind(name)
     if other is not None:
-        raise CalibrationError(f"{name} {other.reason}", remedy=other.remedy, code="usage")
+        raise CalibrationError(
+            make_message("{name} {reason}", name=name, reason=other.reason), remedy=other.remedy, code="usage"
+        )
     near = nearest_names(name)
     there = (
         make_message("Did you mean {near}?", near=near[0])
@@ -64,9 +68,12 @@ def model_text(name: str) -> ModelText:
         else f"Known: {', '.join(model_names())} and many more."
     )
     raise CalibrationError(
-        f"there is no robot model {name!r}.",
-        remedy=f"{there} `cellcal models WORDS` finds them; a model file (.toml) or a description (.urdf?tip=LINK) "
-        "does as well.",
+        make_message("there is no robot model {name!r}.", name=name),
+        remedy=make_message(
+            "{there} `cellcal models WORDS` finds them; "
+            "a model file (.toml) or a description (.urdf?tip=LINK) does as well.",
+            there=there,
+        ),
         code="usage",
     )
 

@@ -14,6 +14,7 @@ from cellcal.calibration.documents import DocumentError
 from cellcal.calibration.documents.toml_text import parse_toml
 from cellcal.calibration.errors import CalibrationError
 from cellcal.calibration.geometry import Array, homogeneous_matrix
+from cellcal.calibration.message import make_message
 from cellcal.calibration.orientation import rotation_from
 
 UNKNOWN_SPEED = (1.0, 0.1)  # rad/s and m/s, where nothing is stated: slow enough for any arm
@@ -49,17 +50,27 @@ def read_model_text(name: str, text: str) -> ModelText:
     try:
         data = parse_toml(text)
     except DocumentError as error:
-        raise CalibrationError(f"robot model {name}: {error.message}", remedy=error.remedy) from error
+        raise CalibrationError(
+            make_message("robot model {name}: {message}", name=name, message=error.message),
+            remedy=error.remedy,
+        ) from error
     needed_keys = _NEEDED | ({"speed_source"} & _sourced(data))
     missing, unknown = needed_keys - data.keys(), data.keys() - _NEEDED - _OPTIONAL
     if missing or unknown:
         raise CalibrationError(
-            f"robot model {name}: missing {sorted(missing)}, unknown {sorted(unknown)} keys",
+            make_message(
+                "robot model {name}: missing {missing}, unknown {unknown} keys",
+                name=name,
+                missing=sorted(missing),
+                unknown=sorted(unknown),
+            ),
             remedy="calibration/arm/robot_models/README.md lists the keys of a model file.",
         )
     if "interaction" in data and "interaction_source" not in data:
         raise CalibrationError(
-            f"robot model {name}: where does the interaction come from? Give interaction_source"
+            make_message(
+                "robot model {name}: where does the interaction come from? Give interaction_source", name=name
+            )
         )
     return model_of_data(name, data)
 
@@ -75,7 +86,14 @@ def model_of_data(name: str, data: Mapping[str, Any]) -> ModelText:
     n = len(data["joints"])
     types = tuple(data.get("joint_types", ()))
     if types and (len(types) != n or not set(types) <= set(JOINT_TYPES)):
-        raise CalibrationError(f"robot model {name}: joint_types needs {n} of {', '.join(JOINT_TYPES)}")
+        raise CalibrationError(
+            make_message(
+                "robot model {name}: joint_types needs {n} of {joint_types_text}",
+                name=name,
+                n=n,
+                joint_types_text=", ".join(JOINT_TYPES),
+            )
+        )
     _refuse_names(name, data["joints"])
     for key in ("theta_deg", "alpha_deg"):
         refuse_radians(name, key, _column(name, data, key, n))
@@ -115,7 +133,9 @@ def _refuse_names(name: str, joints: Any) -> None:
     )
     if not texts or len(set(joints)) < len(joints):
         raise CalibrationError(
-            f"robot model {name}: joints needs a name for each joint, and no name twice.",
+            make_message(
+                "robot model {name}: joints needs a name for each joint, and no name twice.", name=name
+            ),
             remedy='Write them as texts: joints = ["J1", "J2"].',
         )
 
@@ -128,9 +148,13 @@ def _column(name: str, data: Mapping[str, Any], key: str, n: int) -> Array:
     try:
         values = np.array(data[key], dtype=float)
     except (TypeError, ValueError) as broken:
-        raise CalibrationError(f"robot model {name}: {key} needs {n} finite numbers") from broken
+        raise CalibrationError(
+            make_message("robot model {name}: {key} needs {n} finite numbers", name=name, key=key, n=n)
+        ) from broken
     if values.shape != (n,) or not np.isfinite(values).all():
-        raise CalibrationError(f"robot model {name}: {key} needs {n} finite numbers")
+        raise CalibrationError(
+            make_message("robot model {name}: {key} needs {n} finite numbers", name=name, key=key, n=n)
+        )
     return values
 
 
@@ -139,12 +163,16 @@ def _of_joints(name: str, data: Mapping[str, Any], key: str, slides: Any) -> Arr
     plain = _PLAIN[key]
     if slides.any() and plain in data:
         raise CalibrationError(
-            f"robot model {name}: {plain} cannot hold a joint that slides.",
-            remedy=f"Write {key}, in degrees, and in millimetres of a prismatic joint.",
+            make_message(
+                "robot model {name}: {plain} cannot hold a joint that slides.", name=name, plain=plain
+            ),
+            remedy=make_message("Write {key}, in degrees, and in millimetres of a prismatic joint.", key=key),
         )
     used = key if key in data else plain
     if used not in data:
-        raise CalibrationError(f"robot model {name}: missing ['{plain}'], unknown [] keys")
+        raise CalibrationError(
+            make_message("robot model {name}: missing ['{plain}'], unknown [] keys", name=name, plain=plain)
+        )
     values = _column(name, data, used, len(slides))
     return np.where(slides, values / 1e3, np.deg2rad(values))
 
@@ -159,16 +187,23 @@ def _coupling(name: str, data: Mapping[str, Any], n: int) -> Array:
     """DH angle = sign * joint; ``interaction = [[3, 2, 1.0]]``: DH angle 3 also turns with joint 2."""
     signs = np.array(data.get("sign", [1] * n), dtype=float)
     if signs.shape != (n,) or not (np.abs(signs) == 1.0).all():
-        raise CalibrationError(f"robot model {name}: sign needs {n} times 1 or -1")
+        raise CalibrationError(
+            make_message("robot model {name}: sign needs {n} times 1 or -1", name=name, n=n)
+        )
     coupling = np.diag(signs)
     for row in data.get("interaction", []):
         if not isinstance(row, list | tuple) or len(row) != 3:
             raise CalibrationError(
-                f"robot model {name}: a row of interaction is [DH angle, joint, factor], such as [3, 2, 1.0]"
+                make_message(
+                    "robot model {name}: a row of interaction is [DH angle, joint, factor], such as [3, 2, 1.0]",
+                    name=name,
+                )
             )
         angle, joint, factor = row
         if not (1 <= angle <= n and 1 <= joint <= n):
-            raise CalibrationError(f"robot model {name}: the interaction names an axis that is not there")
+            raise CalibrationError(
+                make_message("robot model {name}: the interaction names an axis that is not there", name=name)
+            )
         coupling[angle - 1, joint - 1] += factor
     return coupling
 
@@ -179,11 +214,15 @@ def _combined(name: str, tables: Sequence[Mapping[str, Any]], slides: Any) -> tu
     for table in tables:
         if set(table) != {"weights", "lower_deg", "upper_deg"}:
             raise CalibrationError(
-                f"robot model {name}: a combined limit has weights, lower_deg and upper_deg"
+                make_message(
+                    "robot model {name}: a combined limit has weights, lower_deg and upper_deg", name=name
+                )
             )
         weights = _column(name, table, "weights", len(slides))
         if weights[slides].any():
-            raise CalibrationError(f"robot model {name}: a combined limit is of joints that turn")
+            raise CalibrationError(
+                make_message("robot model {name}: a combined limit is of joints that turn", name=name)
+            )
         ends = (radians(table["lower_deg"]), radians(table["upper_deg"]))
         found.append(CombinedLimit(tuple(float(w) for w in weights), *ends))
     return tuple(found)
@@ -192,7 +231,9 @@ def _combined(name: str, tables: Sequence[Mapping[str, Any]], slides: Any) -> tu
 def _frame(name: str, key: str, table: Any) -> Array:
     """Read ``{xyz_mm = [x, y, z], rpy_deg = [r, p, y]}``, as a description of ROS writes an origin."""
     if not isinstance(table, Mapping) or not set(table) <= {"xyz_mm", "rpy_deg"}:
-        raise CalibrationError(f"robot model {name}: {key} has xyz_mm and rpy_deg")
+        raise CalibrationError(
+            make_message("robot model {name}: {key} has xyz_mm and rpy_deg", name=name, key=key)
+        )
     where = {"xyz_mm": [0.0] * 3, "rpy_deg": [0.0] * 3} | dict(table)
     angles = np.deg2rad(_column(f"{name}, {key}", where, "rpy_deg", 3))
     return homogeneous_matrix(
@@ -202,5 +243,5 @@ def _frame(name: str, key: str, table: Any) -> Array:
 
 def _frames(name: str, key: str, table: Any) -> dict[str, Array]:
     if not isinstance(table, Mapping):
-        raise CalibrationError(f"robot model {name}: {key} names frames")
+        raise CalibrationError(make_message("robot model {name}: {key} names frames", name=name, key=key))
     return {str(frame): _frame(name, f"{key}.{frame}", place) for frame, place in table.items()}

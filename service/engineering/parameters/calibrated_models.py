@@ -99,7 +99,11 @@ def calibrated_model(nominal: RobotModel, parameter_set: ParameterSet) -> Calibr
 def values_of_model(nominal: RobotModel, model: RobotModel) -> tuple[ParameterValue, ...]:
     """Return how a model with a DH table deviates from nominal; its uncertainty is unknown."""
     if nominal.dh is None or model.dh is None or model.axis_count != nominal.axis_count:
-        raise CalibrationError(f"{model.label}: deviations need two models with tables of the same length")
+        raise CalibrationError(
+            make_message(
+                "{label}: deviations need two models with tables of the same length", label=model.label
+            )
+        )
     errors = model.dh.to_rows() - nominal.dh.to_rows()
     units = {0: "rad", 1: "m", 2: "m", 3: "rad", 4: "rad"}
     return tuple(
@@ -150,8 +154,11 @@ def covariance_of(parameter_set: ParameterSet) -> Array | None:
         rho[i, :i] = rho[:i, i] = value.correlations
     if float(np.linalg.eigvalsh(rho)[0]) < -_ROUNDED:
         raise ParameterSetError(
-            f"version {parameter_set.version} of robot {parameter_set.robot_serial}: its correlations contradict "
-            "each other."
+            make_message(
+                "version {version} of robot {robot_serial}: its correlations contradict each other.",
+                version=parameter_set.version,
+                robot_serial=parameter_set.robot_serial,
+            )
         )
     sigma = np.array([value.standard_uncertainty for value in values], dtype=float)
     covariance: Array = rho * np.outer(sigma, sigma)
@@ -181,8 +188,12 @@ def calibrated_description(
     robot = nominal.label
     if arm.model.axis_count != nominal.axis_count:
         raise CalibrationError(
-            f"between these links the description has {arm.model.axis_count} joints, {robot} has "
-            f"{nominal.axis_count}.",
+            make_message(
+                "between these links the description has {axis_count} joints, {robot} has {own_axis_count}.",
+                axis_count=arm.model.axis_count,
+                robot=robot,
+                own_axis_count=nominal.axis_count,
+            ),
             remedy=_NAME_LINKS,
         )
     ours, theirs = _joint_steps(nominal), _joint_steps(arm.model)
@@ -193,7 +204,7 @@ def calibrated_description(
     directions = np.sign(np.diag(nominal.joint_coupling))
     if off_axis > _SAME_AXIS or not np.allclose(beside[:-1, 2, 2], directions, atol=_SAME_AXIS):
         raise CalibrationError(
-            f"the joints of the description are not where those of {robot} are.",
+            make_message("the joints of the description are not where those of {robot} are.", robot=robot),
             remedy=_NAME_LINKS,
         )
     before = np.concatenate([np.eye(4)[None], inverse_transform(beside[:-1])])

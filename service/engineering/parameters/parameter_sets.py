@@ -178,7 +178,7 @@ def compare_sets(before: ParameterSet, after: ParameterSet) -> tuple[ParameterCh
 def _check_serial(text: str) -> str:
     if not _SERIAL.fullmatch(text):
         raise ParameterSetError(
-            f"{text!r} cannot name a robot.",
+            make_message("{text!r} cannot name a robot.", text=text),
             remedy="Use letters, digits, dot, dash and underscore.",
             code="usage",
         )
@@ -201,7 +201,7 @@ def _write_new(path: Path, text: str) -> None:
         create_file(path, text.encode())
     except FileExistsError as taken:
         raise ParameterSetError(
-            f"{path} was written by another process just now.", remedy="Try again."
+            make_message("{path} was written by another process just now.", path=path), remedy="Try again."
         ) from taken
 
 

@@ -27,14 +27,14 @@ export function inWords(answer: { code: string; message: string; remedy: string;
   const { t } = language;
   if (answer.code === "people.wait") return t("people_wait", { minutes: Math.ceil((answer.waitS ?? 60) / 60) });
   const key = CODES[answer.code];
-  return key ? t(key) : sayings.say(inEnglish(answer));
+  if (key) return t(key);
+  // Each by itself: a message may have no stop, and would be one sentence with its remedy, which no catalogue has.
+  const sentences = [answer.message, answer.remedy].filter(Boolean).flatMap(sayings.sentences);
+  return sentences.map((part) => part.text).join(sayings.gap);
 }
 
 /** Whether an answer has words of the page for its code. */
 export const isKnown = (answer: { code: string }): boolean => answer.code === "people.wait" || answer.code in CODES;
-
-/** What the service said, and what to do. */
-export const inEnglish = (answer: { message: string; remedy: string }): string => `${answer.message} ${answer.remedy}`.trim();
 
 class People {
   wanted = $state<SignInState["wanted"] | null>(null); // null until the service has said

@@ -43,8 +43,13 @@ const CHOICES: Record<string, Key> = {
   level: "meas_level",
   layout: "meas_layout_choose",
   "show-layout": "meas_show_reasons",
+  check: "meas_check_choose",
+  sheet: "file_sheet",
 };
 const OPTION = /`--([a-z-]+)(?: ([^`]+))?`|(?<=\s)--(robot)\b/g;
+// What is left for a terminal is said with where that is, once in a sentence; other code stands in quotes, too.
+const COMMAND = /`(cellcal [^`]+|--[^`]+)`/g;
+const CODE = /`([^`]+)`/g;
 
 /** A sentence, and whether it is still English on a page that is not. */
 export interface Spoken {
@@ -120,7 +125,7 @@ class Sayings {
   };
 
   #labelled(text: string): string {
-    return this.#withChoices(text).replace(NAMED, (whole: string, before: string | undefined, name: string, after: string | undefined) => {
+    return this.#withCommands(this.#withChoices(text)).replace(NAMED, (whole: string, before: string | undefined, name: string, after: string | undefined) => {
       const label = LABELS[name];
       if (label === undefined) return whole;
       if (label === "") return before && after ? "" : `${before ?? ""}${name.replaceAll("_", " ")}${after ?? ""}`;
@@ -136,6 +141,18 @@ class Sayings {
       const shownValue = meaning === undefined ? value : unit;
       return `“${language.t(choice).replaceAll("{n}", "…")}”${shownValue ? `${this.colon}${shownValue}` : ""}`;
     });
+  }
+
+  #withCommands(text: string): string {
+    if (!text.includes("`")) return text;
+    let placed = language.t("service_computer").split("|").some((words) => text.includes(words));
+    const where = language.locale === "zh" ? `（${language.t("in_terminal")}）` : ` (${language.t("in_terminal")})`;
+    const inTerminal = (_: string, command: string) => {
+      const place = placed ? "" : where;
+      placed = true;
+      return `“${command}”${place}`;
+    };
+    return text.replace(COMMAND, inTerminal).replace(CODE, "“$1”");
   }
 
   #isEnglish(part: Part): boolean {
