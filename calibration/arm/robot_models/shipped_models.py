@@ -1,6 +1,6 @@
 """The numbers of a robot that ships, by its name."""
 
-from importlib.resources import files
+from pathlib import Path
 
 from cellcal.calibration.arm.robot_models import model_names
 from cellcal.calibration.arm.robot_models.catalogue_index import (
@@ -11,8 +11,11 @@ from cellcal.calibration.arm.robot_models.catalogue_index import (
 )
 from cellcal.calibration.arm.robot_models.model_text import ModelText, model_of_data, read_model_text
 from cellcal.calibration.arm.robot_models.other_kinds import other_kind
+from cellcal.calibration.documents.plain_files import read_plain_text
 from cellcal.calibration.errors import CalibrationError
 from cellcal.calibration.message import make_message
+
+_FOLDER = Path(__file__).parent
 
 
 def model_text(name: str) -> ModelText:
@@ -24,7 +27,7 @@ def model_text(name: str) -> ModelText:
         No such robot, or one that the catalogue withholds.
     """
     if name in model_names():
-        text = files(__package__).joinpath(f"{name}.toml").read_text(encoding="utf-8")
+        text = read_plain_text(_FOLDER / f"{name}.toml")
         catalogue_model = read_model_text(name, text)
         if name not in usable_names():
             return catalogue_model
