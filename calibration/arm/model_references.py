@@ -18,9 +18,10 @@ from cellcal.calibration.arm.dh_table import DhTable
 from cellcal.calibration.arm.model_scale import MODEL_FILE_UNITS, refuse_wrong_units
 from cellcal.calibration.arm.mounting import DESCRIPTIONS, FILE_ENDINGS, MOUNTED, gravity_of, split_mounting
 from cellcal.calibration.arm.robot_model import RobotModel
-from cellcal.calibration.arm.robot_models import known_names, model_text
+from cellcal.calibration.arm.robot_models import known_names
 from cellcal.calibration.arm.robot_models.catalogue_index import LINKAGE, catalogue_entries, robot_spelled
 from cellcal.calibration.arm.robot_models.model_text import ModelText, read_model_text
+from cellcal.calibration.arm.robot_models.shipped_models import model_text
 from cellcal.calibration.arm.urdf_reader import UrdfArm, read_urdf
 from cellcal.calibration.documents import DocumentError
 from cellcal.calibration.documents.plain_files import read_plain_bytes, text_of

@@ -164,9 +164,11 @@ class _Tree:
         joints = root.findall("joint")
         _refuse_twice("link", links)
         _refuse_twice("joint", [joint.get("name", "") for joint in joints])
-        if not links:
+        if not links or not joints:
             raise CalibrationError(
-                "the description has no links, and so no arm.",
+                "the description has no joints, and so no arm."
+                if links
+                else "the description has no links, and so no arm.",
                 remedy="Write it again from its source, with every <link> and <joint> between base and flange.",
             )
         above: dict[str, ET.Element] = {}

@@ -70,6 +70,8 @@ def models(
 
 def _is_reference(word: str) -> bool:
     """Return whether a word names a file, or says more than a name; makers write / and . into names."""
+    if not any(mark in word for mark in "?@./\\"):
+        return False
     from cellcal.calibration.arm.model_references import parse_reference
 
     return any(mark in word for mark in "?@") or parse_reference(word).is_file

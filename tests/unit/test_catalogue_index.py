@@ -30,5 +30,9 @@ def test_a_list_of_procedures_loads_no_mathematics() -> None:
     assert loaded_by("procedures", "--json") == "0 []"
 
 
+def test_a_search_of_robots_loads_no_mathematics() -> None:
+    assert loaded_by("models", "kr210") == "0 []"
+
+
 def test_help_loads_no_mathematics() -> None:
     assert loaded_by("--help") == "0 []"

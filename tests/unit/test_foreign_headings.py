@@ -215,3 +215,19 @@ def test_axes_that_may_be_others_are_asked_for(columns: str) -> None:
     joints = ["tilt", "turn"] if "J1" not in columns else ["a", "b", "c", "tilt"]
     with pytest.raises(MeasurementError, match="joint columns"):
         detect_layout(columns.split(), joints)
+
+
+@pytest.mark.parametrize(
+    ("joints", "turn"),
+    [
+        ("q1 q2 q3 q4 q5 q6", "Q0 Q1 Q2 Q3"),
+        ("Q1 Q2 Q3 Q4 Q5 Q6", "q1 q2 q3 q4"),
+        ("q1 q2 q3 q4", "Q1 Q2 Q3 Q4"),
+    ],
+)
+def test_joints_and_a_quaternion_that_differ_by_their_capitals(joints: str, turn: str) -> None:
+    names = [*joints.split(), "X", "Y", "Z", *turn.split()]
+    layout = detect_layout(names, [f"J{i + 1}" for i in range(len(joints.split()))])
+    assert layout.joints == tuple(joints.split())
+    assert layout.turn == tuple(turn.split())
+    assert layout.position == ("X", "Y", "Z")

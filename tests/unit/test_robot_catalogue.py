@@ -12,16 +12,18 @@ import pytest
 from cellcal.calibration.arm.joint_kinds import beyond_limits
 from cellcal.calibration.arm.kinematics import load_model, model_names
 from cellcal.calibration.arm.model_references import model_of_text
-from cellcal.calibration.arm.robot_models import known_names, model_text
+from cellcal.calibration.arm.robot_models import known_names
 from cellcal.calibration.arm.robot_models.catalogue_index import (
     catalogue_entries,
     catalogue_robot,
     find_robots,
+    is_called,
     nearest_names,
     usable_names,
 )
-from cellcal.calibration.arm.robot_models.common_names import COMMON_NAMES
+from cellcal.calibration.arm.robot_models.common_names import COMMON_NAMES, SOLD_AS
 from cellcal.calibration.arm.robot_models.model_text import model_of_data
+from cellcal.calibration.arm.robot_models.shipped_models import model_text
 from cellcal.calibration.arm.urdf import bare_urdf, read_urdf
 from cellcal.calibration.errors import CalibrationError
 from cellcal.service.cli.app import app, run_command_line
@@ -219,6 +221,8 @@ def test_frames_of_the_source_can_be_chosen():
         ("omron tm5 700", "techman_tm5_700"),
         ("kuka 7 axis", "kuka_lbr_iiwa7_r800"),
         ("mitsubishi scara", "mitsubishi_rh6crh6020"),
+        ("Stäubli TX2-90L", "staubli_tx2_90l"),
+        ("kuka seven axis", "kuka_lbr_iiwa7_r800"),
     ],
 )
 def test_words_find_robots_in_any_spelling(words, first):
@@ -239,6 +243,17 @@ def test_kinds_and_numbers_of_axes_are_words(words, every):
     found = find_robots(words)
     assert found
     assert set(found) == {entry for entry in catalogue_entries() if every(entry)}
+
+
+def test_letters_do_not_begin_in_one_word_and_end_in_another():
+    """The WAM arm is none of Yaskawa's MH."""
+    assert not any(is_called(entry, "wam") for entry in find_robots("wam"))
+    assert is_called(find_robots("lrmate")[0], "lrmate")
+
+
+@pytest.mark.parametrize("name", [*SOLD_AS, "Franka Emika Panda", "Panda"])
+def test_a_robot_is_loaded_by_the_name_under_which_it_was_sold(name):
+    assert load_model(name).name == "franka_fer"
 
 
 def test_every_common_name_means_a_robot_that_ships():

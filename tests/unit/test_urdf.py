@@ -149,6 +149,12 @@ def test_a_description_that_is_no_arm_is_refused(text, links):
         read_urdf(text, **{"tip_link": "tool0", **links})
 
 
+def test_a_description_of_meshes_alone_is_told_to_lack_joints():
+    with pytest.raises(CalibrationError, match="has no joints") as refused:
+        read_urdf('<robot name="m"><link name="body"/></robot>')
+    assert "<joint>" in refused.value.remedy
+
+
 def test_a_flange_that_turns_has_no_place_for_its_correction():
     arm = read_urdf(ARM, tip_link="c")
     with pytest.raises(CalibrationError, match="not fixed behind the last joint"):

@@ -12,10 +12,12 @@ from functools import cache
 from itertools import takewhile
 from pathlib import Path
 from typing import Any
+from unicodedata import combining, normalize
 
 from cellcal.calibration.arm.robot_models.common_names import (
     COMMON_NAMES,
     FILLER_WORDS,
+    SOLD_AS,
     axes_meant,
     kind_meant,
 )
@@ -127,7 +129,7 @@ def robot_spelled(words: str) -> str:
     """Return the one robot whose name or title this is in another spelling, with or without its maker; else none."""
     spelling = _plain(words)
     tells = not spelling.isalpha() and not spelling.isdecimal()  # letters or a number alone are a series
-    return _spellings().get(spelling, "") if tells else ""
+    return SOLD_AS.get(spelling) or (_spellings().get(spelling, "") if tells else "")
 
 
 @cache
@@ -175,16 +177,26 @@ def _wanted_words(words: str) -> list[str]:
 
 def _fits(entry: CatalogueEntry, search_words: list[str], together: str) -> bool:
     text = _text(entry)
-    return together in text or all(_word_fits(word, entry, text) for word in search_words)
+    return _is_called_so(together, text) or all(_word_fits(word, entry, text) for word in search_words)
 
 
-def _word_fits(word: str, entry: CatalogueEntry, text: str) -> bool:
+def _word_fits(word: str, entry: CatalogueEntry, text: Sequence[str]) -> bool:
     axes, kind = axes_meant(word), kind_meant(word)
     if axes is not None:
         return entry.axes == axes
     if kind is not None:
         return entry.kind == kind
-    return word in text or any(meant in text for meant in COMMON_NAMES.get(word, ()))
+    return _is_called_so(word, text) or any(meant in "".join(text) for meant in COMMON_NAMES.get(word, ()))
+
+
+def _is_called_so(word: str, text: Sequence[str]) -> bool:
+    """Return whether a word stands in the words of a robot; letters alone do not begin in one and end in another.
+
+    ``wam`` is no part of ``yaskawa mh5``.
+    """
+    if not word.isalpha():
+        return word in "".join(text)
+    return any(word in part or "".join(text[first:]).startswith(word) for first, part in enumerate(text))
 
 
 def _nearest_words(word: str, entries: Sequence[CatalogueEntry]) -> tuple[str, ...]:
@@ -204,7 +216,7 @@ def _nearest_words(word: str, entries: Sequence[CatalogueEntry]) -> tuple[str, .
 def _order(entry: CatalogueEntry, words: str, together: str) -> tuple[bool, int, float, str]:
     """Return what sorts the robot that is meant first."""
     return (
-        together not in _text(entry),
+        not _is_called_so(together, _text(entry)),
         -_shared_words(entry, words),
         -_similarity(entry, together),
         entry.name,
@@ -221,10 +233,11 @@ def _shared_words(entry: CatalogueEntry, words: str) -> int:
     return max(len(list(begun)) for begun in alike)
 
 
-def _text(entry: CatalogueEntry) -> str:
-    """Return everything a robot is called; a reach of 0.58 m also as 58, as in the makers' file names."""
+@cache
+def _text(entry: CatalogueEntry) -> tuple[str, ...]:
+    """Return the words of everything a robot is called; 0.58 m of reach also as 58, as in makers' file names."""
     reach = _REACH.sub(lambda found: f"{float(found[0]) * 100.0:.0f}", entry.title)
-    return _plain(f"{entry.name} {entry.title} {reach} {entry.maker} {entry.family}")
+    return tuple(_words(f"{entry.name} {entry.title} {reach} {entry.maker} {entry.family}"))
 
 
 def _similarity(entry: CatalogueEntry, together: str, *, beginning: bool = False) -> float:
@@ -243,7 +256,15 @@ def _plain(text: str) -> str:
 
 def _words(text: str) -> list[str]:
     """Return letters and numbers apart, numbers without leading zeros: 007 is 7."""
-    return [word.lstrip("0") or "0" if word.isdecimal() else word for word in _WORD.findall(text.lower())]
+    found = _WORD.findall(_without_accents(text).lower())
+    return [word.lstrip("0") or "0" if word.isdecimal() else word for word in found]
+
+
+def _without_accents(text: str) -> str:
+    """Return a text in plain letters: the maker St\u00e4ubli is written staubli in names."""
+    if text.isascii():
+        return text
+    return "".join(sign for sign in normalize("NFKD", text) if not combining(sign))
 
 
 @cache

@@ -12,17 +12,24 @@ COMMON_NAMES: Mapping[str, tuple[str, ...]] = {
     "melfa": ("mitsubishi",),
     "omron": ("techman",),
 }
+# A robot as it was sold, in plain letters, and its name in the catalogue: such a name alone loads it.
+SOLD_AS: Mapping[str, str] = dict.fromkeys(
+    ("panda", "frankapanda", "frankaemikapanda", "emikapanda"), "franka_fer"
+)
 FILLER_WORDS = frozenset(
     ("arm", "robot", "robots", "robotic", "industrial", "series", "model", "the")
 )  # tell no robot
-_AXES = re.compile(r"([1-9])(?:axis|axes|dof|achs\w*|ejes?)")
+_NUMBERS = ("one", "two", "three", "four", "five", "six", "seven", "eight", "nine")
+_AXES = re.compile(rf"([1-9]|{'|'.join(_NUMBERS)})(?:axis|axes|dof|achs\w*|ejes?)")
 _KINDS = {"scara": "scara", "positioner": "positioner", "linkage": "linkage", "parallelogram": "linkage"}
 
 
 def axes_meant(word: str) -> int | None:
     """Return the number of axes that a word asks for, such as ``7axis``; None of any other."""
     found = _AXES.fullmatch(word)
-    return int(found[1]) if found else None
+    if not found:
+        return None
+    return _NUMBERS.index(found[1]) + 1 if found[1] in _NUMBERS else int(found[1])
 
 
 def kind_meant(word: str) -> str | None:

@@ -43,6 +43,7 @@ _NEVER_JOINTS = {
     "torque", "tau", "current", "temperature", "temp", "t", "f", "i", "u", "pulse", "pulses", "counts", "encoder",
     "measured", "deviation", "error", "std", "sensor", "marker", "point", "time",
 }  # fmt: skip
+_DIGITS = re.compile(r"\d+")
 _FEWEST_COUNTED = 4  # three are a place
 _PLACE = {"x", "y", "z"}
 _MOST_OUTSIDE = 3  # joints beside a numbered arm
@@ -171,14 +172,24 @@ def _leaves_place(names: Sequence[str], joints: Sequence[str], plain: Mapping[st
 
 
 def _numbered_families(names: Sequence[str], plain: Mapping[str, str]) -> dict[Family, dict[int, str]]:
-    """Return columns that are numbered alike, by what stands around the number."""
-    families: dict[Family, dict[int, str]] = {}
+    """Return columns that are numbered alike, by what stands around the number.
+
+    Where two columns have one number, such as joints q1 to q6 beside a quaternion Q0 to Q3, columns written with the
+    same letters belong together.
+    """
+    columns: dict[Family, list[tuple[int, str]]] = {}
     for name in names:
         match = _JOINT.match(plain[name])
         if match:
             behind = "_".join(filter(None, [match["which"], match["after"]]))
             key = (match["before"], match["stem"], behind)
-            families.setdefault(key, {})[int(match["number"])] = name
+            columns.setdefault(key, []).append((int(match["number"]), name))
+    families: dict[Family, dict[int, str]] = {}
+    for (before, stem, behind), found in columns.items():
+        once = len(dict(found)) == len(found)
+        for number, name in found:
+            letters = "" if once else _DIGITS.sub("", without_unit(name))
+            families.setdefault((before, stem, "_".join(filter(None, [behind, letters]))), {})[number] = name
     return families
 
 
