@@ -8,7 +8,7 @@ from cellcal.drivers.programs.called_routines import CalledRoutine, RoutineNames
 from cellcal.drivers.programs.line_numbers import LineNumbers
 
 _HIDDEN = re.compile(r'![^\n]*|"(?:[^"\n]|"")*"')
-_TEXT = r'"(?:[^"\n]|"")*+"'
+_TEXT = '"' + r'(?:[^"\n]|"")*+' + '"'
 _LATE = re.compile(  # or a text, in which % means nothing
     rf'{_TEXT}|%[ \t]*+({_TEXT})?((?:[^%;\n"]|{_TEXT})*+)%(?=[^%;\n]*+;)'
 )
