@@ -59,6 +59,8 @@ _BY_CODE = {
     "store.not_a_fact": ExitCode.INTERNAL,
 }
 
+_LACKS = (errno.ENOSPC, errno.EDQUOT, errno.EMFILE, errno.ENFILE)  # room on a disk, or descriptors
+
 
 def exit_code_of(error: BaseException) -> ExitCode:
     """Return the exit code that belongs to an error."""
@@ -70,7 +72,7 @@ def exit_code_of(error: BaseException) -> ExitCode:
         return ExitCode.REFUSED
     if isinstance(error, CellError):
         return exit_code_named(error.code)
-    if isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT):
+    if isinstance(error, OSError) and error.errno in _LACKS:
         return ExitCode.REFUSED  # as the store's own refusal of a full disk
     if isinstance(error, OSError) and (error.filename is not None or error.errno == errno.EROFS):
         return ExitCode.USAGE  # a file or folder that was named cannot be used

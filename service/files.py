@@ -46,7 +46,11 @@ def _written_draft(path: Path, content: bytes, mode: int) -> Iterator[Path]:
     """Give a whole file beside ``path``, which is gone afterwards; after a kill the next start removes it."""
     remove_drafts_once(path.parent, deep=False)
     draft = Path(draft_beside(path))
-    descriptor = os.open(draft, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, PRIVATE_FILE)
+    try:
+        descriptor = os.open(draft, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, PRIVATE_FILE)
+    except OSError as error:
+        error.filename = os.fspath(path)  # the name that a person gave
+        raise
     try:
         with os.fdopen(descriptor, "wb") as file:
             file.write(content)

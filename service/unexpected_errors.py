@@ -132,6 +132,12 @@ def log_in_lines(form: str = "%(levelname)s: %(message)s") -> None:
         root.addHandler(handler)
         root.setLevel(logging.WARNING)
     logging.captureWarnings(True)
+    sys.unraisablehook = _log_unraisable
+
+
+def _log_unraisable(lost: "sys.UnraisableHookArgs") -> None:
+    """Log an error that nothing can catch, as of an object that is taken down; Python would print its trace."""
+    logging.getLogger("cellcal").warning("an object could not be taken down: %s", lost.exc_value)
 
 
 def run_guarded(main: Callable[[], int | None]) -> int:

@@ -1,6 +1,5 @@
 """The technician at a terminal: questions on standard error, answers from standard input."""
 
-import getpass
 import sys
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -14,6 +13,7 @@ from cellcal.calibration.message import make_message
 from cellcal.drivers.errors import BusyError, NoOperatorError, RefusedError
 from cellcal.drivers.interfaces import Answer, Instruction, Question
 from cellcal.drivers.operator.lines import LineSource
+from cellcal.drivers.operator.terminal_user import terminal_user
 
 _YES, _NO = frozenset({"y", "yes"}), frozenset({"n", "no"})
 
@@ -24,7 +24,7 @@ class TerminalOperator:
     def __init__(
         self, person: str = "", *, console: Console | None = None, descriptor: int | None = None
     ) -> None:
-        self._person = person or getpass.getuser()
+        self._person = person or terminal_user()
         self._console = console or Console(stderr=True, emoji=False)
         self._descriptor = descriptor
         self._lines: LineSource | None = None

@@ -109,8 +109,7 @@ def take_in(
 
 
 def _take_in_file(file: Path, cell: Path, *, key: str | None, replace: bool, as_json: bool) -> int:
-    import getpass
-
+    from cellcal.drivers.operator.terminal_user import terminal_user
     from cellcal.service.cli.printing import STDERR_CONSOLE, print_json
     from cellcal.service.configuration.cell_file import read_cell_file
     from cellcal.service.engineering.parameters.mastering_files import import_record
@@ -118,7 +117,7 @@ def _take_in_file(file: Path, cell: Path, *, key: str | None, replace: bool, as_
 
     config = read_cell_file(cell)
     expected = None if key is None else read_public_key(key)
-    done = import_record(config, file, who=getpass.getuser(), expected_key=expected, replace=replace)
+    done = import_record(config, file, who=terminal_user(), expected_key=expected, replace=replace)
     if as_json:
         document = {"sha256": done.record.sha256, "public_key": done.public_key, "was_known": done.was_known}
         print_json({"robot": done.robot, "serial": done.record.robot_serial, **document})
@@ -131,14 +130,13 @@ def _take_in_file(file: Path, cell: Path, *, key: str | None, replace: bool, as_
 
 
 def _take_in_backup(folder: Path, cell: Path, whose: BackupArm, *, replace: bool, as_json: bool) -> int:
-    import getpass
-
+    from cellcal.drivers.operator.terminal_user import terminal_user
     from cellcal.service.cli.printing import STDERR_CONSOLE, print_json
     from cellcal.service.configuration.cell_file import read_cell_file
     from cellcal.service.engineering.parameters.fanuc_backup import import_backup
 
     config = read_cell_file(cell)
-    done = import_backup(config, folder, who=getpass.getuser(), of=whose, replace=replace)
+    done = import_backup(config, folder, who=terminal_user(), of=whose, replace=replace)
     if as_json:
         document = {
             "sha256": done.record.sha256,

@@ -212,9 +212,9 @@ def _ask_pin_hash(hasher: "PinHasher", role: "Role", from_input: bool) -> str:
 
 def _administrator_name() -> str:
     """Return who types here, for the log: the user of this computer."""
-    from getpass import getuser
+    from cellcal.drivers.operator.terminal_user import terminal_user
 
-    return f"{getuser()} (command line)"
+    return f"{terminal_user()} (command line)"
 
 
 def _print_message(text: str) -> None:

@@ -324,22 +324,16 @@ async def run_live(
     accept_missing_end: bool = False,
 ) -> "RunOutcome":
     """Run a procedure with progress on standard error."""
+    from cellcal.drivers.operator.terminal_user import terminal_user
     from cellcal.service.cli.progress import live_progress
     from cellcal.service.cli.run_arguments import operator_of
     from cellcal.service.runs.launch import RunTarget, start_run
 
     with live_progress(procedure) as show_event:
-        where = RunTarget(config, operator_of(answers), robot, show_event, _user_name(), accept_missing_end)
+        where = RunTarget(
+            config, operator_of(answers), robot, show_event, terminal_user(), accept_missing_end
+        )
         return await start_run(where, procedure, settings)
-
-
-def _user_name() -> str:
-    import getpass
-
-    try:
-        return getpass.getuser()
-    except (KeyError, OSError):  # a container's user without a name
-        return "service"
 
 
 async def _resume_run(
@@ -351,10 +345,13 @@ async def _resume_run(
     *,
     accept_missing_end: bool,
 ) -> "RunOutcome":
+    from cellcal.drivers.operator.terminal_user import terminal_user
     from cellcal.service.cli.progress import live_progress
     from cellcal.service.cli.run_arguments import operator_of
     from cellcal.service.runs.launch import RunTarget, resume_run
 
     with live_progress("resume") as show_event:
-        where = RunTarget(config, operator_of(answers), robot, show_event, _user_name(), accept_missing_end)
+        where = RunTarget(
+            config, operator_of(answers), robot, show_event, terminal_user(), accept_missing_end
+        )
         return await resume_run(where, run_id, redo_from)

@@ -19,6 +19,7 @@ from cellcal.calibration.documents.plain_files import open_plain_file
 from cellcal.calibration.errors import CellError
 from cellcal.calibration.message import make_message
 from cellcal.service.draft_files import draft_beside, remove_left_behind
+from cellcal.service.export.archive_headers import find_odd_header
 from cellcal.service.export.backup_names import is_backup_name
 from cellcal.service.files import PRIVATE_FILE, name_new_file
 from cellcal.service.record.signing import CellKey, CheckFinding, check_document
@@ -170,9 +171,11 @@ def _hash_content(file: IO[bytes], length: int) -> str:
 
 @contextmanager
 def _open_tar(path: Path, file: IO[bytes], length: int) -> Iterator[tarfile.TarFile]:
-    del length  # the tar ends by itself, before the trailer
-    file.seek(0)
     try:
+        odd = find_odd_header(file, length)
+        if odd:
+            raise damaged_error(path, odd)
+        file.seek(0)
         with tarfile.open(fileobj=file, mode="r:") as tar:
             yield tar
     except (tarfile.TarError, EOFError, ValueError, OverflowError) as error:

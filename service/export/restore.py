@@ -5,9 +5,10 @@ import filecmp
 import os
 import re
 import shutil
+import sqlite3
 import tempfile
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -27,6 +28,8 @@ from cellcal.service.export.backup import (
 )
 from cellcal.service.export.sealed_keys import open_keys
 from cellcal.service.files import PRIVATE_FOLDER
+from cellcal.service.people.accounts import REGISTER_NAME
+from cellcal.service.record.database_setup import find_foreign_rules
 from cellcal.service.times import has_time_zone
 
 _DATA_DIR = re.compile(r"^[ \t]*data_dir[ \t]*=.*$", re.MULTILINE)
@@ -97,6 +100,7 @@ def _unpack_and_prove(archive: Path, stage: Path, passphrase: str | None) -> Pro
     manifest = unpack_archive(archive, stage)
     data = stage / DATA
     _prove_journal(archive, manifest, data / _JOURNAL)
+    _prove_register(archive, data / REGISTER_NAME)
     try:
         certificates = refuse_damaged_certificates(data / _CERTIFICATES)
     except BackupError as error:
@@ -132,6 +136,21 @@ def _prove_journal(archive: Path, manifest: BackupManifest, path: Path) -> None:
         )
     for leftover in path.parent.glob(f"{path.name}-*"):
         leftover.unlink()  # of the look at it
+
+
+def _prove_register(archive: Path, path: Path) -> None:
+    """Refuse a register of people that is no database, or acts by itself when a person is added."""
+    if not path.exists():
+        return
+    try:
+        with closing(
+            sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro&immutable=1", uri=True)
+        ) as register:
+            flaw = find_foreign_rules(register)
+    except sqlite3.Error as error:
+        flaw = str(error)
+    if flaw:
+        raise damaged_error(archive, f"its register of people does not hold: {flaw}")
 
 
 def _write_keys(stage: Path, passphrase: str) -> None:

@@ -4,6 +4,7 @@ Nothing is deleted: a person who left keeps the name, so that a signature of las
 Every call opens the file anew: what `cellcal people` changes counts in the running service at once.
 """
 
+import errno
 import hashlib
 import os
 import secrets
@@ -21,7 +22,9 @@ from cellcal.service.people.errors import PeopleError, TooManyGuessesError, Wron
 from cellcal.service.people.naming import clean_name, fold_name
 from cellcal.service.people.rate_limits import DAY_S, DEVICE, PERSON, STATION, wait_s
 from cellcal.service.people.roles import Role
+from cellcal.service.record.database_setup import primary_code
 from cellcal.service.times import steady_time
+from cellcal.service.unexpected_errors import explain_os_error
 
 REGISTER_NAME = "people.db"
 ENROL_S = 600.0
@@ -38,6 +41,7 @@ CREATE TABLE failure (id INTEGER PRIMARY KEY, at REAL NOT NULL, person TEXT NOT 
 CREATE TABLE event (at REAL NOT NULL, who TEXT NOT NULL, what TEXT NOT NULL) STRICT;
 CREATE TABLE mark (pepper TEXT NOT NULL) STRICT;
 """
+_SYSTEM_NUMBERS = {sqlite3.SQLITE_FULL: errno.ENOSPC, sqlite3.SQLITE_READONLY: errno.EROFS}
 
 
 @dataclass(frozen=True, slots=True)
@@ -291,7 +295,7 @@ class AccountStore:
                 make_message(
                     "the register of people {path} cannot be used: {error}.", path=self.path, error=error
                 ),
-                remedy="Restore it from a backup, and let the user who runs cellcal read and write it.",
+                remedy=_cure_of(error),
             ) from error
 
     def _create_tables(self, database: sqlite3.Connection) -> None:
@@ -308,6 +312,14 @@ class AccountStore:
                 make_message("{path} was written by another version of cellcal.", path=self.path),
                 remedy="Use that version.",
             )
+
+
+def _cure_of(error: OSError | sqlite3.Error) -> str:
+    """Return what helps: a register on a full or read-only disk is whole, and needs no backup."""
+    number = error.errno if isinstance(error, OSError) else _SYSTEM_NUMBERS.get(primary_code(error))
+    if number is None:
+        return "Restore it from a backup, and let the user who runs cellcal read and write it."
+    return explain_os_error(OSError(number, ""))[1]
 
 
 def _schema_version(database: sqlite3.Connection) -> int:

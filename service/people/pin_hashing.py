@@ -19,6 +19,7 @@ from cellcal.calibration.documents.plain_files import read_plain_bytes
 from cellcal.calibration.message import make_message
 from cellcal.service.files import create_file, make_private_folder
 from cellcal.service.people.errors import PeopleError
+from cellcal.service.unexpected_errors import explain_os_error
 
 PEPPER_BYTES = 32
 PEPPER_NAME = "pepper.key"
@@ -87,7 +88,7 @@ def pepper_of(data_dir: Path) -> bytes:
                 data_dir=data_dir,
                 strerror=error.strerror,
             ),
-            remedy="Let the user who runs cellcal read and write this folder.",
+            remedy=explain_os_error(error)[1],
         ) from error
 
 

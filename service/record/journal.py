@@ -23,7 +23,12 @@ from cellcal.calibration.message import make_message
 from cellcal.calibration.message_table import MESSAGES
 from cellcal.procedures.canonical_json import canonical_json
 from cellcal.service.files import create_private_file, make_private_folder
-from cellcal.service.record.database_setup import SqlDatabase, prepare_database, primary_code
+from cellcal.service.record.database_setup import (
+    SqlDatabase,
+    find_foreign_rules,
+    prepare_database,
+    primary_code,
+)
 
 _GENESIS = bytes(32)
 _BUSY_MS = 5000
@@ -213,6 +218,9 @@ class Journal:
         return None
 
     def _find_damage(self) -> JournalDamage | None:
+        foreign = find_foreign_rules(self._database)
+        if foreign:
+            return JournalDamage(0, f"{foreign}, which no journal has")
         found = self._database.execute("PRAGMA quick_check").fetchall()
         chain = self.verify_chain()
         if chain is None and [tuple(row) for row in found] != [("ok",)]:

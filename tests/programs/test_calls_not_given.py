@@ -51,6 +51,8 @@ FILES = {
         ("yaskawa", "CALL JOB:MSG-SHOW", ""),
         ("fanuc", "CALL SR[1]", "SR[1]"),
         ("abb", "ok:=DoPick(3);", "DoPick"),
+        ("abb", 'Load "HOME:/C.mod"; %"pickC"%;', '%"pickC"%'),
+        ("abb", 'CallByVar "pick",nPart;', 'CallByVar "pick",nPart'),
         ("abb", "MoveExtJ jx,v100,fine;", ""),
         ("kuka", "IF pick_ok(3) THEN\nENDIF", "pick_ok"),
         ("kuka", "n = norm(3)", ""),

@@ -140,6 +140,9 @@ def test_a_register_that_chooses_an_increment_leaves_every_position(tmp_path: Pa
         (("PR[3]=LPOS", "L P[1] 100mm/sec FINE", "L PR[3] 100mm/sec FINE"), True, set()),
         (("L P[R[1]] 100mm/sec FINE Offset,PR[3]",), True, {"P[1]", "P[2]", "P[3]"}),
         (("Touch Offset PR[3]", "L P[1] 99mm/sec FINE", "Touch Offset End", "L P[2] 9mm/sec FINE"), True, {"P[1]"}),
+        (("TOUCH OFFSET PR[3]", "L P[1] 99mm/sec FINE", "TOUCH OFFSET END", "L P[2] 9mm/sec FINE"), True, {"P[1]"}),
+        (("L P[1] 99mm/sec FINE", "L P[9] 99mm/sec FINE"), False, {"P[9]"}),  # not under /POS
+        (("L P[1] 99mm/sec FINE", "!L P[9] 99mm/sec FINE"), True, set()),
         (("MP OFFSET PR[3] RPM[1]", "L P[1] 99mm/sec FINE", "MP OFFSET END", "L P[2] 9mm/sec FINE"), True, {"P[1]"}),
     ],
 )  # fmt: skip

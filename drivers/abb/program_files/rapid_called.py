@@ -8,7 +8,11 @@ from cellcal.drivers.programs.called_routines import CalledRoutine, RoutineNames
 from cellcal.drivers.programs.line_numbers import LineNumbers
 
 _HIDDEN = re.compile(r'![^\n]*|"(?:[^"\n]|"")*"')
-_LATE = re.compile(r'^(?:[^\n";]*;)*+[ \t]*%[ \t]*("(?:[^"\n]|"")*")?([^%;\n]*)%(?=[^%;\n]*;)', re.MULTILINE)
+_TEXT = '"' + r'(?:[^"\n]|"")*+' + '"'
+_LATE = re.compile(  # or a text, in which % means nothing
+    rf'{_TEXT}|%[ \t]*+({_TEXT})?((?:[^%;\n"]|{_TEXT})*+)%(?=[^%;\n]*+;)'
+)
+_BY_VARIABLE = re.compile(rf"\bCallByVar[ \t]++({_TEXT})?([^;\n]*+);", re.IGNORECASE)
 # What stands before a statement without a semicolon of its own.
 _BEFORE = re.compile(
     r"\b(?:THEN\b|ELSE\b|DO\b|DEFAULT[ \t]*:|ERROR\b|UNDO\b|BACKWARD\b)"
@@ -78,6 +82,11 @@ def called_procedures(data: bytes) -> tuple[CalledRoutine, ...]:
     late = [
         CalledRoutine(lines.line_of(each.end()), f"%{each[1] or ''}{each[2]}%", _late_pattern(each))
         for each in _LATE.finditer(_without_comments(source))
+        if each[0].startswith("%")
+    ]
+    late += [
+        CalledRoutine(lines.line_of(each.start()), each[0].rstrip(";"), _late_pattern(each))
+        for each in _BY_VARIABLE.finditer(_without_comments(source))
     ]
     text = _HIDDEN.sub(_blank, source)
     text = _BEFORE.sub(lambda each: ";" + each[0][1:].translate(_BLANKS), text)

@@ -32,6 +32,7 @@ from cellcal.drivers.fanuc.program_files.ls_frames import (
     with_frames_of_people,
     without_set_frames,
 )
+from cellcal.drivers.fanuc.program_files.ls_missing_places import missing_places
 from cellcal.drivers.fanuc.program_files.ls_motions import bar_standing_tools, with_motions
 from cellcal.drivers.fanuc.program_files.ls_positions import positions_of
 from cellcal.drivers.fanuc.program_files.ls_records import ListingFile
@@ -84,6 +85,8 @@ class LsProgram:
         if self._conveyor_match:
             return replace(found, barred=dict.fromkeys(range(len(found)), _TRACKED))
         found = with_motions(bar_standing_tools(found), self._place.data, self.external_uses)
+        missing = tuple(missing_places(found, self._place.data))
+        found = replace(found, shifts=(*found.shifts, *missing)) if missing else found
         found = with_selections(found, self._place.data)
         if rows_without_frames(found):
             found = self._with_chosen(found)

@@ -14,7 +14,7 @@ MACRO_WORDS = rb"[A-Za-z]\w*+(?:[ \t]++\w++)*+"
 MACRO_ARGUMENTS = rb"(?:\([^;\n]*\)[ \t]*+)?+"
 NO_MACRO = re.compile(
     rb"(?:IF|WENN|WHILE|SELECT|TC_ONLINE|END|ENDE|ABORT|PAUSE|ELSE|ENDIF|ENDFOR|CONTINUE|COL|SOFTFLOAT|LOCK|UNLOCK|MONITOR|CALL|AUFRUF|RUN"
-    rb"|Weave|Track|Arc|WAIT|WARTEN|Search[ \t]++(?:Start|End)|Touch[ \t]++Offset|Weld[ \t]++(?:Start|End))\b"
+    rb"|Weave|Track|Arc|WAIT|WARTEN|(?i:Search[ \t]++(?:Start|End)|Touch[ \t]++Offset|Weld[ \t]++(?:Start|End)))\b"
 )
 _MACRO = re.compile(rb"(" + MACRO_WORDS + rb")[ \t]*+" + MACRO_ARGUMENTS)
 _START = re.compile(rb"\s*+(?:/MN\b[^\n]*+\n\s*+)?(?:\d++[ \t]*+)?(?::[ \t]*+)?")
