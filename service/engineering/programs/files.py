@@ -28,6 +28,7 @@ from cellcal.drivers.programs.brands import DeclaringProgram
 from cellcal.drivers.programs.cross_file_uses import BatchDeclarations
 from cellcal.drivers.programs.errors import ProgramFileError
 from cellcal.service.draft_files import draft_beside, remove_left_behind
+from cellcal.service.engineering.programs.folders import paths_below
 from cellcal.service.files import name_new_file
 
 LARGEST_BYTES = 64 << 20  # no controller keeps a program of this size: what is larger is not one
@@ -300,7 +301,7 @@ def _sources_below(folder: Path, out: Path | None, passed: list[Path]) -> list[P
     suffixes = _suffixes()
     named = [
         path
-        for path in sorted(folder.rglob("*"))
+        for path in paths_below(folder)
         if path.suffix.lower() in suffixes and not _is_earlier_output(path, folder, out) and path.is_file()
     ]
     found = [ProgramSource(path, path.relative_to(folder)) for path in named if _is_program(path)]
@@ -337,7 +338,7 @@ def _unread_below(folder: Path, listed: Set[Path]) -> list[Path]:
     listed_paths = {str(path).casefold() for path in listed}
     return [
         path
-        for path in sorted(folder.rglob("*"))
+        for path in paths_below(folder)
         if path.suffix.lower() in UNREAD_FORMS
         and str(path.with_suffix("")).casefold() not in listed_paths
         and not path.name.startswith("-")  # what the controller's background editor keeps

@@ -25,6 +25,7 @@ from cellcal.calibration.message import join_messages
 from cellcal.drivers.program_registry import read_program
 from cellcal.drivers.programs.positions import ProgramFile
 from cellcal.service.engineering.programs.files import FilesError, RefusedProgram, read_bytes, whole_file
+from cellcal.service.engineering.programs.folders import paths_below
 from cellcal.service.engineering.programs.project import Project, read_project
 from cellcal.service.engineering.programs.result import LEFT, ProgramResult
 from cellcal.service.times import read_time
@@ -139,7 +140,7 @@ def find_projects(named: Sequence[str]) -> list[Path]:
     found: list[Path] = []
     for name in named:
         path = Path(name)
-        inside = sorted(path.rglob("*.toml")) if path.is_dir() else [path]
+        inside = [each for each in paths_below(path) if each.suffix == ".toml"] if path.is_dir() else [path]
         mine = [one for one in inside if not path.is_dir() or _names_a_master(one)]
         if not mine:
             raise FilesError(
