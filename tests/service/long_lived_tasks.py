@@ -4,7 +4,7 @@ import ast
 import asyncio
 import ctypes
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 
 from cellcal.drivers.supervision import SUPERVISOR
@@ -26,10 +26,8 @@ SUPERVISED = frozenset(
 
 def started_tasks() -> Iterator[tuple[str, str, str]]:
     """Yield file, function and call of everything that begins a task, a thread or a process."""
-    for path in source_files():
+    for path in files_naming(BEGINNING, source_files()):
         name = path.relative_to(ROOT).as_posix()
-        if name in SUPERVISION:
-            continue
         for function, call in calls_in(path):
             if called_name(call) in BEGINNING:
                 yield name, function, called_name(call)
@@ -47,9 +45,7 @@ def shown_task_names() -> set[str]:
 
 
 def _task_names(files: list[Path], calling: frozenset[str]) -> Iterator[str]:
-    for path in files:
-        if path.relative_to(ROOT).as_posix() in SUPERVISION:
-            continue
+    for path in files_naming(calling, files):
         constants = dict(named_texts(path))
         for _, call in calls_in(path):
             if called_name(call) in calling and call.args:
@@ -58,6 +54,14 @@ def _task_names(files: list[Path], calling: frozenset[str]) -> Iterator[str]:
 
 def source_files() -> list[Path]:
     return sorted(file for room in ROOMS for file in (ROOT / room).rglob("*.py"))
+
+
+def files_naming(words: Iterable[str], files: Iterable[Path]) -> Iterator[Path]:
+    """Yield the files outside the supervision that hold one of the words: no other need be parsed."""
+    for path in files:
+        text = path.read_text(encoding="utf-8")
+        if path.relative_to(ROOT).as_posix() not in SUPERVISION and any(word in text for word in words):
+            yield path
 
 
 def calls_in(path: Path) -> Iterator[tuple[str, ast.Call]]:
