@@ -121,7 +121,9 @@ def axis_turn(joint: ET.Element) -> Array:
 
 def _length_by_rounding(text: str, axis: Array) -> float:
     """Return by how much rounding may change the length of a unit vector that is printed as this text."""
-    steps = [10.0 ** -len(word.partition(".")[2]) if "e" not in word.lower() else 0.0 for word in text.split()]
+    steps = [
+        10.0 ** -len(word.partition(".")[2]) if "e" not in word.lower() else 0.0 for word in text.split()
+    ]
     return _EXACT + 0.5 * float(np.abs(axis) @ np.array(steps))
 
 
