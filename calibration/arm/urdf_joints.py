@@ -21,6 +21,7 @@ from cellcal.calibration.orientation import rotation_from
 
 _MOVING = (REVOLUTE, CONTINUOUS, PRISMATIC)
 _NEARLY_UNIT = 1e-3  # three decimals of a unit vector's components
+_EXACT = 1e-6  # what single precision and printed exponents leave of a length
 _MOST_RPY_RAD = 2.0 * math.pi + 1e-3  # an origin needs no more than a turn; numbers beyond are degrees
 _MOST_TURN_RAD = 100.0  # sixteen turns: some wrists have fifteen; numbers beyond are degrees or millimetres
 _LONGEST_M = 200.0
@@ -100,9 +101,10 @@ def _origin_rotation(joint: ET.Element, element: ET.Element) -> Array:
 def axis_turn(joint: ET.Element) -> Array:
     """Return the rotation that carries z onto the axis of a joint; an axis that is not stated is x."""
     element = joint.find("axis")
-    axis = _numbers(joint, "axis", "1 0 0" if element is None else element.get("xyz", ""))
+    text = "1 0 0" if element is None else element.get("xyz", "")
+    axis = _numbers(joint, "axis", text)
     length = float(np.linalg.norm(axis))
-    if abs(length - 1.0) > _NEARLY_UNIT:
+    if abs(length - 1.0) > min(_NEARLY_UNIT, _length_by_rounding(text, axis)):
         raise CalibrationError(
             make_message(
                 "the axis of joint {joint!r} is {length:g} long, not a unit vector.",
@@ -115,6 +117,14 @@ def axis_turn(joint: ET.Element) -> Array:
     other = np.eye(3)[np.argmin(np.abs(axis))]
     x = np.cross(other, axis) / np.linalg.norm(np.cross(other, axis))
     return np.column_stack([x, np.cross(axis, x), axis])
+
+
+def _length_by_rounding(text: str, axis: Array) -> float:
+    """Return by how much rounding may change the length of a unit vector that is printed as this text."""
+    steps = [
+        10.0 ** -len(word.partition(".")[2]) if "e" not in word.lower() else 0.0 for word in text.split()
+    ]
+    return _EXACT + 0.5 * float(np.abs(axis) @ np.array(steps))
 
 
 def refuse_unusual(joint: ET.Element) -> None:
@@ -184,6 +194,11 @@ def limits_of(joint: ET.Element) -> tuple[float, float, float]:
     element = joint.find("limit")
     stated = {} if element is None else dict(element.attrib)
     speed = float(_numbers(joint, "velocity", stated.get("velocity", "0"), 1)[0])
+    if speed < 0.0:
+        raise CalibrationError(
+            make_message("the speed of joint {name!r} is {speed:g}, below zero.", name=name, speed=speed),
+            remedy="Write its greatest speed as a positive velocity, or 0 where it is not known.",
+        )
     speed = speed if speed > 0.0 else UNKNOWN_SPEED[1 if slides else 0]
     if kind == CONTINUOUS:
         return -math.pi, math.pi, speed

@@ -25,6 +25,7 @@ from cellcal.calibration.identification.layouts import make_layout, with_further
 from cellcal.calibration.identification.observations import Observations
 from cellcal.calibration.identification.parameters import (
     GEAR,
+    GEOMETRY,
     GRAVITY,
     RIPPLE,
     ArmState,
@@ -34,6 +35,7 @@ from cellcal.calibration.identification.parameters import (
 from cellcal.calibration.identification.robust import RobustFit, fit_robustly
 
 _DISTINCT_ANGLES = 20  # of a joint, before its ripple or gear ratio may be asked for
+_DISTINCT_PLACES = 3  # of a joint that slides, before its scale may be asked for
 _ANGLES_PER_PERIOD = 5  # distinct ones, or a wave is read into gaps
 _ROWS_FOR_SHORT_WAVES = 150
 _ANGLE_STEP_RAD = 2e-3
@@ -42,15 +44,21 @@ _ANGLE_STEP_RAD = 2e-3
 def terms_of_level(model: RobotModel, joints_rad: Array, level: int) -> tuple[JointTerm, ...]:
     """Return the joint terms that a level has; a joint's ripple and gear ratio need twenty distinct angles.
 
-    Fewer rows than 150 carry one and two waves a turn of each joint, no shorter ones.
+    Fewer rows than 150 carry one and two waves a turn of each joint, no shorter ones. The scale of a joint that
+    slides is geometry: a rack or belt is off by more than tooth counts are, and no wave passes for it.
     """
-    if level < GRAVITY:
+    if level < GEOMETRY:
         return ()
-    sag = gravity_terms(model)
+    distinct = [len(np.unique(np.round(angle / _ANGLE_STEP_RAD))) for angle in joints_rad.T]
+    slides = np.zeros(model.axis_count, dtype=bool) if model.sliding is None else model.sliding
+    ratios = gear_terms(model)
+    scales = [term for term in ratios if slides[term.source] and distinct[term.source] >= _DISTINCT_PLACES]
+    if level < GRAVITY:
+        return tuple(scales)
+    sag = (*scales, *gravity_terms(model))
     if level < RIPPLE:
         return sag
     orders = RIPPLE_ORDERS if len(joints_rad) >= _ROWS_FOR_SHORT_WAVES else RIPPLE_ORDERS[:2]
-    distinct = [len(np.unique(np.round(angle / _ANGLE_STEP_RAD))) for angle in joints_rad.T]
     ripple = (
         term
         for term in harmonic_terms(model, orders)
@@ -60,7 +68,8 @@ def terms_of_level(model: RobotModel, joints_rad: Array, level: int) -> tuple[Jo
     if level < GEAR:
         return terms
     # After ripple: without it a ratio passes for the long waves of a gear, and is believed wrongly.
-    return (*terms, *(term for term in gear_terms(model) if distinct[term.source] >= _DISTINCT_ANGLES))
+    turning = (term for term in ratios if not slides[term.source])
+    return (*terms, *(term for term in turning if distinct[term.source] >= _DISTINCT_ANGLES))
 
 
 @dataclass(frozen=True, slots=True)

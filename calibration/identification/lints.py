@@ -16,6 +16,7 @@ _NEAR_RAD = float(np.deg2rad(2.0))
 _FEW = 0.2  # of the rows may be the doubtful ones
 _ALIKE = 0.3  # correlation of neighbouring residuals
 _FLOOR_M = 5e-5
+_MOST_STOPS = 12  # of a slide in a series
 _SHARE = 0.3  # of the floor, above which a resolution is named
 _ENOUGH_ROWS = 20_000  # for a mean
 _UNIFORM = 1 / np.sqrt(12.0)
@@ -174,6 +175,9 @@ def rounding_floor(
     model: RobotModel, joints_rad: Array, joint_step_rad: Array, value_step_m: float
 ) -> list[Lint]:
     """Say what the rounding of joints and values alone does to the errors, if it is worth saying."""
+    if model.sliding is not None:  # a slide that was sent to a few round places is not read to whole metres
+        stops = [len(np.unique(places)) <= _MOST_STOPS for places in joints_rad.T]
+        joint_step_rad = np.where(model.sliding & np.array(stops), 0.0, joint_step_rad)
     _, jacobian = model.tip_jacobian(joints_rad[:: 1 + len(joints_rad) // _ENOUGH_ROWS], np.zeros(3))
     by_joint = np.sqrt(((jacobian * joint_step_rad * _UNIFORM) ** 2).sum(axis=(1, 2)).mean())
     floor = float(np.hypot(by_joint, value_step_m * _UNIFORM))

@@ -34,6 +34,7 @@ from cellcal.calibration.identification.misfit_pairing import pairing_causes
 from cellcal.calibration.identification.misfit_ranking import MisfitCandidate, coarse_candidates
 from cellcal.calibration.identification.misfit_slides import (
     moved_slide_readings,
+    refuse_straight_line,
     slide_readings,
     turn_readings,
 )
@@ -120,6 +121,8 @@ def refuse_misfit(
     motion_m = motion_of(model, some)
     _refuse_constant(some, motion_m)
     stands = fit_quickly(model, some)
+    if not np.isfinite(stands.score_m):
+        refuse_straight_line(model, some)
     _refuse_one_number(model, observations, (stands.score_m, motion_m), names, rows)
     if stands.score_m > max(_SUSPECT * motion_m, _SUSPECT_M):
         others = [load_model(name) for name in model_names() if name != model.name] if search_models else []

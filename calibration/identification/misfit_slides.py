@@ -7,18 +7,50 @@ import numpy as np
 
 from cellcal.calibration.arm.joint_kinds import PRISMATIC, REVOLUTE, rotations_about_z
 from cellcal.calibration.arm.kinematics import RobotModel
+from cellcal.calibration.errors import DegenerateDataError
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.identification.misfit_hypotheses import (
     FileNames,
     JointInterpretation,
     columns_option,
 )
+from cellcal.calibration.identification.observations import LengthObservations, Observations
 from cellcal.calibration.message import make_message
 
 _DEGREES = float(np.degrees(1.0))
 _LENGTHS = (("m", 1.0), ("mm", 1e-3))
 _LONGEST_M = 100.0
+_STRAIGHT = 0.005  # of the length of a line: what stands beside it
 _MOST_TURNED_RAD = 4 * np.pi
+
+
+def refuse_straight_line(model: RobotModel, observations: Observations) -> None:
+    """Refuse places along a line where the arm moves along a line, too: no other cause is to be looked for.
+
+    Raises
+    ------
+    DegenerateDataError
+        With what such rows do tell.
+    """
+    if isinstance(observations, LengthObservations):
+        return
+    flange = model.tip_positions(observations.joints_rad, np.zeros(3))
+    if not (_lie_on_line(flange) and _lie_on_line(observations.positions_m)):
+        return
+    raise DegenerateDataError(
+        make_message(
+            "only slides of {model_name} move in these rows, along one line: they leave open how the robot and its "
+            "device are turned about it.",
+            model_name=model.label,
+        ),
+        remedy="Record rows in which joints that turn move, too, at several places of the slide, with a model that "
+        "holds both the slide and the arm on it.",
+    )
+
+
+def _lie_on_line(places_m: Array) -> bool:
+    sizes = np.linalg.svd(places_m - places_m.mean(axis=0), compute_uv=False)
+    return bool(sizes[0] > 0.0 and sizes[1] < _STRAIGHT * sizes[0])
 
 
 def slide_readings(model: RobotModel, joints_rad: Array, names: FileNames) -> Iterator[JointInterpretation]:

@@ -207,6 +207,7 @@ def test_frames_of_the_source_can_be_chosen():
         ("panda", "franka_fer"),
         ("Franka Emika Panda", "franka_fer"),
         ("panda arm", "franka_fer"),
+        ("frankaemika panda", "franka_fer"),
         ("pnada", "franka_fer"),
         ("pand", "franka_fer"),
         ("FR-3", "franka_fr3"),

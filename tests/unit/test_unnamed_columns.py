@@ -7,9 +7,11 @@ import numpy as np
 import pytest
 
 from cellcal.calibration.arm.kinematics import load_model
+from cellcal.service.engineering.measured.attitudes import attitude_ways
 from cellcal.service.engineering.measured.joint_columns import find_joints
 from cellcal.service.engineering.measured.measurements import Measurements, ReadOptions, read_measurements
 from cellcal.service.engineering.measured.table import MeasurementError
+from cellcal.service.engineering.measured.unnamed_columns import _turn_behind
 from tests.unit.helpers.simulated_arm import TOOL, TRACKER, tracker_points
 
 ROBOT = "franka_fer"
@@ -211,3 +213,29 @@ def test_a_heading_between_blanks_has_names_of_two_words(tmp_path: Path) -> None
     found = read(path)
     assert found.layout.position == ("Measure X", "Measure Y", "Measure Z")
     assert found.layout.controller == ("Nominal X", "Nominal Y", "Nominal Z")
+
+
+QUATERNIONS = np.random.default_rng(2).normal(size=(12, 4))
+
+
+@pytest.mark.parametrize(
+    ("behind", "turn"),
+    [
+        ([QUATERNIONS / np.linalg.norm(QUATERNIONS, axis=1, keepdims=True)], slice(3, 7)),
+        ([QUATERNIONS], slice(0, 0)),  # four numbers that are no attitude
+        ([QUATERNIONS[:, :3]], slice(3, 6)),  # perhaps angles: the fit says
+        ([np.tile(np.eye(3).ravel(), (12, 1)), QUATERNIONS], slice(3, 12)),
+    ],
+)
+def test_an_attitude_stands_right_behind_the_place(behind: Sequence[np.ndarray], turn: slice) -> None:
+    values = np.hstack([np.zeros((12, 3)), *behind])
+    columns = [f"column {at}" for at in range(1, values.shape[1] + 1)]
+    assert _turn_behind(columns[:3], columns, values, set(columns[:3])) == tuple(columns[turn])
+
+
+def test_numbered_columns_of_a_quaternion_are_taken_in_their_order() -> None:
+    turns = QUATERNIONS / np.linalg.norm(QUATERNIONS, axis=1, keepdims=True)
+    found = attitude_ways(turns, [f"column_{at}" for at in (9, 10, 11, 12)], "abb_quaternion")
+    np.testing.assert_allclose(
+        found["abb_quaternion"], attitude_ways(turns, ["qw", "qx", "qy", "qz"], "")["abb_quaternion"]
+    )

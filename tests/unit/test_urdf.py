@@ -155,6 +155,31 @@ def test_a_description_of_meshes_alone_is_told_to_lack_joints():
     assert "<joint>" in refused.value.remedy
 
 
+@pytest.mark.parametrize(
+    "axis", ["0 0.999 0", "0 1.001 0", "0.57735 0.57735 0.578", "0 0 1.00001", "0 0 1.1e0"]
+)
+def test_an_axis_whose_length_no_rounding_explains_is_refused(axis):
+    with pytest.raises(CalibrationError, match="not a unit vector") as refused:
+        read_urdf(ARM.replace('axis xyz="1 0 0"', f'axis xyz="{axis}"'), tip_link="tool0")
+    assert "length of one" in refused.value.remedy
+
+
+@pytest.mark.parametrize(
+    "axis", ["0.577 0.577 0.577", "0.71 0.7042 0", "0 0 1.0000000002", "-4e-8 1.0 -2e-17"]
+)
+def test_an_axis_that_was_rounded_is_taken(axis):
+    assert (
+        read_urdf(ARM.replace('axis xyz="1 0 0"', f'axis xyz="{axis}"'), tip_link="tool0").model.axis_count
+        == 3
+    )
+
+
+def test_a_speed_below_zero_is_refused():
+    with pytest.raises(CalibrationError, match="speed of joint 'j1' is -3") as refused:
+        read_urdf(ARM.replace('velocity="3"', 'velocity="-3"'), tip_link="tool0")
+    assert "positive" in refused.value.remedy
+
+
 def test_a_flange_that_turns_has_no_place_for_its_correction():
     arm = read_urdf(ARM, tip_link="c")
     with pytest.raises(CalibrationError, match="not fixed behind the last joint"):

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 COMMON_NAMES: Mapping[str, tuple[str, ...]] = {
     "panda": ("frankafer",),  # franka_description calls the arm that was sold as Panda "fer"
     "emika": ("franka",),
+    "frankaemika": ("franka",),
     "research": ("fr3",),
     "production": ("fp3",),
     "melfa": ("mitsubishi",),

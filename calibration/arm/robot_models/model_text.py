@@ -180,7 +180,13 @@ def _of_joints(name: str, data: Mapping[str, Any], key: str, slides: Any) -> Arr
 def _speeds(name: str, data: Mapping[str, Any], slides: Any) -> Array:
     if not {"speed", "speed_deg_s"} & data.keys():
         return np.where(slides, UNKNOWN_SPEED[1], UNKNOWN_SPEED[0])
-    return _of_joints(name, data, "speed", slides)
+    speeds = _of_joints(name, data, "speed", slides)
+    if (speeds <= 0.0).any():
+        raise CalibrationError(
+            make_message("robot model {name}: a speed is not above zero", name=name),
+            remedy="Write the greatest speed of each joint as a positive number, or leave the line of speeds out.",
+        )
+    return speeds
 
 
 def _coupling(name: str, data: Mapping[str, Any], n: int) -> Array:

@@ -86,6 +86,12 @@ def _angles(turns: Array, convention: str) -> dict[str, Array]:
     return found
 
 
+def _by_number(field: str) -> tuple[int, str]:
+    """Return the rank of a numbered name: column 9 stands before column 10."""
+    digits = "".join(filter(str.isdigit, field))
+    return int(digits or 0), field
+
+
 def _quaternions(turns: Array, fields: Sequence[str], convention: str) -> dict[str, Array]:
     """Return attitudes from quaternions: by their names; numbered ones may begin or end with the scalar."""
     # Printed quaternions are rounded; anything further from unit length is refused later.
@@ -95,7 +101,7 @@ def _quaternions(turns: Array, fields: Sequence[str], convention: str) -> dict[s
     if "qw" in fields:
         order = [fields.index(f) for f in ("qw", "qx", "qy", "qz")]
         return {"abb_quaternion": rotation_from("abb_quaternion", turns[:, order])}
-    first = [fields.index(f) for f in sorted(fields)]
+    first = [fields.index(f) for f in sorted(fields, key=_by_number)]
     orders: Mapping[str, list[int]] = {"abb_quaternion": first, "ros_quaternion": [first[3], *first[:3]]}
     return {
         name: rotation_from("abb_quaternion", turns[:, order])

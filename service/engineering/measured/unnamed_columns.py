@@ -1,7 +1,7 @@
 """Joints and position of a table whose headings tell nothing: the columns that fit the robot, and no others do."""
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Sequence, Set
 from dataclasses import dataclass, replace
 from math import log
 
@@ -33,6 +33,7 @@ _MOST_LEFT = 0.04  # of the motion: zeros that are off by two degrees leave as m
 _CLEAR = 3.0  # times as much must every other choice of joints leave
 _SMALLEST_M = 1e-3
 _ORTHONORMAL = 0.02
+_ANGLES, _QUATERNION, _MATRIX = 3, 4, 9  # numbers of an attitude
 _MATRIX_STEP = 4  # from x to y to z in a pose of rows of four
 
 
@@ -73,6 +74,7 @@ def find_unnamed_columns(
     joints = tuple(columns[at] for at in best.joints)
     named = _apart([tuple(columns[at] for at in place) for place in alike])
     read = _read_places(table, model, joints, named)
+    turn = _turn_behind(read[0], columns, values, {*joints, *(name for place in read for name in place)})
     finding = make_message(
         "headings tell nothing: {joints} are the joints and {place} the position, for so they fit {model_name}, and "
         "in no other way; `--columns` names others",
@@ -81,7 +83,29 @@ def find_unnamed_columns(
         model_name=model.label,
     )
     dialect = join_messages("; ", [each for each in (table.dialect, finding) if each])
-    return replace(table, dialect=dialect), {"joints": joints, "position": read[0]}, tuple(read[1:])
+    meanings = {"joints": joints, "position": read[0], **({"rotation": turn} if turn else {})}
+    return replace(table, dialect=dialect), meanings, tuple(read[1:])
+
+
+def _turn_behind(
+    place: Sequence[str], columns: Sequence[str], values: Array, used: Set[str]
+) -> tuple[str, ...]:
+    """Return the columns of an attitude right behind a place, empty without any.
+
+    Nine numbers of a rotation matrix, four of a unit quaternion, or three angles, if no other is left. Whether and
+    how they are the attitude of the target is for the fit to say, which also tells where they are left out.
+    """
+    first = columns.index(place[-1]) + 1
+    free = next((at for at, name in enumerate(columns[first:]) if name in used), len(columns) - first)
+    if free >= _MATRIX:
+        turn = values[:, first : first + _MATRIX].reshape(-1, 3, 3)
+        if np.abs(turn @ np.swapaxes(turn, 1, 2) - np.eye(3)).max() < _ORTHONORMAL:
+            return tuple(columns[first : first + _MATRIX])
+    if free >= _QUATERNION:
+        lengths = np.linalg.norm(values[:, first : first + _QUATERNION], axis=1)
+        if np.abs(lengths - 1.0).max() < _ORTHONORMAL:
+            return tuple(columns[first : first + _QUATERNION])
+    return tuple(columns[first:]) if free == _ANGLES == len(columns) - first else ()
 
 
 def find_unnamed_place(
