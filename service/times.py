@@ -51,7 +51,8 @@ def _checked_time(text: str) -> str:
 
 
 def _checked_day(text: str) -> str:
-    read_day(text)
+    if read_day(text).isoformat() != text:
+        raise ValueError("a day is written as YYYY-MM-DD")  # other forms of ISO 8601 do not sort with it
     return text
 
 

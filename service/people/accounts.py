@@ -28,6 +28,7 @@ from cellcal.service.unexpected_errors import explain_os_error
 
 REGISTER_NAME = "people.db"
 ENROL_S = 600.0
+_LATEST_END_S = 2 * ENROL_S  # an invitation that ends later was made before the clock was set back
 _BUSY_S = 5.0
 _VERSION = 1
 _TABLES = """
@@ -160,10 +161,9 @@ class AccountStore:
         token = secrets.token_urlsafe(32)
         clean = clean_name(name)
         with self._write_transaction(by, f"invite device {clean}") as at:
-            at.execute("DELETE FROM enrolment WHERE until < ?", (self._clock(),))
-            at.execute(
-                "INSERT INTO enrolment VALUES (?, ?, ?)", (_hash_token(token), clean, self._clock() + ENROL_S)
-            )
+            now = self._clock()
+            at.execute("DELETE FROM enrolment WHERE until NOT BETWEEN ? AND ?", (now, now + _LATEST_END_S))
+            at.execute("INSERT INTO enrolment VALUES (?, ?, ?)", (_hash_token(token), clean, now + ENROL_S))
         return token
 
     def enrol_device(self, token: str, key: bytes) -> EnrolledDevice:
@@ -175,9 +175,10 @@ class AccountStore:
             The token is unknown, used or too old.
         """
         with self._write_transaction("enrolment", "enrol a device") as at:
+            now = self._clock()
             row = at.execute(
-                "DELETE FROM enrolment WHERE token = ? AND until >= ? RETURNING name",
-                (_hash_token(token), self._clock()),
+                "DELETE FROM enrolment WHERE token = ? AND until BETWEEN ? AND ? RETURNING name",
+                (_hash_token(token), now, now + _LATEST_END_S),
             ).fetchone()
             if row is None:
                 raise WrongSecretError(

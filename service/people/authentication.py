@@ -2,7 +2,6 @@
 
 import secrets
 import threading
-import time
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -15,6 +14,7 @@ from cellcal.service.people.pin_hashing import PinHasher, pepper_of
 from cellcal.service.people.roles import RIGHTS, OrderNeed, Right, Role
 from cellcal.service.people.secret_check import verify_secret
 from cellcal.service.people.sessions import CONSOLE, Session, SessionStore
+from cellcal.service.times import steady_time
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,7 +50,9 @@ class Authenticator:
 
     data_dir: Path
     open_access: bool = False
-    clock: Callable[[], float] = time.monotonic  # of sessions and challenges
+    clock: Callable[[], float] = (
+        steady_time  # of sessions and challenges; it goes on while the computer sleeps
+    )
     wall_clock: Callable[[], float] | None = None  # of what is kept; None: the time of day
     make_hasher: Callable[[bytes], PinHasher] = PinHasher
     on_console_token: Callable[[str], None] | None = None

@@ -24,6 +24,7 @@ from cellcal.service.legacy_texts import remember_recorded_texts
 from cellcal.service.site.keys import StationKeys, cell_of
 from cellcal.service.site.link_files import StationsFile
 from cellcal.service.site.signed_messages import (
+    LONGEST_MESSAGE,
     MessageFlaw,
     SignedMessage,
     open_message,
@@ -41,6 +42,7 @@ _SMALL = 20_000  # bytes of a sample that need not be added up
 MOST_ALARMS = 500  # of a cell, as in its state
 _LONGEST_STATE, _LONGEST_FLAW = 500_000, 1000
 _FLAWS_KEPT, _FLAWS_OF_CELL = 200, 50
+_SAID_NOW_S = 60.0
 OPENED_A_SECOND = 250  # states; more cells than that are looked at in turn
 
 
@@ -54,14 +56,18 @@ class _StationState:
     state: SignedMessage | None = None
     clock_off_s: float = 0.0
     alarms: dict[str, Mapping[str, Any]] = field(default_factory=dict)
+    alarms_until: tuple[str, int] = ("", 0)  # the newest event that they take into account
     waiting: dict[str, tuple[bytes, float]] = field(default_factory=dict)
     overflows: bool = False
     values: dict[str, SignedMessage] = field(default_factory=dict)
     reach: EventReach = field(default_factory=EventReach)
 
-    def keep_waiting(self, key: str, raw: bytes, now_s: float) -> bool:
-        """Keep a sample in place of the one before; return whether there is room for it."""
+    def keep_waiting(self, key: str, raw: bytes, now_s: float, *, always: bool) -> bool:
+        """Keep a sample in place of the one before; return whether there is room for it, which a state always has."""
         self.waiting.pop(key, None)
+        if always and len(raw) <= LONGEST_MESSAGE:
+            self.waiting[key] = (raw, now_s)
+            return True
         others = list(self.waiting.values())  # pages take from it meanwhile
         large = len(raw) > _SMALL and len(raw) + sum(len(one) for one, _ in others) > _MOST_WAITING_BYTES
         if large or len(others) >= _MOST_KEYS:
@@ -155,7 +161,8 @@ class Fleet:
             return
         station.samples += 1
         station.last_received_s = now_s
-        if not station.keep_waiting(key, raw, now_s) and not station.overflows:
+        is_state = key == StationKeys(self.site, cell_of(key)).state_key  # no other key may take its room
+        if not station.keep_waiting(key, raw, now_s, always=is_state) and not station.overflows:
             station.overflows = True  # said once: what floods a monitor must not flood its list of flaws
             self.name_flaw(
                 cell_of(key), "it sends more than the monitor keeps of a cell: some of it is not shown"
@@ -220,8 +227,11 @@ class Fleet:
         if not is_alarm(body):
             self.name_flaw(message.station, "its alarm is not one of ours: another version?")
             return
-        remember_table(body)
         station = self._stations[message.station]
+        if message.order_key <= station.alarms_until:
+            return  # a repetition: it must neither clear what is up nor raise what is over
+        station.alarms_until = message.order_key
+        remember_table(body)
         alarms = {key: alarm for key, alarm in station.alarms.items() if key != body["id"]}
         if body.get("active") and len(alarms) >= MOST_ALARMS:
             self.name_flaw(message.station, "it has more alarms than the monitor keeps of a cell")
@@ -294,13 +304,37 @@ class Fleet:
         if flaw:
             self.name_flaw(cell, flaw)
             return None
-        if station.state is not None and message.order_key <= station.state.order_key:
-            return None  # older than what is known: a repetition
+        if not self._is_newer(message, station.state):
+            return None
         _remember_texts(message.body)
         station.state, station.state_s = message, waiting[1]
         station.clock_off_s = _seconds_from_now(message.wall)
         station.alarms = {str(alarm["id"]): alarm for alarm in message.body["alarms"]}
+        station.alarms_until = (message.epoch, message.body["outbox"].get("last", 0))
         return message
+
+    def _is_newer(self, message: SignedMessage, newest: SignedMessage | None) -> bool:
+        """Whether a state is newer than the newest one; one that counts from an earlier day is named."""
+        if newest is None or message.order_key > newest.order_key:
+            return True
+        if message.epoch == newest.epoch:
+            return False  # a repetition
+        if _is_said_now(message, newest):
+            return True
+        self.name_flaw(
+            message.station,
+            "it counts from an earlier day than before: two computers speak in its name, an old message "
+            "was sent again, or its outbox is new and its clock was set. What it says is not shown.",
+        )
+        return False
+
+
+def _is_said_now(message: SignedMessage, newest: SignedMessage) -> bool:
+    """Whether a message of an earlier epoch was signed just now, and the newest one was not.
+
+    So it is where the clock stood ahead when the later epoch began. Old messages that are sent again are not.
+    """
+    return abs(_seconds_from_now(message.wall)) <= _SAID_NOW_S < abs(_seconds_from_now(newest.wall))
 
 
 def _remember_texts(body: Mapping[str, Any]) -> None:

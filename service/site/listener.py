@@ -38,6 +38,8 @@ _SETTLE_S = 1.5  # a short hole is mended from the cell's memory without being a
 _AGAIN_S = 3.0
 _ASK_S = 10.0
 _PAGE = 500
+_PAGES_AT_ONCE = 10
+_LONGEST_REPLY = 64_000_000  # bytes; a certificate has at most 16 million
 _RETRY_S = 1.0
 
 
@@ -151,10 +153,14 @@ class FleetListener:
         replies = self._session.get(
             selector, consolidation=zenoh.ConsolidationMode.NONE, timeout=_ASK_S
         )  # the default gives the newest of a key only
-        found = []
+        found: list[bytes] = []
+        byte_count = 0
         for reply in replies:
             if reply.ok is not None:
                 found.append(reply.ok.payload.to_bytes())
+                byte_count += len(found[-1])
+                if len(found) > _PAGE or byte_count > _LONGEST_REPLY:
+                    break  # no answer of ours is longer: what else comes would only fill the memory
             elif reply.err is not None:
                 words = _error_text(reply.err.payload.to_bytes())
                 raise SiteError(
@@ -299,7 +305,7 @@ class FleetListener:
         self.fleet.note_reach(state.station, reach)
         if not reach.missing_count:
             self._missing.pop(state.station, None)
-        elif state.station not in self._missing:
+        elif self._missing.get(state.station, ("",))[0] != state.epoch:  # also where a new outbox counts anew
             self._missing[state.station] = (state.epoch, time.monotonic())
 
     def _process_requests(self) -> None:
@@ -312,9 +318,11 @@ class FleetListener:
                         self._fetch_missing(cell, epoch)
 
     def _fetch_missing(self, cell: str, epoch: str) -> None:
-        """Fetch what is missing of a cell, page by page."""
+        """Fetch what is missing of a cell, page by page; other cells are asked before so many more."""
         self._ask_after_s[cell] = time.monotonic() + _AGAIN_S
-        while not self._leave.is_set():
+        for _ in range(_PAGES_AT_ONCE):
+            if self._leave.is_set():
+                return
             with self._store_lock:
                 reach = self._store.event_reach(cell, epoch)
             if not reach.missing_count:
@@ -331,6 +339,7 @@ class FleetListener:
             self.fleet.note_reach(cell, after)
             if after.upto <= reach.upto:
                 return
+        self._ask_after_s[cell] = time.monotonic()  # it answers well: the rest comes in its next turn
 
     def _fetch_page(self, cell: str, first: int) -> list[ReceivedEvent]:
         found = []

@@ -245,6 +245,17 @@ def test_the_computers_clock_shortens_and_lengthens_no_wait(
             register.note_guess("Tom", "tablet")
 
 
+def test_an_invitation_ends_also_where_the_clock_is_set_back(tmp_path: Path) -> None:
+    now_s = 1e9
+    register = AccountStore(tmp_path, lambda: now_s)
+    tokens = [register.create_enrolment("tablet", "test") for _ in range(2)]
+    now_s -= 0.5  # as a time server corrects it
+    register.enrol_device(tokens[0], b"key")
+    now_s -= 86400.0
+    with pytest.raises(WrongSecretError):
+        register.enrol_device(tokens[1], b"key")
+
+
 def test_guesses_are_counted_over_a_restart_and_taken_back_by_a_reset(tmp_path: Path) -> None:
     clock = ServiceClock()
     with_people(Authenticator(tmp_path, wall_clock=clock))
