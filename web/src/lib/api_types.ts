@@ -252,6 +252,7 @@ export interface IdentifyJob {
   check: string;
   layout: string;
   headings: string[];
+  understood: Record<string, unknown>;
   state: "waiting" | "running" | "done" | "failed" | "stopped";
   stage: string;
   done: number;
@@ -274,6 +275,7 @@ export interface IdentifyJobWithResult {
   check: string;
   layout: string;
   headings: string[];
+  understood: Record<string, unknown>;
   state: "waiting" | "running" | "done" | "failed" | "stopped";
   stage: string;
   done: number;

@@ -52,8 +52,15 @@ export function settingsOf(schema: Record<string, unknown>): Setting[] {
   return partsIn(schema as Field, (schema.$defs ?? {}) as Known, "");
 }
 
-/** The parts of a setting that is a group. */
-export const partsOf = (setting: Setting): Setting[] => partsIn(resolved(setting.field, setting.definitions), setting.definitions, `${setting.path}.`);
+/** The parts of a setting that is a group: a group that is usual as a whole has a usual value for each, so none is needed. */
+export function partsOf(setting: Setting): Setting[] {
+  const parts = partsIn(resolved(setting.field, setting.definitions), setting.definitions, `${setting.path}.`);
+  const usual = setting.field.default as Record<string, unknown> | null | undefined;
+  if (typeof usual !== "object" || usual === null) return parts;
+  return parts.map((part) =>
+    usual[part.name] === undefined ? part : { ...part, field: { ...part.field, default: usual[part.name] }, required: false },
+  );
+}
 
 /** What each member of a list is; its place in the list is its name where there is no other. */
 export function memberOf(setting: Setting, at: number): Setting {

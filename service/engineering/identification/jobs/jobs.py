@@ -66,6 +66,7 @@ class IdentificationJob(PageJob):
     layout: str = ""
     wishes: IdentifyWishes = field(default_factory=IdentifyWishes)
     headings: list[str] = field(default_factory=list)
+    understood: dict[str, Any] = field(default_factory=dict)
     fault: IdentifyFault | None = None
     saved_version: int | None = None
     patience: asyncio.Timeout | None = None
@@ -77,6 +78,7 @@ class IdentificationJob(PageJob):
     def take_message(self, message: dict[str, Any]) -> None:
         super().take_message(message)
         self.headings = message.get("headings", self.headings)
+        self.understood = message.get("understood", self.understood)
         if "stage" in message:
             self.stage, self.done, self.total = message["stage"], 0, 0
 
@@ -86,6 +88,7 @@ class IdentificationJob(PageJob):
             id=self.id, file=self.file, robot=self.robot, serial=self.serial, model=Path(self.model).name,
             who=self.who, at_utc=self.at.isoformat(timespec="seconds"), wishes=self.wishes,
             joints=self.joints, check=self.check, layout=self.layout, headings=self.headings,
+            understood=self.understood,
             state=self.state, stage=self.stage, done=self.done, total=self.total, fault=self.fault,
             saved_version=self.saved_version,
         )  # fmt: skip

@@ -112,6 +112,10 @@ class IdentifyJob(IdentifyResponseModel):
     check: str
     layout: str
     headings: list[str]  # of the file's columns, once it was read
+    understood: Annotated[
+        dict[str, Any],
+        Field(description="how a file was read that does not fit, as its result says it; empty otherwise"),
+    ]
     state: JobState
     stage: str  # what is being done, in words
     done: int

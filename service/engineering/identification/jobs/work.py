@@ -13,12 +13,14 @@ from pathlib import Path
 
 import numpy as np
 
+from cellcal.calibration.arm.kinematics import load_model
 from cellcal.calibration.documents.plain_files import read_plain_text
 from cellcal.calibration.errors import CellError
 from cellcal.calibration.identification.work_parts import PartRunner
 from cellcal.calibration.message_table import with_messages
 from cellcal.service.engineering.identification.forked_parts import share_parts
 from cellcal.service.engineering.identification.identify import IdentifyReport, identify_file
+from cellcal.service.engineering.identification.identify_check import prepare_measurements
 from cellcal.service.engineering.identification.identify_findings import (
     identified_rows,
     unknown_of,
@@ -104,11 +106,22 @@ def _identify_one_device(folder: Path, request: JobRequest, runner: PartRunner) 
     if options.read.joints_file is not None:
         headings += _headings_of(options.read.joints_file, None)
     write_message(headings=list(dict.fromkeys(headings))[:_MOST_HEADINGS])
-    report = identify_file(file, request.model, options, runner)
+    try:
+        report = identify_file(file, request.model, options, runner)
+    except CellError:
+        _write_understood(file, request.model, options.read)
+        raise
     return result_document(report) | {
         "understood": layout_document(report.measurements, options.read),
         "not_savable": _write_draft(report, file, folder, request),
     }
+
+
+def _write_understood(file: Path, model: str, read: ReadOptions) -> None:
+    """Write how a file was read whose measurements do not fit, so that a page can ask what was read wrongly."""
+    with contextlib.suppress(CellError):  # it could not be read: that is the fault that is reported
+        prepared = prepare_measurements(file, load_model(model), read)
+        write_message(understood=layout_document(prepared.measurements, read))
 
 
 def _options_of(folder: Path, request: JobRequest) -> IdentifyOptions:
