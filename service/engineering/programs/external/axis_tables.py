@@ -30,7 +30,6 @@ from cellcal.service.engineering.programs.robot_makes import RobotMake
 
 _UNIT_WITHIN = 1e-4
 _MOST_SCALE = 0.1  # a factor farther from 1 is a mistake, not an error of the axis
-_SAME_PLACE_MM = 1e-3
 _MOST_TILT_DEG = 5.0  # beyond it is another axis, or one seen from another frame
 # By brand: what its programs call external axes, and an example of each.
 _NAMES = {
@@ -246,7 +245,6 @@ def _read_real(table: AxisTable, entered: AxisMotion, frame: Array, folder: Path
         where, real = str(path), read_identified_axis(path)
     if real.is_empty:
         return entered
-    _refuse_place_of_slide(real, entered, where)
     scale = 1.0 if real.scale is None else real.scale
     if abs(scale - 1.0) > _MOST_SCALE:
         raise ProjectError(
@@ -263,24 +261,6 @@ def _read_real(table: AxisTable, entered: AxisMotion, frame: Array, folder: Path
     )
     _refuse_other_axis(found, entered, where)
     return found
-
-
-def _refuse_place_of_slide(real: RealAxisTable, entered: AxisMotion, where: str) -> None:
-    """Refuse another place of a slide: it goes alike wherever it stands, so no point would change."""
-    if entered.kind is not AxisKind.PRISMATIC or real.position_mm is None:
-        return
-    apart_mm = 1e3 * float(np.linalg.norm(np.asarray(real.position_mm) / 1e3 - entered.origin_m))
-    if apart_mm > _SAME_PLACE_MM:
-        raise ProjectError(
-            make_message(
-                "{where}: the identified position_mm is {apart_mm:.3f} mm from the entered one, and no point of the "
-                "robot would follow: a slide goes alike wherever it stands.",
-                where=where,
-                apart_mm=apart_mm,
-            ),
-            remedy="Leave position_mm out. Along the slide zero_mm shifts what it carries; where the robot itself "
-            "stands elsewhere, the fixture's alignment tells it.",
-        )
 
 
 def _real_frame(real: RealAxisTable, frame: Array) -> Array:
