@@ -24,6 +24,7 @@ from cellcal.drivers.universal_robots.arm_types import (
 from cellcal.drivers.universal_robots.dashboard import UrDashboard
 from cellcal.drivers.universal_robots.factory_calibration import ControllerArm, read_controller_arm
 from cellcal.drivers.universal_robots.state import ControllerVersion, StateClient, StateSample
+from cellcal.drivers.wire.serial_number import describe_untold_serial
 
 if TYPE_CHECKING:
     from cellcal.drivers.universal_robots.robot_api import RobotApiClient
@@ -240,12 +241,12 @@ class RobotConnection:
                 )
             )
         elif not tells_serial and not self._expected.calibration:
-            found.append(
+            found += [
+                describe_untold_serial(self._expected.serial),
                 make_message(
-                    "Its controller does not tell a serial number; {serial} is what the cell file says. Write "
-                    'calibration = "{calibration}" into the entry of the robot: it is compared at every connect.',
-                    serial=self._expected.serial,
+                    'Write calibration = "{calibration}" into the entry of the robot: it is compared at every '
+                    "connect.",
                     calibration=arm.factory.name,
-                )
-            )
+                ),
+            ]
         return join_messages(" ", found)

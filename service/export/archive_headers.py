@@ -4,7 +4,6 @@
 thousand extended headers in a row end in its recursion limit.
 """
 
-import os
 import re
 import tarfile
 from typing import IO
@@ -43,12 +42,11 @@ def find_odd_header(file: IO[bytes], length: int) -> str:
         else:
             return f"{header.name!r} is no plain file"
         at += -(-size // _BLOCK_BYTES) * _BLOCK_BYTES
-    file.seek(0, os.SEEK_SET)
     return ""
 
 
 def _keys_of(extension: bytes) -> list[bytes]:
-    """Return the keys of an extended header; an unknown form is a key that nobody knows."""
+    """Return the keys of an extended header; a record of another form counts as an unknown key."""
     keys, at = [], 0
     while at < len(extension):
         record = _RECORD.match(extension, at)

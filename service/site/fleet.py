@@ -42,7 +42,7 @@ _SMALL = 20_000  # bytes of a sample that need not be added up
 MOST_ALARMS = 500  # of a cell, as in its state
 _LONGEST_STATE, _LONGEST_FLAW = 500_000, 1000
 _FLAWS_KEPT, _FLAWS_OF_CELL = 200, 50
-_SAID_NOW_S = 60.0
+_SIGNED_NOW_S = 60.0
 OPENED_A_SECOND = 250  # states; more cells than that are looked at in turn
 
 
@@ -319,7 +319,7 @@ class Fleet:
             return True
         if message.epoch == newest.epoch:
             return False  # a repetition
-        if _is_said_now(message, newest):
+        if _is_signed_now(message, newest):
             return True
         self.name_flaw(
             message.station,
@@ -329,12 +329,12 @@ class Fleet:
         return False
 
 
-def _is_said_now(message: SignedMessage, newest: SignedMessage) -> bool:
+def _is_signed_now(message: SignedMessage, newest: SignedMessage) -> bool:
     """Whether a message of an earlier epoch was signed just now, and the newest one was not.
 
     So it is where the clock stood ahead when the later epoch began. Old messages that are sent again are not.
     """
-    return abs(_seconds_from_now(message.wall)) <= _SAID_NOW_S < abs(_seconds_from_now(newest.wall))
+    return abs(_seconds_from_now(message.wall)) <= _SIGNED_NOW_S < abs(_seconds_from_now(newest.wall))
 
 
 def _remember_texts(body: Mapping[str, Any]) -> None:

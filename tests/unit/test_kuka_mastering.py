@@ -12,12 +12,12 @@ class ToldVariables:
     """A link whose variables are those of a table; others are refused."""
 
     def __init__(self, **values: str) -> None:
-        self.device, self.values, self.given = "kuka", values, set[str]()
+        self.device, self.values, self.known_variables = "kuka", values, set[str]()
 
     async def read_variable(self, variable: str) -> str:
         if variable not in self.values:
             raise RefusedError(self.device, f"the controller does not give {variable}.")
-        self.given.add(variable)
+        self.known_variables.add(variable)
         return self.values[variable]
 
 

@@ -75,22 +75,26 @@ async def _read_lost_axes(link: VariableLink) -> tuple[int, ...]:
     RefusedError
         A variable is not given that was given before, or of one axis and not of another: nothing is known then.
     """
-    if not await tells_mastering(link):
+    first = await _read_first_flag(link)
+    if first is None:
         return ()
-    flags = [await read_value(link, f"${_LOST}[{axis + 1}]", read_flag) for axis in range(AXES)]
+    flags = [first, *[await read_value(link, f"${_LOST}[{axis + 1}]", read_flag) for axis in range(1, AXES)]]
     return tuple(axis for axis, mastered in enumerate(flags) if not mastered)
 
 
 async def tells_mastering(link: VariableLink) -> bool:
     """Return whether this software says of each axis if it is mastered; raise where it did, and does not now."""
+    return await _read_first_flag(link) is not None
+
+
+async def _read_first_flag(link: VariableLink) -> bool | None:
     first = f"${_LOST}[1]"
     try:
-        await read_value(link, first, read_flag)
+        return await read_value(link, first, read_flag)
     except RefusedError:
-        if first in link.given:
+        if first in link.known_variables:
             raise
-        return False
-    return True
+        return None
 
 
 async def read_position_data(link: VariableLink) -> tuple[ShownValue, ...]:

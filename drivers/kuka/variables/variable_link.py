@@ -47,9 +47,9 @@ class VariableLink:
         self._streams: tuple[asyncio.StreamReader, asyncio.StreamWriter] | None = None
         self._lock = asyncio.Lock()
         self._tag = 0
-        self._asked: deque[int] = deque(maxlen=_KEPT_TAGS)  # tags of this connection
+        self._question_tags: deque[int] = deque(maxlen=_KEPT_TAGS)  # tags of this connection
         self.serial = ""
-        self.given: set[str] = set()  # variables that this controller has, as it has once given them
+        self.known_variables: set[str] = set()  # of this controller, which has answered with them once
         self._is_half = False  # an answer has begun, and its end is waited for
         self.trace = FrameTrace(device)
 
@@ -84,7 +84,7 @@ class VariableLink:
         value = await self._exchange(_READ, variable, None)
         if not value.strip():
             raise self._refused(variable)
-        self.given.add(variable)
+        self.known_variables.add(variable)
         return value
 
     async def write_variable(self, variable: str, value: str) -> None:
@@ -133,14 +133,14 @@ class VariableLink:
 
     def _new_tag(self) -> int:
         """Return a tag that an answer sent before the question, or to another client, does not bear."""
-        while (tag := 1 + secrets.randbelow(0xFFFF)) in self._asked:
+        while (tag := 1 + secrets.randbelow(0xFFFF)) in self._question_tags:
             pass
         return tag
 
     def expect_tag(self, tag: int) -> None:
         """Let only the answer with this tag count."""
         self._tag = tag
-        self._asked.append(tag)
+        self._question_tags.append(tag)
 
     async def read_answer(self, reader: asyncio.StreamReader, kind: int, variable: str) -> str:
         """Return the value of the answer to a question; answers to earlier ones are passed over."""
@@ -149,7 +149,9 @@ class VariableLink:
             self._is_half = True
             header += await reader.readexactly(_HEADER.size - 1)
             tag, length = _HEADER.unpack(header)
-            if tag not in self._asked:  # no question had it: the length is none either, and is not waited for
+            if (
+                tag not in self._question_tags
+            ):  # no question had it: the length is none either, and is not waited for
                 raise self._no_protocol(header)
             body = await reader.readexactly(length)
             self._is_half = False
@@ -174,7 +176,7 @@ class VariableLink:
             await self.close()
         try:
             self._streams = await asyncio.open_connection(self._address, self._port)
-            self._asked.clear()
+            self._question_tags.clear()
         except OSError as error:
             raise no_connection_error(self.device, self._address, error, _CABLE) from error
         return True

@@ -298,16 +298,16 @@ def _single_source(path: Path) -> ProgramSource:
 
 
 def _sources_below(folder: Path, out: Path | None, passed: list[Path]) -> list[ProgramSource]:
-    suffixes = _suffixes()
+    suffixes, paths = _suffixes(), paths_below(folder)
     named = [
         path
-        for path in paths_below(folder)
+        for path in paths
         if path.suffix.lower() in suffixes and not _is_earlier_output(path, folder, out) and path.is_file()
     ]
     found = [ProgramSource(path, path.relative_to(folder)) for path in named if _is_program(path)]
     taken = {source.path for source in found}
     passed += [path for path in named if path not in taken]
-    unread = _unread_below(folder, {path.with_suffix("") for path in taken})
+    unread = _unread_programs(paths, {path.with_suffix("") for path in taken})
     passed += unread
     if not found and not unread:
         raise ProgramFileError(
@@ -333,12 +333,12 @@ def holds_unread_places(path: Path) -> bool:
     return path.suffix.lower() in UNREAD_FORMS or path.name.lower() == _YASKAWA_VARIABLES
 
 
-def _unread_below(folder: Path, listed: Set[Path]) -> list[Path]:
+def _unread_programs(paths: Iterable[Path], listed: Set[Path]) -> list[Path]:
     """Return programs in a form that is not read, beside which their listing does not stand."""
     listed_paths = {str(path).casefold() for path in listed}
     return [
         path
-        for path in paths_below(folder)
+        for path in paths
         if path.suffix.lower() in UNREAD_FORMS
         and str(path.with_suffix("")).casefold() not in listed_paths
         and not path.name.startswith("-")  # what the controller's background editor keeps
