@@ -5,11 +5,14 @@ import signal
 import sys
 from types import FrameType
 
+from cellcal.service.cli.overview import answer_at_once
 from cellcal.service.gc_freeze import collect_rarely
 
 
 def main() -> None:
     """Run the command line; the only place that ends the process."""
+    if answer_at_once(sys.argv[1:]):
+        sys.exit(0)
     # Our matrices are small: a second BLAS thread costs more than it brings, on a loaded machine tenfold.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     collect_rarely()

@@ -12,6 +12,8 @@ from rich.text import Text
 
 from cellcal.calibration.errors import CellError
 from cellcal.calibration.message import without_controls
+from cellcal.service.cli.command_table import COMMAND_GROUPS
+from cellcal.service.cli.overview import PURPOSE, VERSION_FLAG, read_version
 from cellcal.service.exit_codes import ExitCode, exit_code_of
 from cellcal.service.unexpected_errors import (
     describe_unexpected,
@@ -20,57 +22,20 @@ from cellcal.service.unexpected_errors import (
     log_in_lines,
 )
 
-
-def _read_version() -> str:
-    from importlib.metadata import version
-
-    return version("cellcal")
-
-
 app = App(
     default_parameter=Parameter(negative_iterable=()),  # an option left out is empty already
     name="cellcal",
-    help="Bring a robot cell's zero positions, tool, frames and kinematics back to the truth.",
-    version=_read_version,
-    version_flags=["--version"],
+    help=PURPOSE,
+    version=read_version,
+    version_flags=[VERSION_FLAG],
     version_format="plaintext",  # the reader of Markdown takes a tenth of a second
     help_format="markdown",
     result_action="return_value",
     suppress_keyboard_interrupt=False,  # what is interrupted is said by us, with our exit code
 )
-# Each command is imported when it is called.
-for module, command in (
-    ("demo", "demo"),
-    ("cells", "fakes"),
-    ("cells", "check"),
-    ("watch", "watch"),
-    ("serve", "serve"),
-    ("people", "people"),
-    ("site", "site"),
-    ("monitor", "monitor"),
-    ("webhooks", "webhooks"),
-    ("procedure_preview", "procedures"),
-    ("runs", "run"),
-    ("runs", "runs"),
-    ("runs", "show"),
-    ("runs", "resume"),
-    ("certificate", "certificate"),
-    ("certificate", "verify"),
-    ("backup", "backup"),
-    ("backup", "restore"),
-    ("export", "export"),
-    ("mastering", "mastering"),
-    ("alignments", "alignments"),
-    ("simulate_cell", "simulate_cell"),
-    ("identify", "identify"),
-    ("models", "models"),
-    ("ur_model", "ur_model"),
-    ("poses", "poses"),
-    ("parameters", "parameters"),
-    ("program", "program"),
-    ("bench", "bench"),
-):
-    app.command(f"cellcal.service.cli.{module}:{command}", name=command.replace("_", "-"))
+for _, commands in COMMAND_GROUPS:  # each command is imported when it is called
+    for entry in commands:
+        app.command(f"cellcal.service.cli.{entry.target}", name=entry.name)
 app.register_install_completion_command()
 
 
