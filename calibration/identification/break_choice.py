@@ -13,17 +13,15 @@ from cellcal.calibration.identification.cross_validation import (
 )
 from cellcal.calibration.identification.estimator import FitProblem, errors_m
 from cellcal.calibration.identification.fold_errors import errors_without_folds
+from cellcal.calibration.identification.frame_fits import FrameFits, fit_frames, mounting_of
 from cellcal.calibration.identification.observations import Observations, Rows, with_mounting
 from cellcal.calibration.identification.parameters import ArmState
 from cellcal.calibration.identification.series_breaks import (
-    FrameFits,
     SeriesBreak,
     candidate_breaks,
     change_between,
     find_small_break,
     find_small_excursion,
-    fit_frames,
-    mounting_of,
     sort_breaks,
 )
 from cellcal.calibration.message import make_message

@@ -19,6 +19,7 @@ _BLOCKS = 40
 _FEWEST_POSTURES = 5
 _REPEATED = 0.6  # of the rows: above, most postures are new
 _MOST_CELLS = 100_000  # beyond, only joints that round to the same numbers count as equal
+_MOST_NEIGHBOURS = 300  # along a line: with more a tree is quicker, which takes half a second to load
 _CONFIDENCE = 0.99  # four levels and some breaks are tried: each must be surer than 95 %
 
 
@@ -91,14 +92,38 @@ def same_postures(joints_rad: Array, tolerance_rad: float = _SAME_RAD) -> Rows:
     )
     leader = np.arange(len(cells))
     if len(cells) <= _MOST_CELLS:
-        tree = scipy.spatial.cKDTree(cells)
-        crowded = tree.query_ball_point(cells, 1.0, p=np.inf, return_length=True) > 1
-        leader[crowded] = -1
+        one, other = _near_cells(cells).T
+        leader[one] = -1
+        first = np.searchsorted(one, np.arange(len(cells) + 1))
         for each in np.argsort(row):  # cells by first row
             if leader[each] < 0:
-                near = np.array(tree.query_ball_point(cells[each], 1.0, p=np.inf))
-                leader[near[leader[near] < 0]] = each
+                near = other[first[each] : first[each + 1]]
+                leader[near[leader[near] < 0]] = leader[each] = each
     return np.unique(leader[cell.reshape(-1)], return_inverse=True)[1].reshape(-1)
+
+
+def _near_cells(cells: Array) -> Rows:
+    """Return the pairs (M, 2), both ways and sorted, of cells that differ by at most one in every coordinate.
+
+    Along a line that is skew to all axes few cells are near each other by chance, so that these are compared.
+    """
+    skew = np.sqrt(2.0) ** np.arange(cells.shape[1])
+    along = cells @ skew
+    order = np.argsort(along)
+    sorted_cells, along = cells[order], along[order]
+    ahead = np.searchsorted(along, along + (skew.sum() + 0.5)) - np.arange(len(cells))  # so many, and itself
+    if ahead.max(initial=0) > _MOST_NEIGHBOURS:
+        pairs = scipy.spatial.cKDTree(cells).query_pairs(1.0, p=np.inf, output_type="ndarray")
+    else:
+        found = [np.zeros((0, 2), dtype=np.intp)]
+        for step in range(1, int(ahead.max(initial=0))):
+            at = np.flatnonzero(ahead > step)
+            at = at[(np.abs(sorted_cells[at] - sorted_cells[at + step]) <= 1.0).all(axis=1)]
+            found.append(order[np.column_stack([at, at + step])])
+        pairs = np.concatenate(found)
+    both = np.concatenate([pairs, pairs[:, ::-1]])
+    sorted_pairs: Rows = both[np.lexsort(both.T[::-1])]
+    return sorted_pairs
 
 
 def _group_neighbours(joints_rad: Array) -> Grouping:

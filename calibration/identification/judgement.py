@@ -15,6 +15,7 @@ from cellcal.calibration.geometry import Array
 from cellcal.calibration.identification.break_choice import errors_in_both_mountings
 from cellcal.calibration.identification.cross_validation import Grouping, assign_folds
 from cellcal.calibration.identification.estimator import ArmFit, FitProblem, errors_m, place_columns
+from cellcal.calibration.identification.frame_fits import mounting_of
 from cellcal.calibration.identification.observations import Observations, Rows, with_mounting
 from cellcal.calibration.identification.parameters import FRAMES
 from cellcal.calibration.identification.residual_model import errors_with, residual_of
@@ -24,7 +25,7 @@ from cellcal.calibration.identification.selection import (
     evenly_spaced,
     select_level,
 )
-from cellcal.calibration.identification.series_breaks import change_between, mounting_of
+from cellcal.calibration.identification.series_breaks import change_between
 from cellcal.calibration.identification.work_parts import SERIAL, PartRunner
 from cellcal.calibration.message import make_message
 

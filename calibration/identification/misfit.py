@@ -293,16 +293,18 @@ def _refuse_one_number(
     left_m, motion_m = sizes_m
     some, gross_m = observations.select_rows(rows), max(_GROSS * motion_m, _GROSS_M)
     if isinstance(some, LengthObservations):
+        limit_m = min(left_m / _DECISIVE, gross_m)
         for lengths, cause in length_readings(model, some):
-            if (fitted := fit_quickly(model, lengths)).score_m <= min(left_m / _DECISIVE, gross_m):
+            if (fitted := fit_quickly(model, lengths, limit_m=limit_m)).score_m <= limit_m:
                 raise misfit_error(model, left_m, motion_m, (replace(cause, remaining_m=fitted.score_m),))
         return
     if len(some) < _FEWEST_SCREWED:
         return
     places = places_only(some)
+    limit_m = min(left_m / _DECISIVE_NUMBER, gross_m)
     for reading in (*screw_readings(model, some, names), *lag_readings(model, observations, rows)):
-        fitted = fit_quickly(model, replace(places, joints_rad=reading.joints_rad))
-        if fitted.score_m <= min(left_m / _DECISIVE_NUMBER, gross_m):
+        fitted = fit_quickly(model, replace(places, joints_rad=reading.joints_rad), limit_m=limit_m)
+        if fitted.score_m <= limit_m:
             cause = MisfitCause((reading.kind,), reading.says, reading.cure, fitted.score_m)
             raise misfit_error(model, left_m, motion_m, (cause,))
 
@@ -320,7 +322,7 @@ def _explaining_causes(
     )
     found: list[tuple[MisfitCandidate, MisfitScore]] = []
     for candidate in candidates:
-        fitted = fit_quickly(candidate.model, candidate.observations)
+        fitted = fit_quickly(candidate.model, candidate.observations, limit_m=limit_m * candidate.scale)
         if fitted.score_m / candidate.scale <= limit_m and _is_plausible(candidate, fitted):
             found.append(
                 (replace(candidate, reading=with_fitted_zeros(candidate.reading, fitted, names)), fitted)
@@ -357,7 +359,7 @@ def _slides(
     ):
         if reading.model is None:
             continue
-        fitted = fit_quickly(reading.model, replace(some, joints_rad=reading.joints_rad))
+        fitted = fit_quickly(reading.model, replace(some, joints_rad=reading.joints_rad), limit_m=limit_m)
         if fitted.score_m <= limit_m:
             found.append(MisfitCause((reading.kind,), reading.says, reading.cure, fitted.score_m))
     return tuple(sorted(found, key=lambda cause: cause.remaining_m)[:1])

@@ -1,10 +1,13 @@
 """A quick fit of base, tool and zeros to most of a series' rows: how well they fit their robot at all."""
 
+from contextlib import suppress
+from dataclasses import dataclass
+
 import numpy as np
 
 from cellcal.calibration.arm.kinematics import RobotModel
 from cellcal.calibration.errors import CalibrationError
-from cellcal.calibration.identification.estimator import FitProblem, errors_m, estimate_arm
+from cellcal.calibration.identification.estimator import ArmFit, FitProblem, errors_m, estimate_arm
 from cellcal.calibration.identification.first_guess import first_guess
 from cellcal.calibration.identification.layouts import make_layout
 from cellcal.calibration.identification.misfit_error import MisfitScore
@@ -18,7 +21,12 @@ from cellcal.calibration.identification.parameters import OFFSETS, ArmState
 from cellcal.calibration.identification.quick_fit import spread_rows, trimmed_rms
 
 _UNKNOWN_RAD = 1e6  # deviation of a zero that is not fitted
+_SHARES = (0.6, 0.75)  # of the rows that fit best: these alone lead back to them
 _LEAST_PROGRESS = 0.01  # of the cost: whether rows fit shows in factors of it
+_LEAST_OF_LIMITED = 0.1  # of the cost, where only a score far below counts
+_SAME = 0.02  # of the cost
+_REACHED = 2.0  # times the limit: further down no choice of rows leads, unless outliers pull
+_PULLED = 4.0  # times the best rows' error; 1.5 for places and 2.4 for lengths without outliers
 
 
 def motion_of(model: RobotModel, observations: MeasuredRows) -> float:
@@ -28,18 +36,25 @@ def motion_of(model: RobotModel, observations: MeasuredRows) -> float:
     return float(np.sqrt(((places - places.mean(axis=0)) ** 2).sum(axis=1).mean()))
 
 
-def fit_quickly(model: RobotModel, observations: Observations) -> MisfitScore:
-    """Fit base, tool and zeros to most of the rows; outliers have no weight."""
+def fit_quickly(
+    model: RobotModel, observations: Observations, *, limit_m: float = float("inf")
+) -> MisfitScore:
+    """Fit base, tool and zeros to most of the rows; outliers have no weight.
+
+    A reading that cannot come below ``limit_m`` is not followed to its end: its score is then infinite.
+    """
     best = MisfitScore(float("inf"))
     plain = places_only(observations)
-    try:
-        starts = first_guess(model, plain)
-        for start in starts:
-            fitted = _fit_from(model, plain, start)
-            if fitted.score_m < best.score_m:
-                best = fitted
-    except (CalibrationError, np.linalg.LinAlgError):
-        return best
+    progress = _LEAST_PROGRESS if np.isinf(limit_m) else _LEAST_OF_LIMITED
+    begun: list[_PlainFit] = []
+    with suppress(CalibrationError, np.linalg.LinAlgError):
+        for start in first_guess(model, plain):
+            begun.append(_begin_fit(model, plain, start, progress))  # noqa: PERF401  one that fails keeps the others
+    for at, fit in enumerate(begun):
+        if any(fit.is_same(earlier) for earlier in begun[:at]) or not fit.can_reach(limit_m):
+            continue
+        with suppress(CalibrationError, np.linalg.LinAlgError):
+            best = min(best, _finish_fit(model, fit, progress), key=lambda score: score.score_m)
     return best
 
 
@@ -51,17 +66,45 @@ def places_only(observations: Observations) -> Observations:
     return PointObservations(observations.joints_rad, observations.positions_m, observations.sigma_m, once)
 
 
-def _fit_from(model: RobotModel, observations: Observations, start: ArmState) -> MisfitScore:
+@dataclass(frozen=True, eq=False)
+class _PlainFit:
+    """A fit from one start to all rows, outliers among them."""
+
+    problem: FitProblem
+    fit: ArmFit
+    all_rows_m: float  # RMS errors
+    best_rows_m: float
+
+    def is_same(self, other: "_PlainFit") -> bool:
+        """Return whether another start led to the same place."""
+        return abs(self.fit.cost - other.fit.cost) <= _SAME * other.fit.cost
+
+    def can_reach(self, limit_m: float) -> bool:
+        """Return whether a fit to most of the rows may come below a limit: outliers pull at this one as they like."""
+        return self.best_rows_m <= _REACHED * limit_m or self.all_rows_m > _PULLED * self.best_rows_m
+
+
+def _begin_fit(
+    model: RobotModel, observations: Observations, start: ArmState, least_progress: float
+) -> _PlainFit:
     layout = make_layout(model, observations.kind, start.mounting_count, level=OFFSETS)
     problem = FitProblem.from_observations(start, observations)
-    fit = estimate_arm(layout, start, problem, least_progress=_LEAST_PROGRESS)
-    for share in (0.6, 0.75):
+    fit = estimate_arm(layout, start, problem, least_progress=least_progress)
+    sizes = errors_m(fit.state, problem)
+    best = sizes[sizes <= np.quantile(sizes, _SHARES[0])]
+    return _PlainFit(problem, fit, float(np.sqrt((sizes**2).mean())), float(np.sqrt((best**2).mean())))
+
+
+def _finish_fit(model: RobotModel, plain: _PlainFit, least_progress: float) -> MisfitScore:
+    fit, layout, problem = plain.fit, plain.fit.layout, plain.problem
+    for share in _SHARES:
         sizes = errors_m(fit.state, problem)
         weights = np.where(sizes <= np.quantile(sizes, share), 1.0, 1e-6)
         # After outliers the start may be far: the rows that fit best lead back.
-        fit = estimate_arm(layout, fit.state, problem, weights, least_progress=_LEAST_PROGRESS)
+        fit = estimate_arm(layout, fit.state, problem, weights, least_progress=least_progress)
     sizes = errors_m(fit.state, problem)
-    freedom = 1.0 - len(layout) / (0.75 * observations.channels * len(observations))
+    observations = problem.observations
+    freedom = 1.0 - len(layout) / (_SHARES[-1] * observations.channels * len(observations))
     score = float(trimmed_rms(sizes)) / float(np.sqrt(max(freedom, 0.1)))
     offsets, sigma = np.zeros(model.axis_count), np.full(model.axis_count, _UNKNOWN_RAD)
     spread = np.sqrt(np.diag(fit.covariance)) * max(score / float(np.median(observations.sigma_m)), 1.0)

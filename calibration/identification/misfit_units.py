@@ -50,14 +50,15 @@ def unit_of_lengths(model: RobotModel, joints_rad: Array, values: Array, units: 
     rows = spread_rows(len(values), _MOST_ROWS)
     usual = float(np.median(np.abs(values)))
     names = [name for name, metres in units.items() if _SHORTEST_M < usual * metres < _LONGEST_M]
-    remaining = []
+    remaining: list[float] = []
     for name in names:
-        metres = units[name]
+        lengths_m = values[rows] * units[name]
         once, sigma = np.zeros(len(rows), dtype=np.intp), np.full(len(rows), 3e-4)
-        observations = LengthObservations(joints_rad[rows], values[rows] * metres, sigma, once)
-        remaining.append(
-            fit_quickly(model, observations).score_m / max(float(np.std(values[rows])) * metres, 1e-9)
-        )
+        observations = LengthObservations(joints_rad[rows], lengths_m, sigma, once)
+        spread_m = max(float(np.std(lengths_m)), 1e-9)
+        # One that leaves clearly more than another is not wanted more exactly.
+        limit_m = min(remaining, default=np.inf) / _CLEAR * spread_m
+        remaining.append(fit_quickly(model, observations, limit_m=limit_m).score_m / spread_m)
     return _clearly_best(names, np.array(remaining))
 
 

@@ -16,6 +16,7 @@ from cellcal.calibration.identification.cross_validation import (
     compare_models,
 )
 from cellcal.calibration.identification.fold_errors import errors_without_folds
+from cellcal.calibration.identification.frame_fits import FrameFits, fit_frames, mounting_of
 from cellcal.calibration.identification.free_parameters import StartingPoint, all_joint_terms, level_of
 from cellcal.calibration.identification.layouts import make_layout
 from cellcal.calibration.identification.level_fit import LevelTask, fit_level, terms_of_level
@@ -33,12 +34,7 @@ from cellcal.calibration.identification.parameters import (
     nominal_state,
 )
 from cellcal.calibration.identification.robust import RobustFit
-from cellcal.calibration.identification.series_breaks import (
-    FrameFits,
-    SeriesBreak,
-    fit_frames,
-    mounting_of,
-)
+from cellcal.calibration.identification.series_breaks import SeriesBreak
 from cellcal.calibration.identification.work_parts import SERIAL, PartRunner
 from cellcal.calibration.message import make_message
 

@@ -9,24 +9,13 @@ import numpy as np
 from cellcal.calibration.arm.kinematics import RobotModel
 from cellcal.calibration.errors import DegenerateDataError
 from cellcal.calibration.geometry import Array
-from cellcal.calibration.identification.estimator import (
-    ArmFit,
-    FitProblem,
-    approach_minimum,
-    estimate_arm,
-    place_columns,
-)
-from cellcal.calibration.identification.first_guess import first_guess
-from cellcal.calibration.identification.layouts import make_layout
-from cellcal.calibration.identification.observations import Observations, Rows, with_mounting
-from cellcal.calibration.identification.parameters import FRAMES, GEOMETRY
+from cellcal.calibration.identification.estimator import ArmFit
+from cellcal.calibration.identification.frame_fits import SHORTEST_MOUNTING, FrameFits, linearise_fit
+from cellcal.calibration.identification.observations import Observations, Rows
 
-_SHORTEST = 12  # rows of one mounting
 _MOST_BREAKS = 8
 _CAPPED_COST = 100.0
 _CHANGE_COST = 50.0
-_FAR_WORSE = 4.0
-_READINGS_PER_UNKNOWN = 2
 _RIDGE = 1e-9
 _WINDOW_EDGES = 30  # that are tried first for a place that was left again
 
@@ -37,60 +26,6 @@ class SeriesBreak:
 
     row: int
     bic_gain: float  # difference of the Bayesian information criterion; above 10 is called very strong
-
-
-def mounting_of(count: int, breaks: Sequence[int]) -> Rows:
-    """Return the mounting of every row of a series with these breaks."""
-    return np.searchsorted(np.sort(np.asarray(breaks, dtype=np.intp)), np.arange(count), side="right")
-
-
-def fit_frames(model: RobotModel, observations: Observations, breaks: Sequence[int]) -> ArmFit:
-    """Fit places of devices and tool to the nominal arm, from the best of all starts.
-
-    A start that leads some of the rows to a far worse place is not followed with all of them.
-    """
-    mounted = with_mounting(observations, mounting_of(len(observations), breaks))
-    starts = first_guess(model, mounted)
-    layout = make_layout(model, mounted.kind, len(starts[0].devices), level=FRAMES)
-    problem = FitProblem.from_observations(starts[0], mounted)
-    near = [approach_minimum(layout, start, problem) for start in starts]
-    least = min(fit.cost for fit in near)
-    fits = [estimate_arm(layout, fit.state, problem) for fit in near if fit.cost <= _FAR_WORSE * least]
-    return min(fits, key=lambda fit: fit.cost)
-
-
-class FrameFits:
-    """Fits of places to the nominal arm for different breaks of one series, each made once."""
-
-    def __init__(self, model: RobotModel, observations: Observations) -> None:
-        self.model, self.observations = model, observations
-        self._fits: dict[tuple[int, ...], ArmFit] = {}
-        self._with_geometry: dict[tuple[int, ...], tuple[ArmFit, Array, Array]] = {}
-
-    def fit_breaks(self, breaks: Sequence[int]) -> ArmFit:
-        """Return `fit_frames` with these breaks, in any order."""
-        key = tuple(sorted(breaks))
-        if key not in self._fits:
-            self._fits[key] = fit_frames(self.model, self.observations, key)
-        return self._fits[key]
-
-    def carry_geometry(self, breaks: Sequence[int]) -> bool:
-        """Return whether there are rows enough to fit the geometry with these breaks."""
-        count, kind = len(self.observations), self.observations.kind
-        unknowns = len(make_layout(self.model, kind, len(breaks) + 1, level=GEOMETRY))
-        readings = count * self.observations.channels
-        return count >= 4 * _SHORTEST and readings >= _READINGS_PER_UNKNOWN * unknowns
-
-    def fit_geometry(self, breaks: Sequence[int]) -> tuple[ArmFit, Array, Array]:
-        """Return a plain fit of the geometry with these breaks, its columns (p, m, N) and its residuals (m, N)."""
-        key = tuple(sorted(breaks))
-        if key not in self._with_geometry:
-            frames = self.fit_breaks(key).state
-            mounted = with_mounting(self.observations, mounting_of(len(self.observations), key))
-            layout = make_layout(self.model, mounted.kind, len(key) + 1, level=GEOMETRY)
-            fit = estimate_arm(layout, frames, FitProblem.from_observations(frames, mounted))
-            self._with_geometry[key] = (fit, *_linearise(fit, self.observations, key))
-        return self._with_geometry[key]
 
 
 def candidate_breaks(
@@ -126,7 +61,7 @@ def candidate_breaks(
     """
     fits = fits or FrameFits(model, observations)
     breaks: list[SeriesBreak] = []
-    while len(breaks) < most and len(observations) >= 4 * _SHORTEST:
+    while len(breaks) < most and len(observations) >= 4 * SHORTEST_MOUNTING:
         rows = [found.row for found in breaks]
         try:
             fit = fits.fit_breaks(rows)
@@ -187,29 +122,23 @@ def find_small_excursion(
     return best
 
 
-def _linearise(fit: ArmFit, observations: Observations, breaks: Sequence[int]) -> tuple[Array, Array]:
-    """Return the columns (p, m, N) and residuals (m, N) of a fit with these breaks."""
-    mounted = with_mounting(observations, mounting_of(len(observations), breaks))
-    return place_columns(fit.layout, fit.state, FitProblem.from_observations(fit.state, mounted))
-
-
 def _scan_windows(
     linear: tuple[ArmFit, Array, Array], mounting: int, span: tuple[int, int]
 ) -> tuple[SeriesBreak, SeriesBreak] | None:
     """Return the breaks of the run of rows inside a mounting that asks most strongly for a place of its own."""
     first, last = span
     count = last - first
-    if count < 3 * _SHORTEST:
+    if count < 3 * SHORTEST_MOUNTING:
         return None
     step = max(count // _WINDOW_EDGES, 1)
-    coarse = np.arange(_SHORTEST, count - _SHORTEST + 1, step)
+    coarse = np.arange(SHORTEST_MOUNTING, count - SHORTEST_MOUNTING + 1, step)
     sums, residuals = _window_sums(linear, mounting, span), linear[2]
     begins, ends, gains = _window_gains(sums, residuals, coarse, coarse)
     if not len(gains):
         return None
     at = int(np.argmax(gains))
     near = [
-        np.arange(max(edge - step, _SHORTEST), min(edge + step, count - _SHORTEST) + 1)
+        np.arange(max(edge - step, SHORTEST_MOUNTING), min(edge + step, count - SHORTEST_MOUNTING) + 1)
         for edge in (int(begins[at]), int(ends[at]))
     ]
     begins, ends, gains = _window_gains(sums, residuals, *near)
@@ -242,7 +171,7 @@ def _window_gains(
     cross, own, gradient, inverse = sums
     size = gradient.shape[1]
     begin, end = (edges.reshape(-1) for edges in np.meshgrid(begins, ends, indexing="ij"))
-    long = end - begin >= _SHORTEST
+    long = end - begin >= SHORTEST_MOUNTING
     begin, end = begin[long], end[long]
     inside = cross[begin] - cross[end]
     schur = own[begin] - own[end] - np.einsum("npd,pq,nqe->nde", inside, inverse, inside, optimize=True)
@@ -297,7 +226,7 @@ def _free_span(row: int, others: list[int], count: int) -> tuple[int, int]:
 def _best_cut(
     fit: ArmFit, observations: Observations, breaks: Sequence[int], within: tuple[int, int] | None
 ) -> SeriesBreak | None:
-    return _best_cut_of((fit, *_linearise(fit, observations, breaks)), breaks, within)
+    return _best_cut_of((fit, *linearise_fit(fit, observations, breaks)), breaks, within)
 
 
 def _best_cut_of(
@@ -319,7 +248,7 @@ def _scan_span(
 ) -> SeriesBreak | None:
     size = 3 if fit.layout.kind == "length" else 6
     first, last = span
-    if last - first < 2 * _SHORTEST:
+    if last - first < 2 * SHORTEST_MOUNTING:
         return None
     place = columns[size * mounting : size * (mounting + 1), :, first:last]
     whole = columns[:, :, first:last]
@@ -330,13 +259,13 @@ def _scan_span(
     bent = np.einsum("pq,nqd->npd", _inverse_normal(columns), cross)
     schur = own - np.einsum("npd,npe->nde", cross, bent)
     schur = schur + _RIDGE * np.trace(schur, axis1=1, axis2=2)[:, None, None] * np.eye(size)
-    cuts = slice(_SHORTEST, last - first - _SHORTEST + 1)
+    cuts = slice(SHORTEST_MOUNTING, last - first - SHORTEST_MOUNTING + 1)
     drop = np.einsum(
         "nd,nd->n", gradient[cuts], np.linalg.solve(schur[cuts], gradient[cuts][..., None])[..., 0]
     )
     gain = _gain_of(drop, residuals, size)
     at = int(np.argmax(gain))
-    return SeriesBreak(first + _SHORTEST + at, float(gain[at]))
+    return SeriesBreak(first + SHORTEST_MOUNTING + at, float(gain[at]))
 
 
 def _gain_of(drop: Array, residuals: Array, size: int) -> Array:

@@ -14,11 +14,11 @@ from cellcal.calibration.geometry import Array
 from cellcal.calibration.identification.cross_validation import Grouping, assign_folds, compare_models
 from cellcal.calibration.identification.drift_lint import drift_with
 from cellcal.calibration.identification.estimator import FitProblem, estimate_arm, whitened_residuals
+from cellcal.calibration.identification.frame_fits import fit_frames
 from cellcal.calibration.identification.layouts import make_layout
 from cellcal.calibration.identification.lints import Lint
 from cellcal.calibration.identification.observations import LengthObservations, Observations, Rows
 from cellcal.calibration.identification.parameters import GEOMETRY, ArmState, ParameterLayout
-from cellcal.calibration.identification.series_breaks import fit_frames
 from cellcal.calibration.message import make_message
 
 _BY_CHANCE = 0.01

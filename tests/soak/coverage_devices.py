@@ -4,6 +4,7 @@ import numpy as np
 
 from cellcal.calibration.geometry import Array, exp_rotation
 from cellcal.calibration.identification.estimator import FitProblem, estimate_arm
+from cellcal.calibration.identification.frame_fits import fit_frames
 from cellcal.calibration.identification.layouts import make_layout
 from cellcal.calibration.identification.observations import (
     DevicePlacement,
@@ -14,7 +15,6 @@ from cellcal.calibration.identification.observations import (
 )
 from cellcal.calibration.identification.parameters import GEOMETRY, ArmState, ParameterLayout
 from cellcal.calibration.identification.robust import fit_robustly
-from cellcal.calibration.identification.series_breaks import fit_frames
 from cellcal.calibration.identification.tip_uncertainty import predict_tips
 from cellcal.calibration.uncertainty import coverage_factor
 from tests.soak.coverage_arms import (

@@ -9,10 +9,11 @@ from cellcal.calibration.arm.kinematics import load_model
 from cellcal.calibration.identification import lints
 from cellcal.calibration.identification.break_choice import choose_breaks
 from cellcal.calibration.identification.cross_validation import assign_folds, compare_models, group_rows
+from cellcal.calibration.identification.frame_fits import FrameFits
 from cellcal.calibration.identification.identify import identify_arm
 from cellcal.calibration.identification.parameters import GEOMETRY
 from cellcal.calibration.identification.selection import IdentificationOptions
-from cellcal.calibration.identification.series_breaks import FrameFits, assign_mountings, candidate_breaks
+from cellcal.calibration.identification.series_breaks import assign_mountings, candidate_breaks
 from cellcal.calibration.identification.unrounding import find_resolution, unround_joints
 from tests.unit.helpers.simulated_arm import ANCHOR, random_joints, tracker_points, wire_lengths
 from tests.unit.test_identification import fit_at_level, tip_error_m

@@ -8,6 +8,7 @@ from concurrent.futures import Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from functools import partial
+from importlib import import_module
 from multiprocessing.reduction import ForkingPickler
 from typing import Any, Protocol, TypeVar
 
@@ -113,6 +114,7 @@ def share_parts(display: WorkDisplay) -> Iterator[PartRunner]:
     if processors < 2 or not can_fork:
         yield DisplayedRunner(display)
         return
+    import_module("scipy.special")  # takes half a second: once, before each process would do it
     others = set(multiprocessing.active_children())
     pool = ProcessPoolExecutor(processors, multiprocessing.get_context("fork"), prepare_process)
     pool.submit(os.getpid).result()  # all are forked with the first part, before any thread begins

@@ -11,6 +11,7 @@ from cellcal.calibration.arm.kinematics import RobotModel, load_model
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.identification.cross_validation import ErrorSummary
 from cellcal.calibration.identification.effect_lint import without_play
+from cellcal.calibration.identification.frame_fits import mounting_of
 from cellcal.calibration.identification.free_parameters import PartLayout, parameter_values
 from cellcal.calibration.identification.identify import Identification
 from cellcal.calibration.identification.last_joint import DIRECTION, last_joint_note
@@ -22,7 +23,6 @@ from cellcal.calibration.identification.position_scale import (
     scale_note,
 )
 from cellcal.calibration.identification.residual_model import errors_with
-from cellcal.calibration.identification.series_breaks import mounting_of
 from cellcal.calibration.identification.tip_uncertainty import HayatiTable, hayati_table
 from cellcal.calibration.identification.work_parts import SERIAL, PartRunner
 from cellcal.calibration.message import make_message
