@@ -47,7 +47,9 @@ class WireGauge:
         self.hook_in_flange_m = hook + amount * _draw_displacement(rng, hook_sigma_m)
         world.hooks_in_flange_m.setdefault(self.robot, self.hook_in_flange_m)
         self._world, self._home = world, (self.anchor_in_base_m, self.hook_in_flange_m)
-        self._look_at(_AIM_IN_BASE_M)
+        aim_mm = table.get("mouth_at_mm")
+        self._aim_m = _AIM_IN_BASE_M if aim_mm is None else tuple(float(value) * 1e-3 for value in aim_mm)
+        self._look_at(self._aim_m)
         self.exit_radius_m = amount * float(rng.uniform(1.0e-3, 2.0e-3))
         self.scale_error = amount * float(rng.normal()) * 1e-4
         self.zero_m = amount * float(rng.normal()) * 2e-3
@@ -135,7 +137,7 @@ class WireGauge:
     def go_home(self) -> None:
         """Put exit and hook back where the cell file has them."""
         self.anchor_in_base_m, self.hook_in_flange_m = self._home
-        self._look_at(_AIM_IN_BASE_M)
+        self._look_at(self._aim_m)
 
     def _look_at(self, place_m: Sequence[float]) -> None:
         ahead = np.array(place_m, dtype=float) - self.anchor_in_base_m

@@ -335,7 +335,14 @@ def _explaining_causes(
         for candidate, fitted in found
         if fitted.score_m / candidate.scale <= _ALIKE * best + _ALIKE_M and candidate.part_count
     ]
-    alike.sort(key=lambda pair: (pair[0].part_count, _KINDS.index(pair[0].kinds[-1]), pair[1].score_m))
+    alike.sort(
+        key=lambda pair: (
+            pair[0].goes_beyond_limits,
+            pair[0].part_count,
+            _KINDS.index(pair[0].kinds[-1]),
+            pair[1].score_m,
+        )
+    )
     causes: dict[str, MisfitCause] = {}
     for candidate, fitted in alike:
         cause = describe_cause(candidate, fitted)

@@ -20,9 +20,12 @@ LENGTH_UNITS: Mapping[str, float] = {
     "ft": 0.3048,
     "mil": 25.4e-6,
     "um": 1e-6,
+    "0.1mm": 1e-4,
+    "0.01mm": 1e-5,
 }
 _QUARTER = np.pi / 2
 _FREE_STEP_RAD = float(np.deg2rad(15.0))
+_MOST_TURNED = 2  # signs together with another zero
 _MOST_PERMUTED = 6  # joints: beyond, only two of them change places
 _TURN_DEG = 180.0 / np.pi
 _OTHER_ANGLES = (  # the unit that was taken, another one, and what its numbers are to be multiplied with
@@ -87,6 +90,7 @@ def joint_readings(
         *_slide_units(joints_rad, names, _turning(model)),
         *_sign_readings(model, joints_rad, names),
         *_home_readings(joints_rad, names, _turning(model)),
+        *_turned_homes(model, joints_rad, names),
         *_order_readings(joints_rad, names, _turning(model)),
         *_lagging_readings(series_rad, rows),
     ]
@@ -214,6 +218,18 @@ def _home_readings(
         for step in range(-11, 12):
             if step % 6:
                 yield home_reading(joints_rad, {joint: step * _FREE_STEP_RAD}, names)
+
+
+def _turned_homes(model: RobotModel, joints_rad: Array, names: FileNames) -> Iterator[JointInterpretation]:
+    """Return one or two signs together with the zero of one joint: angles of a table of rows, not of a controller."""
+    turning = _turning(model)
+    inner = [joint for joint in range(1, joints_rad.shape[1] - 1) if turning[joint]]
+    signs = [reading for reading in _sign_readings(model, joints_rad, names) if reading.parts <= _MOST_TURNED]
+    for sign, joint, quarter in itertools.product(signs, inner, (1, 2, -1)):
+        changed = sign.joints_rad.copy()
+        changed[:, joint] += quarter * _QUARTER
+        zeros = {joint: quarter * _QUARTER}  # put into words with what the fit adds to them
+        yield replace(sign, joints_rad=changed, zeros_rad=zeros, parts=sign.parts + 1)
 
 
 def home_reading(joints_rad: Array, zeros: Mapping[int, float], names: FileNames) -> JointInterpretation:

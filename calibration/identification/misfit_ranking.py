@@ -8,6 +8,7 @@ import numpy as np
 
 from cellcal.calibration.arm.kinematics import RobotModel
 from cellcal.calibration.geometry import Array
+from cellcal.calibration.identification.lints import beyond_limits
 from cellcal.calibration.identification.misfit_couplings import coupled_readings, model_readings
 from cellcal.calibration.identification.misfit_hypotheses import (
     LENGTH_UNITS,
@@ -59,6 +60,11 @@ class MisfitCandidate:
         joints = self.reading.kind if self.reading.kind != "home" else ""
         words = ("unit" if self.unit else "", "mirror" if self.mirrored else "", joints, zeros)
         return tuple(word for word in words if word)
+
+    @property
+    def goes_beyond_limits(self) -> bool:
+        """Whether joints would have been where the arm cannot go: often all that is unlike its mirror image."""
+        return bool(beyond_limits(self.model, self.reading.joints_rad))
 
     @property
     def cause_texts(self) -> list[str]:

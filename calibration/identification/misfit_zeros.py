@@ -1,6 +1,7 @@
 """Zeros of joints far beyond what mastering leaves: found by a fit, refused, and written as a person would."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 
@@ -84,6 +85,7 @@ def with_fitted_zeros(
         for joint, offset in enumerate(fitted.offsets_rad)
     }
     zeros = {joint: zero for joint, zero in total.items() if abs(zero) > _FAR_RAD}
+    reading = replace(reading, joints_rad=reading.joints_rad + fitted.offsets_rad)
     if not zeros and not reading.zeros_rad:
         return reading
     return with_zeros(reading, zeros, names)

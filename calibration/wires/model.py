@@ -32,6 +32,7 @@ class WirePrior:
 
     sigma_unmodelled_m: float = 0.00015  # anything else, alike within about 3 deg of every joint
     sigma_linearity_m: float = 0.00015  # of the wire sensor, smooth over the length
+    sigma_exit_m: float = 0.0002  # of a wire bent around the lip of its exit, smooth over its direction
     sigma_flex_rad: float = 0.00015  # joints and links under gravity, smooth over the postures
     sigma_ripple_rad: float = 0.00012  # gear harmonics: alike within about a degree
     sigma_repeat_rad: float = 0.00003  # a joint coming to rest from the usual side
@@ -53,6 +54,7 @@ class WirePrior:
             self,
             sigma_unmodelled_m=factor * self.sigma_unmodelled_m,
             sigma_linearity_m=factor * self.sigma_linearity_m,
+            sigma_exit_m=factor * self.sigma_exit_m,
             sigma_flex_rad=factor * self.sigma_flex_rad,
             sigma_ripple_rad=factor * self.sigma_ripple_rad,
         )
@@ -67,6 +69,7 @@ _SIGMAS = (
     "sigma_angle_rad",
     "sigma_unmodelled_m",
     "sigma_linearity_m",
+    "sigma_exit_m",
     "sigma_flex_rad",
     "sigma_ripple_rad",
     "sigma_repeat_rad",
@@ -74,8 +77,9 @@ _SIGMAS = (
     "sigma_session_m",
 )
 
-# Over which distance a disturbance stays alike: joint-space (Euclidean) in rad, wire length in m.
+# Over which distance a disturbance stays alike: joint-space (Euclidean) in rad, wire length in m, its direction.
 _FLEX_RANGE_RAD, _RIPPLE_RANGE_RAD, _LOCAL_RANGE_RAD, _LINEARITY_RANGE_M = 0.6, 0.02, 0.05, 0.25
+_EXIT_RANGE = 0.5  # between unit vectors
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -97,12 +101,13 @@ class WirePoses:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class WireTerms:
-    """Modelled lengths (N,) [m] with their derivatives by joint (N, n) and by parameter (N, p)."""
+    """Modelled lengths (N,) [m] with derivatives by joint (N, n) and by parameter (N, p), and directions (N, 3)."""
 
     poses: WirePoses
     lengths: Array
     by_joint: Array
     by_parameter: Array
+    directions: Array  # of the wire, from its exit
 
     def noise_variance(self, prior: WirePrior) -> Array:
         """Return (N,): the variance of what is drawn anew at every capture [m^2]."""
@@ -147,7 +152,8 @@ def wire_terms(model: RobotModel, parameters: Array, poses: WirePoses) -> WireTe
     by_geometry = np.einsum("ni,nip->np", direction, _hook_regressor(real, poses.joints_rad, hook))
     frames = [-scale * direction, scale * by_hook, ones, distance[:, None]]
     by_joint = scale * np.einsum("ni,nij->nj", direction, jacobian)
-    return WireTerms(poses, zero + scale * distance, by_joint, np.hstack([*frames, scale * by_geometry]))
+    by_parameter = np.hstack([*frames, scale * by_geometry])
+    return WireTerms(poses, zero + scale * distance, by_joint, by_parameter, direction)
 
 
 def with_geometry(model: RobotModel, errors: Array) -> RobotModel:
@@ -168,12 +174,14 @@ def disturbance_covariance(prior: WirePrior, a: WireTerms, b: WireTerms) -> Arra
     r"""Return (N, M) [m^2]: how the unmodelled parts of two groups of lengths vary together.
 
     Gaussian kernels: joint errors (flexing over 0.6 rad, gear ripple over 0.02 rad) carried to the length by
-    the Jacobians, the linearity of the sensor over 0.25 m of length, and a local rest over 0.05 rad. Captures
+    the Jacobians, the linearity of the sensor over 0.25 m of length, the lip of the exit over half a radian of the
+    wire's direction, and a local rest over 0.05 rad. Captures
     at the poses of the record therefore share their disturbances with it, and captures elsewhere do not.
     """
     gaps = a.poses.joints_rad[:, None, :] - b.poses.joints_rad[None, :, :]
     apart = a.lengths[:, None] - b.lengths[None, :]
-    return _disturbance_covariance(prior, gaps, apart, a.by_joint @ b.by_joint.T)
+    covariance = _disturbance_covariance(prior, gaps, apart, a.by_joint @ b.by_joint.T)
+    return covariance + _exit_covariance(prior, a.directions @ b.directions.T)
 
 
 def disturbance_of_sets(prior: WirePrior, terms: WireTerms, size: int) -> Array:
@@ -182,7 +190,9 @@ def disturbance_of_sets(prior: WirePrior, terms: WireTerms, size: int) -> Array:
     lengths, by_joint = terms.lengths.reshape(-1, size), terms.by_joint.reshape(joints.shape)
     gaps = joints[:, :, None, :] - joints[:, None, :, :]
     apart = lengths[:, :, None] - lengths[:, None, :]
-    return _disturbance_covariance(prior, gaps, apart, by_joint @ np.swapaxes(by_joint, 1, 2))
+    directions = terms.directions.reshape(-1, size, 3)
+    covariance = _disturbance_covariance(prior, gaps, apart, by_joint @ np.swapaxes(by_joint, 1, 2))
+    return covariance + _exit_covariance(prior, directions @ np.swapaxes(directions, 1, 2))
 
 
 def _disturbance_covariance(prior: WirePrior, gaps: Array, apart: Array, lever: Array) -> Array:
@@ -192,4 +202,10 @@ def _disturbance_covariance(prior: WirePrior, gaps: Array, apart: Array, lever: 
     covariance: Array = lever * joint_part
     covariance += prior.sigma_linearity_m**2 * np.exp(-(apart**2) / (2 * _LINEARITY_RANGE_M**2))
     covariance += prior.sigma_unmodelled_m**2 * np.exp(-square / (2 * _LOCAL_RANGE_RAD**2))
+    return covariance
+
+
+def _exit_covariance(prior: WirePrior, cosines: Array) -> Array:
+    """Return how bends at the exit vary together [m^2], from the cosines between the wires' directions."""
+    covariance: Array = prior.sigma_exit_m**2 * np.exp((cosines - 1.0) / _EXIT_RANGE**2)
     return covariance

@@ -83,6 +83,7 @@ class WireNetworkPrior:
             sigma_scale=sigma_scale,
             sigma_unmodelled_m=4e-5,
             sigma_linearity_m=6e-5,
+            sigma_exit_m=0.0,  # the radius of the exit's lip is a parameter here
             sigma_flex_rad=4e-5,
             sigma_ripple_rad=5e-5,
         )
@@ -156,25 +157,26 @@ class WireEquations:
     def wire_terms(self, x: Array) -> WireTerms:
         """Return lengths (N,), and derivatives by joint (N, n) and by parameter (N, p)."""
         lengths, by_joint = np.empty(self.rows[-1]), np.empty((self.rows[-1], self.model.axis_count))
-        by_x = np.zeros((self.rows[-1], len(x)))
+        by_x, directions = np.zeros((self.rows[-1], len(x))), np.empty((self.rows[-1], 3))
         geometry = np.zeros(len(self.free))
         geometry[self.free] = x[
             self.first + WIRE_PARAMETERS : self.first + WIRE_PARAMETERS + int(self.free.sum())
         ]
         for m, mounting in enumerate(self.mountings):
             rows = slice(self.rows[m], self.rows[m + 1])
-            lengths[rows], by_joint[rows] = self._mounted_lengths(x, geometry, mounting, rows, by_x)
+            terms = self._mounted_terms(x, geometry, mounting, rows, by_x)
+            lengths[rows], by_joint[rows], directions[rows] = terms.lengths, terms.by_joint, terms.directions
         for exit_, mouth, mouth_rows in self._mouths:
             at = slice(3 * exit_, 3 * exit_ + 3)
             bend = WireExit.from_wires(-by_x[mouth_rows, at], lengths[mouth_rows], x[at], mouth).lip_bend()
             by_x[mouth_rows, self.first + 2] = bend
             lengths[mouth_rows] += bend * x[self.first + 2]
-        return WireTerms(self.poses, lengths, by_joint, by_x)
+        return WireTerms(self.poses, lengths, by_joint, by_x, directions)
 
-    def _mounted_lengths(
+    def _mounted_terms(
         self, x: Array, geometry: Array, mounting: WireMounting, rows: slice, by_x: Array
-    ) -> tuple[Array, Array]:
-        """Return lengths and derivatives by joint of one mounting; fill its rows of ``by_x``."""
+    ) -> WireTerms:
+        """Return the terms of one mounting, its derivatives by its own parameters; fill its rows of ``by_x``."""
         first, poses = (
             self.first,
             WirePoses.from_record_side(self.poses.joints_rad[rows], self.poses.sigma_m[rows]),
@@ -196,7 +198,7 @@ class WireEquations:
             by_x[rows, first + 3 : first + WIRE_PARAMETERS] @ x[first + 3 : first + WIRE_PARAMETERS]
             + by_x[rows, end:] @ x[end:]
         )
-        return terms.lengths + bent, terms.by_joint
+        return replace(terms, lengths=terms.lengths + bent)
 
     def length_covariance(self, terms: WireTerms, factor: float = 1.0) -> Array:
         """Return (N, N) [m^2]: noise, disturbances and what differs from day to day."""

@@ -64,6 +64,8 @@ def test_headings_of_further_languages(tmp_path: Path, joint: str, place: str, e
         ("J{} [0.001°]", 1e3, "{} [1/1000 m]", 1.0),
         ("J{} [0.0001 deg]", 1e4, "{} [1e-6 m]", 1e3),
         ("J{} (1/100 °)", 1e2, "{} [mm]", 1.0),
+        ("J{} [0.1 deg]", 1e1, "{} [1/100 mm]", 1e2),
+        ("J{} [deg]", 1.0, "{} [0.1mm]", 1e1),
     ],
 )
 def test_parts_of_degrees_and_thousandths(

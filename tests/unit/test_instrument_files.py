@@ -153,9 +153,22 @@ def test_is_read_right(tmp_path, make, encoding):
     assert len(found.rejected) <= 3
 
 
+def test_numbers_in_names_between_tabs_do_not_make_blanks_separators(tmp_path):
+    path = tmp_path / "polyworks.txt"
+    heads = [f"{axis} {word}" for word in ("Nominal", "Measured") for axis in "XYZ"]
+    rows = ["\t".join(["point 7", "", "", "", *map(str, row)]) for row in np.column_stack([MM, DEG])]
+    path.write_text(
+        "\n".join(["\t".join(["Name", *heads, *(f"J{at}" for at in range(1, 7))]), *rows]), encoding="utf-8"
+    )
+    found = read_measurements(path, UR10)
+    assert found.layout.position == ("X Measured", "Y Measured", "Z Measured")
+    assert np.allclose(found.observations.positions_m, P, atol=2e-6)
+
+
 def test_quaternions_in_either_order_of_names(tmp_path):
     quaternions = values_from("abb_quaternion", POSES.rotations)  # w x y z
-    for names, order in (("qx,qy,qz,qw", [1, 2, 3, 0]), ("qw,qx,qy,qz", [0, 1, 2, 3])):
+    orders = {"qx,qy,qz,qw": [1, 2, 3, 0], "qw,qx,qy,qz": [0, 1, 2, 3], "RX,RY,RZ,RW": [1, 2, 3, 0]}
+    for names, order in orders.items():
         path = tmp_path / "q.csv"
         head = [f"j1,j2,j3,j4,j5,j6,x,y,z,{names}"]
         path.write_text("\n".join(head + text_lines(DEG, MM, quaternions[:, order])), encoding="utf-8")

@@ -50,6 +50,20 @@ def test_a_misfit_with_two_causes_names_both():
     assert "position=inch" in refused.value.remedy
 
 
+def test_a_sign_with_a_zero_is_named_before_mirror_images_beyond_the_limits():
+    """An arm whose sign and zero differ fits as well as its mirror image, the first joints counted elsewhere."""
+    simulated = tracker_points("abb_irb120", 50)
+    quarter = np.array([0.0, np.pi / 2, 0.0, 0.0, 0.0, 0.0])
+    joints = simulated.observations.joints_rad * [1, 1, 1, -1, 1, 1] - quarter
+    spoilt = replace(simulated.observations, joints_rad=joints)
+    with pytest.raises(MisfitError) as refused:
+        refuse_misfit(simulated.model, spoilt, FileNames(tuple(J)), search_models=False)
+    assert refused.value.causes[0].kinds == ("sign", "home")
+    assert "joints=J1,J2+90,J3,-J4,J5,J6`" in refused.value.remedy
+    assert "mirror image" in refused.value.remedy
+    assert str(refused.value).count("that of J2 by +90") == 1
+
+
 @pytest.mark.parametrize(
     ("change", "kind", "says"),
     [

@@ -357,6 +357,15 @@ def test_the_exit_lip_lengthens_a_bent_wire_by_radius_times_phi_minus_sin_phi():
     assert extra == pytest.approx(0.002 * (phi - np.sin(phi)), abs=3e-6)
 
 
+def test_a_wire_leaves_towards_the_place_that_the_cell_file_names():
+    """A small arm's wire that looked where a large one works was bent by half a turn."""
+    world = World(3, 0.0)
+    world.add_arm("fanuc", "fanuc_m6ib")
+    wire = WireGauge(world, {"name": "wire", "robot": "fanuc", "mouth_at_mm": [200.0, -700.0, 300.0]})
+    wire.go_home()
+    assert np.allclose(np.cross([0.2, -0.7, 0.3] - wire.anchor_in_base_m, wire._exit_axis), 0.0, atol=1e-12)
+
+
 def test_readings_scatter_around_the_drum():
     _, wire = world_and_gauge()
     samples = np.array([wire.read_m()[0] for _ in range(400)])

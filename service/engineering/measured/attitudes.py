@@ -16,6 +16,7 @@ _FURTHER = {f"instrument_{axes}": axes for axes in _BY_AXIS}
 _IN_ORDER = {"euler_zxz": "zxz", "euler_xyx": "xyx", "euler_yxy": "yxy"}  # columns in the order of turns
 _INVERSE = "_inverse"  # the device seen from the target
 _UNIT_QUATERNIONS = {"qi": "qx", "qj": "qy", "qk": "qz", "q_w": "qw", "q_i": "qx", "q_j": "qy", "q_k": "qz"}
+_TURN_QUATERNIONS = {"rw": "qw", "rx": "qx", "ry": "qy", "rz": "qz"}
 _ROUNDED = 0.01
 _MATRIX, _QUATERNION = 9, 4  # numbers of an attitude
 
@@ -97,7 +98,8 @@ def _quaternions(turns: Array, fields: Sequence[str], convention: str) -> dict[s
     # Printed quaternions are rounded; anything further from unit length is refused later.
     length = np.linalg.norm(turns, axis=1, keepdims=True)
     turns = np.where(np.abs(length - 1.0) < _ROUNDED, turns / np.maximum(length, _ROUNDED), turns)
-    fields = [_UNIT_QUATERNIONS.get(field, field) for field in fields]
+    named = _TURN_QUATERNIONS if "rw" in fields else _UNIT_QUATERNIONS
+    fields = [named.get(field, field) for field in fields]
     if "qw" in fields:
         order = [fields.index(f) for f in ("qw", "qx", "qy", "qz")]
         return {"abb_quaternion": rotation_from("abb_quaternion", turns[:, order])}

@@ -47,7 +47,8 @@ _LENGTHS = {
 _QUATERNION = ("w", "x", "y", "z")
 _TURNS = (
     ("qw", "qx", "qy", "qz"), ("q1", "q2", "q3", "q4"), ("q0", "q1", "q2", "q3"), ("q0", "qx", "qy", "qz"),
-    ("e0", "e1", "e2", "e3"), ("qw", "qi", "qj", "qk"), ("q_w", "q_i", "q_j", "q_k"), ("rx", "ry", "rz"),
+    ("e0", "e1", "e2", "e3"), ("qw", "qi", "qj", "qk"), ("q_w", "q_i", "q_j", "q_k"),
+    ("rw", "rx", "ry", "rz"), ("rx", "ry", "rz"),
     ("phix", "phiy", "phiz"), ("roll", "pitch", "yaw"),
     ("a", "b", "c", "d"), ("a", "b", "c"), ("w", "p", "r"), ("rotx", "roty", "rotz"), ("rvx", "rvy", "rvz"),
 )  # fmt: skip

@@ -96,8 +96,10 @@ _COUNTED_UNIT = re.compile(  # 0.001 mm
     r"(?:0[.,](?P<zeros>0*)1|1e-0?(?P<power>[1-9])|1/1(?P<noughts>0+)|10\^-(?P<exponent>[1-9]))\s*[*x·]?\s*(?P<unit>\S+)"
 )
 _PARTS = {
-    (1, "cm"): "mm", (2, "m"): "cm", (3, "m"): "mm", (6, "m"): "um", (3, "mm"): "um",
-    (2, "deg"): "0.01deg", (3, "deg"): "mdeg", (4, "deg"): "0.0001deg", (6, "deg"): "0.000001deg", (3, "rad"): "mrad",
+    (1, "cm"): "mm", (2, "m"): "cm", (3, "m"): "mm", (4, "m"): "0.1mm", (5, "m"): "0.01mm", (6, "m"): "um",
+    (1, "mm"): "0.1mm", (2, "mm"): "0.01mm", (3, "mm"): "um", (3, "inch"): "mil",
+    (1, "deg"): "0.1deg", (2, "deg"): "0.01deg", (3, "deg"): "mdeg", (4, "deg"): "0.0001deg",
+    (6, "deg"): "0.000001deg", (3, "rad"): "mrad",
 }  # fmt: skip
 _CJK_NUMBERS = "一二三四五六七八九"
 _CJK_NUMBER = re.compile(rf"[{_CJK_NUMBERS}](?=\s*(?:轴|軸|关节|關節|関節))|(?<=[轴軸节節])[{_CJK_NUMBERS}]")

@@ -211,9 +211,23 @@ def _detect_dialect(lines: Sequence[str], fewest: int) -> tuple[str, bool]:
                 else (0, 0)
             )
             score = float(common * often)
-            if score > best[0]:
+            if score > best[0] and not (separator == " " and best[1] == "\t" and _hold_words(lines)):
                 best = (score, separator, comma)
     return best[1], best[2]
+
+
+def _hold_words(lines: Sequence[str]) -> bool:
+    """Return whether blanks between tabs stand inside names and remarks (``point 1``), and divide no two numbers.
+
+    A row divided at blanks is divided at its tabs, too, so that a number in a name would always count for blanks.
+    """
+    apart = [cell.split() for line in lines for cell in line.split("\t")]
+    return not any(
+        isinstance(parse_cell(first, comma=False), float)
+        and isinstance(parse_cell(second, comma=False), float)
+        for words in apart
+        for first, second in pairwise(words)
+    )
 
 
 def _build_table(

@@ -14,6 +14,7 @@ ANGLE_UNITS = {
     "rad": 1.0,
     "deg": float(np.deg2rad(1.0)),
     "mrad": 1e-3,
+    "0.1deg": float(np.deg2rad(1e-1)),
     "0.01deg": float(np.deg2rad(1e-2)),
     "mdeg": float(np.deg2rad(1e-3)),
     "0.0001deg": float(np.deg2rad(1e-4)),
