@@ -105,8 +105,9 @@ class Expectation:
             found = [name for name in names if without[name] < (1.0 - _NOTICED) * largest_m] or list(names)
             remarks.append(
                 make_message(
-                    "the expected error of up to {error_mm:.2f} mm is mostly that of {names} of {serial}, which no "
-                    "measurement determined: measure this robot so that they show, or name a fixture that it measured",
+                    "the expected error of up to {error_mm:.2f} mm is mostly that of {names} of {serial}, "
+                    "which no measurement determined: measure this robot so that they show, or name a fixture "
+                    "that it measured",
                     error_mm=largest_m * 1e3,
                     names=", ".join(sorted(found, key=without.__getitem__)[:_MOST_NAMED]),
                     serial=project.serial,
