@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from cellcal.calibration.geometry import Array
-from cellcal.calibration.message import make_message
+from cellcal.calibration.message import join_messages, make_message
 from cellcal.calibration.programs.fixture_postures import fixture_postures
 from cellcal.calibration.programs.tip_spread import TipSpread, expanded_uncertainty, frame_covariances
 from cellcal.service.engineering.programs.project import Project
@@ -109,7 +109,7 @@ class Expectation:
                     "which no measurement determined: measure this robot so that they show, or name a fixture "
                     "that it measured",
                     error_mm=largest_m * 1e3,
-                    names=", ".join(sorted(found, key=without.__getitem__)[:_MOST_NAMED]),
+                    names=join_messages(", ", sorted(found, key=without.__getitem__)[:_MOST_NAMED]),
                     serial=project.serial,
                 )
             )
