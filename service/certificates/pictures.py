@@ -61,7 +61,7 @@ def against_limits(
     axis = Axis(0.0, min(max(1.2, 1.05 * most), _MOST_LIMITS_SHOWN), LEFT, WIDTH - RIGHT)
     drawing = SvgDrawing(28.0 + ROW * len(judged) + 38.0)
     bottom = 28.0 + ROW * len(judged)
-    draw_grid(drawing, axis, (18.0, bottom), FigureScale("%", 100.0, axis.high))
+    draw_grid(drawing, axis, (18.0, bottom), FigureScale("%", 100.0, axis.high, translations.commas))
     x = axis.to_position(1.0)
     drawing.draw_line((x, 18.0), (x, bottom), LIMIT, 1.6, dashed=True)
     drawing.draw_text((x, 12.0), translations.translate("limit"), "middle", LIMIT)
@@ -80,7 +80,7 @@ def against_limits(
         "middle",
     )
     description = "; ".join(
-        f"{translations.translate(figure['name'])}: {_format_percent(s)}"
+        f"{translations.translate(figure['name'])}: {translations.format_number(_format_percent(s))}"
         for figure, s in zip(judged, shares, strict=True)
     )
     caption = (

@@ -36,6 +36,7 @@ from cellcal.service.engineering.parameters.parameter_set import ParameterSet, P
 from cellcal.service.engineering.parameters.parameter_sets import ParameterSets
 from cellcal.service.record.signing import CheckFinding, check_document, station_key
 from cellcal.service.runs.run_procedure import NO_MODE
+from cellcal.service.translation import Locale, Translations, writes_commas
 from cellcal.service.web import history
 from cellcal.service.web.dependencies import Person, person_of
 from cellcal.service.web.error_responses import respond_to_error
@@ -248,6 +249,16 @@ def test_dots_stand_where_their_figures_are() -> None:
         [0.2, 1.5], abs=1e-3
     )  # what has no limit or no U has no place on this axis
     assert words["100"][0] == pytest.approx(limit, abs=0.11)
+
+
+@pytest.mark.parametrize(("locale", "expected"), [("en", "0.2 %; "), ("de", "0,2 %; ")])
+def test_a_share_below_one_percent_is_written_as_its_language_writes_numbers(
+    locale: Locale, expected: str
+) -> None:
+    figures = [figure_of(0.000002, 0.0001, 0.001), figure_of(0.0005, 0.0001, 0.001)]
+    drawn = against_limits(figures, Translations(locale, {}, writes_commas(locale)))
+    assert drawn is not None
+    assert expected in drawn.alt
 
 
 def test_errors_stand_on_a_linear_axis_from_zero() -> None:

@@ -1,12 +1,13 @@
 """What accuracy a new point may be expected to have, from the covariances of both cells; k = 2."""
 
-from collections.abc import Mapping
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from cellcal.calibration.geometry import Array
-from cellcal.calibration.message import make_message
+from cellcal.calibration.message import join_messages, make_message
 from cellcal.calibration.programs.fixture_postures import fixture_postures
 from cellcal.calibration.programs.tip_spread import TipSpread, expanded_uncertainty, frame_covariances
 from cellcal.service.engineering.programs.project import Project
@@ -15,6 +16,9 @@ from cellcal.service.engineering.programs.project_poses import ProjectTool
 _FEWEST = 4  # postures that tell the rigid motion which fixture and arm share
 _BLOCK = 16384
 _MOST_REFERENCES = 200
+_MOSTLY = 0.7  # of the error remains without some parameters: less says that they are most of it, in squares
+_NOTICED = 0.01  # share of the error that a parameter alone takes away, where it is named
+_MOST_NAMED = 4
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,8 +72,9 @@ class Expectation:
                 remarks.append(
                     make_message(
                         "the expected error counts what the parameters of {serial} leave open, not what no "
-                        "parameter describes: give held_out_rms_mm",
+                        "parameter describes: give {setting}",
                         serial=project.serial,
+                        setting=project.held_out_setting,
                     )
                 )
         object.__setattr__(self, "unknown", tuple(remarks))
@@ -84,6 +89,46 @@ class Expectation:
             block = slice(first, first + _BLOCK)
             found[block] = expanded_uncertainty(self._tip_covariances(arms, ends, block))
         return found
+
+    def undetermined_remarks(self, ends: TransferEnds, errors_m: Array) -> tuple[str, ...]:
+        """Return which assumed parameters make up most of the largest expected error; nothing where they do not."""
+        if not np.isfinite(errors_m).any():
+            return ()
+        worst = int(np.nanargmax(errors_m))
+        largest_m = float(errors_m[worst])
+        remarks: list[str] = []
+        for project in dict.fromkeys((self.target, self.source)):
+            names = _undetermined_of(project)
+            if not names or self._error_without(project, names, ends, worst) > _MOSTLY * largest_m:
+                continue
+            without = {name: self._error_without(project, (name,), ends, worst) for name in names}
+            found = [name for name in names if without[name] < (1.0 - _NOTICED) * largest_m] or list(names)
+            remarks.append(
+                make_message(
+                    "the expected error of up to {error_mm:.2f} mm is mostly that of {names} of {serial}, "
+                    "which no measurement determined: measure this robot so that they show, or name a fixture "
+                    "that it measured",
+                    error_mm=largest_m * 1e3,
+                    names=join_messages(", ", sorted(found, key=without.__getitem__)[:_MOST_NAMED]),
+                    serial=project.serial,
+                )
+            )
+        return tuple(remarks)
+
+    def _error_without(self, project: Project, names: Sequence[str], ends: TransferEnds, row: int) -> float:
+        """Return the expected error [m] of one point if some parameters of a project were exact."""
+        arm = project.identified
+        if arm is None or arm.covariance is None or arm.layout is None:
+            return math.inf
+        is_open = np.array([p.name not in names for p in arm.layout.parameters])
+        if not (np.diag(arm.covariance)[is_open] > 0.0).any():
+            return 0.0
+        known = replace(
+            project, identified=replace(arm, covariance=arm.covariance * np.outer(is_open, is_open))
+        )
+        source, target = (known if end is project else end for end in (self.source, self.target))
+        changed = replace(self, source=source, target=target)
+        return float(changed.errors_m(ends)[row])
 
     def _tip_covariances(self, arms: Mapping[str, TipSpread], ends: TransferEnds, block: slice) -> Array:
         turn = (self.change if self.change.ndim == 2 else self.change[block])[..., :3, :3]
@@ -129,6 +174,14 @@ class Expectation:
         if self.one_cell:  # what both ends share falls out between them
             source, target = replace(source, shared=None), replace(target, shared=None)
         return {"source": source, "target": target}
+
+
+def _undetermined_of(project: Project) -> tuple[str, ...]:
+    """Return the assumed parameters of the arm itself: a tool and a base are found anew."""
+    arm = project.identified
+    if arm is None or arm.layout is None:
+        return ()
+    return tuple(p.name for p in arm.layout.parameters if p.name in arm.undetermined)
 
 
 def _tip_spread(project: Project, tool: ProjectTool, joints_rad: Array) -> TipSpread | None:

@@ -24,7 +24,7 @@ OWN_LEAN = (
 )
 RODS = (
     "rods drive axis 3 of {model_name}: what they are off by changes with the posture, is in no parameter and stays "
-    "uncorrected; held_out_rms_mm of the project counts it"
+    "uncorrected; {setting} counts it"
 )
 ELBOW = "the elbow would change its side"
 BORDER = (
@@ -57,12 +57,12 @@ def refuse_another_kind(source: Project, target: Project) -> None:
 
 def rods_left_out(source: Project, target: Project) -> list[str]:
     """Return what is said of identified arms of which rods drive an axis: no parameter holds the errors of these."""
-    found = dict.fromkeys(
-        one.nominal.label
+    found = {
+        one.nominal.label: one.held_out_setting
         for one in (source, target)
         if one.identified is not None and is_linkage(one.nominal.name)
-    )
-    return [make_message(RODS, model_name=name) for name in found]
+    }
+    return [make_message(RODS, model_name=name, setting=setting) for name, setting in found.items()]
 
 
 def own_leans(points: ProgramPoints, left_rad: Array) -> list[str]:

@@ -166,8 +166,10 @@ class ProgramTransfer:
             done[block] = self._transfer_block(points, rows[block], joints[block], by, result)
         ends = TransferEnds(joints, done, frame_pair.source_tool, frame_pair.target_tool)
         expectation = self._expectation_of(frame_pair, carried, way)
-        result.expected_m[rows] = expectation.errors_m(ends)
-        warnings += [word for word in expectation.unknown if word not in warnings]
+        errors_m = expectation.errors_m(ends)
+        result.expected_m[rows] = errors_m
+        remarks = (*expectation.undetermined_remarks(ends, errors_m), *expectation.unknown)
+        warnings += [remark for remark in remarks if remark not in warnings]
 
     def _way_of(self, frame_pair: FramePair, carried: CarriedPoints) -> TransferFrames:
         """Return the arms and the change for them, which differs from point to point where axes carry them."""

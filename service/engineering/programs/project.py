@@ -104,6 +104,9 @@ class Project:
     starting: StartingPostures = NO_STARTING_POSTURES
     held_joints: tuple[int, ...] = ()  # from 0: they stay at their taught values
     largest_tilt_rad: float = LARGEST_TILT_RAD  # that a change may ask of an arm which cannot follow it
+    held_out_setting: str = (
+        "held_out_rms_mm"  # where the error at held-out poses is stated: a key, or a field's label
+    )
 
     @property
     def file_name(self) -> str:

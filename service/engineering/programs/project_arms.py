@@ -43,6 +43,7 @@ class IdentifiedArm:
     )  # names the free parameters of `covariance`; None where no covariance is kept
     covariance: Array | None  # (p, p)
     held_out_rms_m: float | None  # what the identification missed of readings that it had not seen
+    undetermined: tuple[str, ...] = ()  # parameters that it left where they were assumed
 
 
 def nominal_arm(path: Path, name: str) -> RobotModel:
@@ -126,7 +127,8 @@ def identified_arm(robot: RobotTable, folder: Path, nominal: RobotModel, where: 
             remedy=refused.remedy,
         ) from refused
     held_out = None if rms_mm is None else rms_mm / 1e3
-    return IdentifiedArm(state, found.sha256, found.version, layout, covariance, held_out)
+    names = tuple(value.name for value in found.values if not value.determined)
+    return IdentifiedArm(state, found.sha256, found.version, layout, covariance, held_out, names)
 
 
 def _parameter_set(robot: RobotTable, folder: Path, where: str) -> ParameterSet | None:

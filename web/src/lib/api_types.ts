@@ -24,6 +24,7 @@ export interface CellInput {
   files?: UploadedFile[];
   tools?: EnteredFrame[];
   frames?: EnteredFrame[];
+  held_out_rms_m?: number | null;
 }
 
 export interface CellSeen {

@@ -61,11 +61,15 @@ export function decimalsOf(apart: number): number {
   return digits;
 }
 
+const FONT = "15px system-ui, sans-serif"; // figures are read from two metres
+
 /** An axis as all plots have it; ``written`` turns values into text, told how far apart they are. */
 export function axis(label: string, written: (value: number, apart: number) => string, size = 64): uPlot.Axis {
   return {
     label,
     size,
+    font: FONT,
+    labelFont: FONT,
     stroke: plotColour("ink"),
     grid: { stroke: plotColour("grid"), width: 1 },
     ticks: { stroke: plotColour("grid"), width: 1 },

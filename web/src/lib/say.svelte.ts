@@ -7,6 +7,7 @@
 // A sentence without an entry is shown as it was said, and marked as English: better than nothing.
 // service/translation.py has the same rules for what is made without a page.
 
+import { shortenHashes } from "./hashes";
 import { language, type Key, type Locale } from "./i18n.svelte";
 import { later } from "./later";
 import { english, escaped, fill, isPunctuation, messageOf, type Argument, type Message } from "./messages";
@@ -125,7 +126,7 @@ class Sayings {
   };
 
   #labelled(text: string): string {
-    return this.#withCommands(this.#withChoices(text)).replace(NAMED, (whole: string, before: string | undefined, name: string, after: string | undefined) => {
+    return shortenHashes(this.#withCommands(this.#withChoices(text))).replace(NAMED, (whole: string, before: string | undefined, name: string, after: string | undefined) => {
       const label = LABELS[name];
       if (label === undefined) return whole;
       if (label === "") return before && after ? "" : `${before ?? ""}${name.replaceAll("_", " ")}${after ?? ""}`;

@@ -7,6 +7,7 @@
 import type { ControlSeen as Control, RefusalResponse as Refusal } from "./api_types";
 import { post } from "./device";
 import { learn } from "./messages";
+import { follow } from "./session_order";
 import { people } from "./people.svelte";
 import type { SignInState } from "./sign_in_types";
 import type { Live, Order, Session, Trouble } from "./types";
@@ -60,6 +61,7 @@ class Wire {
   #askedAtMs = $state(0);
   #socket: WebSocket | null = null;
   #opened = false;
+  #begins = true; // no session was told by this line yet
   #turn = 0;
   #coming = false; // being asked who may come in
   #heardMs = 0;
@@ -258,8 +260,14 @@ class Wire {
   }
 
   #forget() {
-    this.session = this.live = null;
+    this.#forgetSession();
     this.control = FREE;
+  }
+
+  /** Show no session; the next one is of another process, whose numbers are not those of before. */
+  #forgetSession() {
+    this.session = this.live = null;
+    this.#dueRev = 0;
   }
 
   #open() {
@@ -269,6 +277,7 @@ class Wire {
     const socket = new WebSocket(url);
     this.#socket = socket;
     this.#opened = false;
+    this.#begins = true;
     this.#heardMs = Date.now();
     socket.onopen = () => {
       if (socket !== this.#socket) return;
@@ -298,7 +307,8 @@ class Wire {
     this.online = this.wasOnline = true;
     const { kind, content } = message;
     if (kind === "session") {
-      this.#show(content as Session);
+      this.#show(content as Session, this.#begins);
+      this.#begins = false;
     } else if (kind === "live") {
       this.live = content;
       this.liveAtMs = Date.now();
@@ -307,11 +317,13 @@ class Wire {
     else if (kind === "troubles") this.troubles = content;
     else if (kind === "demo") this.demo = content;
     else if (kind === "beat") this.#hearBeat(content);
-    else if (kind === "gone") this.session = this.live = null;
+    else if (kind === "gone") this.#forgetSession();
   }
 
-  #show(session: Session) {
-    if (this.session && session.rev < this.session.rev) return; // it was under way for longer
+  #show(session: Session, begins = false) {
+    const { takes, due } = follow(session.rev, this.session?.rev ?? null, this.#dueRev, begins);
+    if (!takes) return; // it was under way for longer
+    this.#dueRev = due;
     if (session.prompt && session.prompt.id !== this.session?.prompt?.id) this.#askedAtMs = this.nowMs = Date.now();
     this.session = session;
   }

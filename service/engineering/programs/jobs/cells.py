@@ -17,6 +17,7 @@ from cellcal.service.engineering.programs.project_arms import IdentifiedArm, ide
 from cellcal.service.engineering.programs.project_poses import ProjectTool
 from cellcal.service.engineering.programs.project_tables import RobotTable
 
+HELD_OUT_LABEL = "error at poses held out of the identification"  # as the page labels the field
 _IN_SPACE = 2.8  # the radius that holds 95 % of a tip, in standard deviations of one coordinate
 
 
@@ -46,7 +47,7 @@ def cell_here(config: CellConfig, cell_input: Mapping[str, Any]) -> Project:
         nominal=model,
         controller=model,
         factory_known=False,
-        identified=_identified_arm(config, cell_input["sets"], robot.serial, model),
+        identified=_identified_arm(config, cell_input, robot.serial, model),
         tools=tools,
         frames=frames,
         default_tool=_only_name(cell_input["tools"]),
@@ -56,16 +57,24 @@ def cell_here(config: CellConfig, cell_input: Mapping[str, Any]) -> Project:
         smallest_sigma=SMALLEST_SIGMA,
         master=None,
         programs=(),
+        held_out_setting=HELD_OUT_LABEL,
     )
 
 
-def _identified_arm(config: CellConfig, sets: str, serial: str, model: RobotModel) -> IdentifiedArm | None:
-    folder = Path(config.path).parent
+def _identified_arm(
+    config: CellConfig, cell_input: Mapping[str, Any], serial: str, model: RobotModel
+) -> IdentifiedArm | None:
+    folder, sets = Path(config.path).parent, cell_input["sets"]
     if serial not in ParameterSets(folder / sets).robot_serials():
         return None
-    return identified_arm(
-        RobotTable(serial=serial, model=model.name, parameter_store=sets), folder, model, "this cell"
+    held_out_m = cell_input["held_out_rms_m"]
+    table = RobotTable(
+        serial=serial,
+        model=model.name,
+        parameter_store=sets,
+        held_out_rms_mm=None if held_out_m is None else held_out_m * 1e3,
     )
+    return identified_arm(table, folder, model, "this cell")
 
 
 def _measured_frames(found: Sequence[Mapping[str, Any]]) -> tuple[dict[str, ProjectTool], dict[str, Array]]:

@@ -44,7 +44,7 @@ class EnteredFrame(PoseInput):
 class CellInput(_RequestModel):
     """A cell: this service's robot, a project beside the cell file by its name, or a project whose files come along.
 
-    Tools and frames are entered for this cell's robot only; a project names its own.
+    Tools, frames and the error at held-out poses are entered for this cell's robot only; a project names its own.
     """
 
     kind: Literal["here", "kept", "carried"]
@@ -52,6 +52,7 @@ class CellInput(_RequestModel):
     files: Annotated[list[UploadedFile], Field(max_length=12)] = []
     tools: Annotated[list[EnteredFrame], Field(max_length=_MOST_POSES)] = []
     frames: Annotated[list[EnteredFrame], Field(max_length=_MOST_POSES)] = []
+    held_out_rms_m: Annotated[float, Field(ge=0.0, le=1.0)] | None = None
 
 
 class ProgramsRequest(_RequestModel):

@@ -74,7 +74,8 @@ class ProgramTask:
         ):
             raise FilesError(
                 make_message("no parameters of {serial} were saved in this cell.", serial=cell.serial),
-                remedy="Calibrate the robot, then save what was found: `cellcal parameters keep`.",
+                remedy="Save what a file of measurements shows on the page Measurements, or what a calibration "
+                "found: `cellcal parameters keep`.",
             )
         titles = {
             "compensate": make_message("Compensated for {cell_name}", cell_name=target.name),
