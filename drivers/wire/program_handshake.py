@@ -14,6 +14,7 @@ _HIGHEST = 30_000
 _POLL_S = 0.01
 _POLLS_AT_START = 200
 _POLLS_AT_STOP = 100
+_POLLS_WITHOUT_LIFE = 100  # a second and more: so long no program that runs is silent
 
 
 class ProgramState(IntEnum):
@@ -23,6 +24,7 @@ class ProgramState(IntEnum):
     WAITING = 1
     MOVING = 2
     STOPPED = 3
+    REFUSED = 4  # the step that was ordered; the program waits for a stop
 
     @classmethod
     def _missing_(cls, value: object) -> "ProgramState":
@@ -34,6 +36,8 @@ class ProgramHandshake(ABC):
 
     def __init__(self) -> None:
         self._beat = 0
+        self._life: int | None = None  # the counter as it was read last while a step was waited for
+        self._polls_without_life = 0
 
     @abstractmethod
     async def _read_state(self) -> ProgramState:
@@ -50,6 +54,10 @@ class ProgramHandshake(ABC):
     @abstractmethod
     async def _read_acknowledged(self) -> int:
         """Return the number of the last step that has ended, in whatever way."""
+
+    @abstractmethod
+    async def _refused_error(self) -> RefusedError:
+        """Return why the program has refused its step."""
 
     @abstractmethod
     async def _order_stop(self) -> None:
@@ -88,26 +96,32 @@ class ProgramHandshake(ABC):
         """Release a stop of before and wait until the program waits for orders.
 
         A step that was ordered just before a stop must have been given up: it would run once the stop is
-        released, and would be taken for the next one.
+        released, and would be taken for the next one. A program that was paused in a step would go on with it: it
+        gets its stop before, and the stop is released once the program runs and has confirmed it.
 
         Raises
         ------
         RefusedError
             The program does not run, or an old step is pending.
         """
-        await self.beat()
-        await self._release_stop()
         before = await self._read_heartbeat_counter()
         for _ in range(_POLLS_AT_START):
             await self.beat()
-            alive = (
-                await self._read_state() is ProgramState.WAITING
-                and await self._read_heartbeat_counter() != before
-            )
-            if alive and await self._read_request() == await self._read_acknowledged():
+            if await self._read_heartbeat_counter() != before and await self._is_waiting():
                 return
             await asyncio.sleep(_POLL_S)
         raise self._not_running_error()
+
+    async def _is_waiting(self) -> bool:
+        """Bring a program that runs to wait for orders; return whether it does."""
+        state = await self._read_state()
+        if state is ProgramState.WAITING:
+            return await self._read_request() == await self._read_acknowledged()
+        if state is ProgramState.STOPPED:
+            await self._release_stop()
+        else:
+            await self._order_stop()
+        return False
 
     async def stop(self) -> None:
         """Brake, and return when the program has confirmed it or does not run.
@@ -137,15 +151,29 @@ class ProgramHandshake(ABC):
         await self.beat()
         acknowledged = await self._read_acknowledged() == request
         state = await self._read_state()
+        if state is ProgramState.REFUSED:
+            raise await self._refused_error()
         if state not in (ProgramState.WAITING, ProgramState.MOVING):
             raise self._stopped_error()
-        return acknowledged and state is ProgramState.WAITING
+        if acknowledged and state is ProgramState.WAITING:
+            return True
+        await self._raise_if_silent()
+        return False
+
+    async def _raise_if_silent(self) -> None:
+        """Raise where the program's counter has stood for long: it was stopped, and its state tells nothing."""
+        life = await self._read_heartbeat_counter()
+        self._polls_without_life = self._polls_without_life + 1 if life == self._life else 0
+        self._life = life
+        if self._polls_without_life >= _POLLS_WITHOUT_LIFE:
+            raise self._stopped_error()
 
     async def _next_request(self) -> int:
         return await self._read_acknowledged() % _HIGHEST + 1
 
     async def _start_step(self, request: int) -> int:
         """Order the step whose target and speed are written; the request is written last."""
+        self._life, self._polls_without_life = None, 0
         await self.beat()
         await self._write_request(request)
         return request

@@ -7,8 +7,8 @@ Source
     deploy/controller_setup/kuka; fake_devices.krl_programs for what the statements mean.
 Modelled
     Global variables with their kinds (32 bit); $AXIS_ACT with E1 to E6, $VEL_AXIS, $ACC_AXIS, $LOAD, $TIMER,
-    $PRO_STATE1, $SOFTN_END, $SOFTP_END; one cycle of the submit interpreter, then one of the robot interpreter; a
-    motion beyond a limit, or of an axis without mastering, is a stop message, and START tries the same line again.
+    $PRO_STATE1, $SOFTN_END, $SOFTP_END; a submit interpreter that is slower than the robot interpreter; a motion
+    beyond a limit, or of an axis without mastering, is a stop message, and START tries the same line again.
 Not modelled
     Everything else that $CONFIG.DAT and SPS.SUB hold; external axes that travel slowly: they are there at once.
 """
@@ -35,6 +35,7 @@ if TYPE_CHECKING:
 SOURCES = Path(__file__).resolve().parents[2] / "deploy" / "controller_setup" / "kuka"
 _ACCELERATION_RAD_S2 = 4.0
 _BRAKING_RAD_S2 = 8.0
+_SUBMIT_PERIOD = 3  # cycles of the robot interpreter: 12 ms
 _TIMERS = 20  # KR C2 has no more
 _ROUNDING_RAD = 1e-6  # a limit in single-precision degrees is still the limit
 _LARGEST = 2**31
@@ -52,6 +53,7 @@ class CellcalPrograms:
         self._values: dict[str, Value] = {name: variable.value for name, variable in declared.items()}
         self._timers: dict[int, float] = {}  # when each stood at zero [s]
         self._speeds = dict.fromkeys(range(1, 7), 100)
+        self._cycles = 0
         self._submit = read_lines(folder / "CELLCAL_SPS.SRC")
         self.robot = RobotInterpreter(read_source(folder / "CELLCAL.SRC"), self, statements_per_cycle)
         self.restart()
@@ -94,8 +96,10 @@ class CellcalPrograms:
     # running
 
     def run_cycle(self) -> None:
-        """Run one cycle of both interpreters."""
-        run_submit_lines(self._submit, self)
+        """Run one cycle of the robot interpreter, and each third time one of the submit interpreter before it."""
+        self._cycles += 1
+        if self._cycles % _SUBMIT_PERIOD == 0:
+            run_submit_lines(self._submit, self)
         self.robot.run_cycle(self._now_s())
 
     def _now_s(self) -> float:

@@ -219,16 +219,19 @@ _COMPUTED: dict[str, Callable[[Value, Value], Value]] = {
 def _combined(
     sign: str, left: Callable[[Scope], Value], right: Callable[[Scope], Value], text: str
 ) -> Callable[[Scope], Value]:
+    if sign in ("AND", "OR"):
+        both = all if sign == "AND" else any
+        return lambda scope: both([_flag(left(scope), text), _flag(right(scope), text)])
+    if sign in _COMPUTED:
+        compute = _COMPUTED[sign]
+        return lambda scope: compute(_number(left(scope), text), _number(right(scope), text))
+    compare = _COMPARED[sign]
+
     def evaluate(scope: Scope) -> Value:
         first, second = left(scope), right(scope)
-        if sign in ("AND", "OR"):
-            both = (_flag(first, text), _flag(second, text))
-            return all(both) if sign == "AND" else any(both)
-        if sign in _COMPUTED:
-            return _COMPUTED[sign](_number(first, text), _number(second, text))
-        if _kind(first) != _kind(second):
+        if type(first) is not type(second) and _kind(first) != _kind(second):
             raise ProgramTextError(f"{text.strip()!r} compares {first!r} with {second!r}")
-        return _COMPARED[sign](first, second)
+        return compare(first, second)
 
     return evaluate
 
