@@ -14,7 +14,6 @@ _HIGHEST = 30_000
 _POLL_S = 0.01
 _POLLS_AT_START = 200
 _POLLS_AT_STOP = 100
-_POLLS_WITHOUT_LIFE = 100  # a second and more: so long no program that runs is silent
 
 
 class ProgramState(IntEnum):
@@ -36,8 +35,6 @@ class ProgramHandshake(ABC):
 
     def __init__(self) -> None:
         self._beat = 0
-        self._life: int | None = None  # the counter as it was read last while a step was waited for
-        self._polls_without_life = 0
 
     @abstractmethod
     async def _read_state(self) -> ProgramState:
@@ -155,25 +152,23 @@ class ProgramHandshake(ABC):
             raise await self._refused_error()
         if state not in (ProgramState.WAITING, ProgramState.MOVING):
             raise self._stopped_error()
-        if acknowledged and state is ProgramState.WAITING:
-            return True
-        await self._raise_if_silent()
-        return False
+        return acknowledged and state is ProgramState.WAITING
 
-    async def _raise_if_silent(self) -> None:
-        """Raise where the program's counter has stood for long: it was stopped, and its state tells nothing."""
-        life = await self._read_heartbeat_counter()
-        self._polls_without_life = self._polls_without_life + 1 if life == self._life else 0
-        self._life = life
-        if self._polls_without_life >= _POLLS_WITHOUT_LIFE:
-            raise self._stopped_error()
+    async def require_alive(self) -> None:
+        """Raise where the program does not count: it was stopped in its step, which its state does not tell."""
+        before = await self._read_heartbeat_counter()
+        for _ in range(_POLLS_AT_STOP):
+            await self.beat()
+            if await self._read_heartbeat_counter() != before:
+                return
+            await asyncio.sleep(_POLL_S)
+        raise self._stopped_error()
 
     async def _next_request(self) -> int:
         return await self._read_acknowledged() % _HIGHEST + 1
 
     async def _start_step(self, request: int) -> int:
         """Order the step whose target and speed are written; the request is written last."""
-        self._life, self._polls_without_life = None, 0
         await self.beat()
         await self._write_request(request)
         return request
