@@ -25,7 +25,7 @@ from cellcal.fake_devices.rapid_programs.tasks import MotionTask
 if TYPE_CHECKING:
     from cellcal.fake_devices.abb.controller import AbbController
 
-SOURCES = Path(__file__).resolve().parents[2] / "deploy" / "controller_setup" / "abb"
+SOURCES = Path(__file__).parent / "sources"  # a link to deploy/controller_setup, which a wheel holds as files
 NO_AXIS = 9e9
 _ACCELERATION_RAD_S2 = 4.0
 _BRAKING_RAD_S2 = 8.0

@@ -32,7 +32,7 @@ from cellcal.fake_devices.program_text.expressions import ProgramTextError, Valu
 if TYPE_CHECKING:
     from cellcal.fake_devices.kuka.controller import KukaController
 
-SOURCES = Path(__file__).resolve().parents[2] / "deploy" / "controller_setup" / "kuka"
+SOURCES = Path(__file__).parent / "sources"  # a link to deploy/controller_setup, which a wheel holds as files
 _ACCELERATION_RAD_S2 = 4.0
 _BRAKING_RAD_S2 = 8.0
 _SUBMIT_PERIOD = 3  # cycles of the robot interpreter: 12 ms
