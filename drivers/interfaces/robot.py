@@ -188,7 +188,7 @@ class UserFrameStore(Protocol):
 
 
 @dataclass(frozen=True, slots=True)
-class ExternalAxis:
+class ShownExternalAxis:
     """Where an axis beside the arm stands, such as a rail or a positioner."""
 
     name: str  # as the maker counts it: E1, eax_a
@@ -203,7 +203,7 @@ class ActiveFrames:
     flange_tool: Pose | None = None  # the active tool itself, seen from the flange
     user_frame_number: int | None = None  # 0: the base itself, also where there is no other frame to work in
     payload_kg: float | None = None
-    external_axes: tuple[ExternalAxis, ...] | None = (
+    external_axes: tuple[ShownExternalAxis, ...] | None = (
         None  # where they stand: the arm, or the work, stands on them
     )
 

@@ -34,7 +34,7 @@ AXIS_MEMBERS = tuple(f"{letter}{axis}" for letter in "AE" for axis in range(1, 7
 
 
 @dataclass(frozen=True)
-class Statement:
+class KrlStatement:
     """One line. ``kind`` says what the other fields hold."""
 
     kind: str
@@ -43,7 +43,7 @@ class Statement:
     target: Reference | None = None
     name: str = ""
     number: int = 0
-    body: tuple["Statement", ...] = ()
+    body: tuple["KrlStatement", ...] = ()
 
 
 @dataclass(frozen=True)
@@ -51,7 +51,7 @@ class KrlSource:
     """The routines of one file by their names in capitals; the first is the program."""
 
     file: str
-    routines: dict[str, tuple[Statement, ...]]
+    routines: dict[str, tuple[KrlStatement, ...]]
 
     @property
     def main(self) -> str:
@@ -75,7 +75,7 @@ def read_source(path: Path) -> KrlSource:
 def parse_source(file: str, text: str) -> KrlSource:
     """Read the text of a .SRC."""
     reader = _Reader(file, text)
-    routines: dict[str, tuple[Statement, ...]] = {}
+    routines: dict[str, tuple[KrlStatement, ...]] = {}
     while reader.line() is not None:
         number, line = reader.take()
         found = re.fullmatch(r"DEF\s+([A-Za-z_]\w*)\s*\(\s*\)", line, re.IGNORECASE)
@@ -154,9 +154,9 @@ class _Reader:
     ) -> ProgramTextError:
         return ProgramTextError(f"{self._file}, line {number}: {line!r}: {why}")
 
-    def read_body(self, end: str) -> tuple[Statement, ...]:
+    def read_body(self, end: str) -> tuple[KrlStatement, ...]:
         """Read statements up to the line that closes them."""
-        body: list[Statement] = []
+        body: list[KrlStatement] = []
         while (line := self.line()) is not None:
             number, _ = self.take()
             if line.upper() == end:
@@ -169,7 +169,7 @@ class _Reader:
                 raise self.refusal(number, line, str(problem)) from problem
         raise ProgramTextError(f"{self._file}: {end} is missing")
 
-    def _read_statement(self, number: int, line: str) -> Statement:
+    def _read_statement(self, number: int, line: str) -> KrlStatement:
         for pattern, make in _FORMS.items():
             found = pattern.match(line)
             if found is not None:
@@ -181,39 +181,39 @@ def _expression(text: str) -> Expression:
     return parse_expression(text, KRL)
 
 
-def _read_for(reader: _Reader, number: int, found: re.Match[str]) -> Statement:
+def _read_for(reader: _Reader, number: int, found: re.Match[str]) -> KrlStatement:
     first, last = int(found[2]), int(found[3])
     counted = Reference(found[1].upper(), _expression(str(first)), "")
-    return Statement("for", number, target=counted, number=last, body=reader.read_body("ENDFOR"))
+    return KrlStatement("for", number, target=counted, number=last, body=reader.read_body("ENDFOR"))
 
 
-def _read_interrupt(_reader: _Reader, number: int, found: re.Match[str]) -> Statement:
-    return Statement("declare", number, _expression(found[2]), name=found[3].upper(), number=int(found[1]))
+def _read_interrupt(_reader: _Reader, number: int, found: re.Match[str]) -> KrlStatement:
+    return KrlStatement("declare", number, _expression(found[2]), name=found[3].upper(), number=int(found[1]))
 
 
-def _read_assignment(_reader: _Reader, number: int, found: re.Match[str]) -> Statement:
-    return Statement("assign", number, _expression(found[2]), parse_reference(found[1], KRL))
+def _read_assignment(_reader: _Reader, number: int, found: re.Match[str]) -> KrlStatement:
+    return KrlStatement("assign", number, _expression(found[2]), parse_reference(found[1], KRL))
 
 
-_FORMS: dict[re.Pattern[str], Callable[[_Reader, int, re.Match[str]], Statement]] = {
+_FORMS: dict[re.Pattern[str], Callable[[_Reader, int, re.Match[str]], KrlStatement]] = {
     re.compile(pattern, re.IGNORECASE): make
     for pattern, make in (
-        (r"DECL\s+INT\s+([A-Z_]\w*)\Z", lambda _r, n, m: Statement("local", n, name=m[1].upper())),
+        (r"DECL\s+INT\s+([A-Z_]\w*)\Z", lambda _r, n, m: KrlStatement("local", n, name=m[1].upper())),
         (r"INTERRUPT\s+DECL\s+(\d+)\s+WHEN\s+(.*)\s+DO\s+([A-Z_]\w*)\s*\(\s*\)\Z", _read_interrupt),
-        (r"INTERRUPT\s+(ON|OFF)\s+(\d+)\Z", lambda _r, n, m: Statement(m[1].lower(), n, number=int(m[2]))),
-        (r"BAS\s*\(\s*#INITMOV\s*,\s*0\s*\)\Z", lambda _r, n, _m: Statement("initmov", n)),
-        (r"BAS\s*\(\s*#TOOL\s*,(.*)\)\Z", lambda _r, n, m: Statement("tool", n, _expression(m[1]))),
-        (r"PTP\s+(\S+)\Z", lambda _r, n, m: Statement("ptp", n, _expression(m[1]))),
-        (r"WAIT\s+FOR\s+(.*)\Z", lambda _r, n, m: Statement("wait for", n, _expression(m[1]))),
-        (r"WAIT\s+SEC\s+(.*)\Z", lambda _r, n, m: Statement("wait sec", n, _expression(m[1]))),
-        (r"LOOP\Z", lambda r, n, _m: Statement("loop", n, body=r.read_body("ENDLOOP"))),
+        (r"INTERRUPT\s+(ON|OFF)\s+(\d+)\Z", lambda _r, n, m: KrlStatement(m[1].lower(), n, number=int(m[2]))),
+        (r"BAS\s*\(\s*#INITMOV\s*,\s*0\s*\)\Z", lambda _r, n, _m: KrlStatement("initmov", n)),
+        (r"BAS\s*\(\s*#TOOL\s*,(.*)\)\Z", lambda _r, n, m: KrlStatement("tool", n, _expression(m[1]))),
+        (r"PTP\s+(\S+)\Z", lambda _r, n, m: KrlStatement("ptp", n, _expression(m[1]))),
+        (r"WAIT\s+FOR\s+(.*)\Z", lambda _r, n, m: KrlStatement("wait for", n, _expression(m[1]))),
+        (r"WAIT\s+SEC\s+(.*)\Z", lambda _r, n, m: KrlStatement("wait sec", n, _expression(m[1]))),
+        (r"LOOP\Z", lambda r, n, _m: KrlStatement("loop", n, body=r.read_body("ENDLOOP"))),
         (
             r"IF\s+(.*)\s+THEN\Z",
-            lambda r, n, m: Statement("if", n, _expression(m[1]), body=r.read_body("ENDIF")),
+            lambda r, n, m: KrlStatement("if", n, _expression(m[1]), body=r.read_body("ENDIF")),
         ),
         (r"FOR\s+([A-Z_]\w*)\s*=\s*(\d+)\s+TO\s+(\d+)\Z", _read_for),
-        (r"(BRAKE|RESUME|RETURN)\Z", lambda _r, n, m: Statement(m[1].lower(), n)),
-        (_CALLED.pattern, lambda _r, n, m: Statement("call", n, name=m[1].upper())),
+        (r"(BRAKE|RESUME|RETURN)\Z", lambda _r, n, m: KrlStatement(m[1].lower(), n)),
+        (_CALLED.pattern, lambda _r, n, m: KrlStatement("call", n, name=m[1].upper())),
         (_ASSIGNED.pattern, _read_assignment),
     )
 }

@@ -20,7 +20,7 @@ from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass, field
 from typing import Protocol
 
-from cellcal.fake_devices.krl_programs.source import KrlSource, Statement
+from cellcal.fake_devices.krl_programs.source import KrlSource, KrlStatement
 from cellcal.fake_devices.program_text.expressions import Expression, ProgramTextError, Scope, Value
 
 ADVANCE = 3  # motions that are planned ahead after BAS(#INITMOV,0)
@@ -199,7 +199,7 @@ class RobotInterpreter:
         except _ReturnSignal:
             return
 
-    def _run_body(self, body: Sequence[Statement], frame: _Frame) -> Run:
+    def _run_body(self, body: Sequence[KrlStatement], frame: _Frame) -> Run:
         for statement in body:
             self._remaining -= 1
             if self._remaining < 0:
@@ -213,7 +213,7 @@ class RobotInterpreter:
             except ProgramTextError as problem:
                 raise self._problem(statement, str(problem)) from problem
 
-    def _act(self, statement: Statement, frame: _Frame) -> None:
+    def _act(self, statement: KrlStatement, frame: _Frame) -> None:
         """Execute a statement that takes no time."""
         if statement.kind in _SIGNALS:
             raise _SIGNALS[statement.kind]()
@@ -232,7 +232,7 @@ class RobotInterpreter:
             case "tool":
                 self._machine.select_tool(int(_value(statement, frame)))
 
-    def _switch_interrupt(self, statement: Statement) -> None:
+    def _switch_interrupt(self, statement: KrlStatement) -> None:
         if statement.number not in self._interrupts:
             raise ProgramTextError("the interrupt is not declared")
         interrupt = self._interrupts[statement.number]
@@ -243,41 +243,41 @@ class RobotInterpreter:
         while expression is not None and expression.names & _PRESENT_STATE and self._motions:
             yield
 
-    def _call(self, statement: Statement, frame: _Frame) -> Run:
+    def _call(self, statement: KrlStatement, frame: _Frame) -> Run:
         try:
             yield from self._run_routine(statement.name)
         except _ResumeSignal as signal:
             if signal.frame is not frame:
                 raise
 
-    def _loop(self, statement: Statement, frame: _Frame) -> Run:
+    def _loop(self, statement: KrlStatement, frame: _Frame) -> Run:
         while True:
             yield from self._run_body(statement.body, frame)
 
-    def _decide(self, statement: Statement, frame: _Frame) -> Run:
+    def _decide(self, statement: KrlStatement, frame: _Frame) -> Run:
         yield from self._stop_advance(statement.expression)
         if _flag(statement, frame):
             yield from self._run_body(statement.body, frame)
 
-    def _count(self, statement: Statement, frame: _Frame) -> Run:
+    def _count(self, statement: KrlStatement, frame: _Frame) -> Run:
         assert statement.target is not None
         first = int(statement.target.place(frame) or 0)
         for count in range(first, statement.number + 1):
             frame.own[statement.target.name] = count
             yield from self._run_body(statement.body, frame)
 
-    def _wait_for(self, statement: Statement, frame: _Frame) -> Run:
+    def _wait_for(self, statement: KrlStatement, frame: _Frame) -> Run:
         while self._motions or not _flag(statement, frame):
             yield
 
-    def _wait_seconds(self, statement: Statement, frame: _Frame) -> Run:
+    def _wait_seconds(self, statement: KrlStatement, frame: _Frame) -> Run:
         while self._motions:
             yield
         due_s = self._now_s + float(_value(statement, frame))
         while self._now_s < due_s:
             yield
 
-    def _move(self, statement: Statement, frame: _Frame) -> Run:
+    def _move(self, statement: KrlStatement, frame: _Frame) -> Run:
         yield from self._stop_advance(statement.expression)
         while len(self._motions) > ADVANCE:
             yield
@@ -287,7 +287,7 @@ class RobotInterpreter:
             yield
         self._motions.append(target)
 
-    def _brake(self, statement: Statement, _frame: _Frame) -> Run:
+    def _brake(self, statement: KrlStatement, _frame: _Frame) -> Run:
         if self._called is None:
             raise self._problem(statement, "BRAKE stands in the routine of an interrupt only")
         self._machine.brake()
@@ -295,13 +295,13 @@ class RobotInterpreter:
         while not self._machine.is_standing():
             yield
 
-    def _problem(self, statement: Statement, text: str) -> ProgramTextError:
+    def _problem(self, statement: KrlStatement, text: str) -> ProgramTextError:
         head = f"{self._source.file}, line {statement.line}: "
         return ProgramTextError(text if text.startswith(self._source.file) else head + text)
 
 
 _SIGNALS: dict[str, type[Exception]] = {"return": _ReturnSignal, "resume": _ResumeSignal}
-_WAITING: dict[str, Callable[[RobotInterpreter, Statement, _Frame], Run]] = {
+_WAITING: dict[str, Callable[[RobotInterpreter, KrlStatement, _Frame], Run]] = {
     "call": RobotInterpreter._call,  # noqa: SLF001  its own
     "loop": RobotInterpreter._loop,  # noqa: SLF001
     "if": RobotInterpreter._decide,  # noqa: SLF001
@@ -318,7 +318,7 @@ def run_submit_lines(source: KrlSource, machine: KrlMachine) -> None:
     _run_submit_body(source.file, source.routines[source.main], _Frame(machine))
 
 
-def _run_submit_body(file: str, body: Sequence[Statement], frame: _Frame) -> None:
+def _run_submit_body(file: str, body: Sequence[KrlStatement], frame: _Frame) -> None:
     for statement in body:
         if statement.kind == "if":
             if _flag(statement, frame):
@@ -329,7 +329,7 @@ def _run_submit_body(file: str, body: Sequence[Statement], frame: _Frame) -> Non
             raise ProgramTextError(f"{file}, line {statement.line}: the submit interpreter only assigns here")
 
 
-def _assign(statement: Statement, frame: _Frame) -> None:
+def _assign(statement: KrlStatement, frame: _Frame) -> None:
     value, target = _value(statement, frame), statement.target
     assert target is not None
     if target.name in frame.own:
@@ -338,20 +338,20 @@ def _assign(statement: Statement, frame: _Frame) -> None:
         frame.machine.write_variable(target.name, target.place(frame), target.member, value)
 
 
-def _value(statement: Statement, scope: Scope) -> Value:
+def _value(statement: KrlStatement, scope: Scope) -> Value:
     assert statement.expression is not None
     return statement.expression.evaluate(scope)
 
 
-def _flag(statement: Statement, scope: Scope) -> bool:
+def _flag(statement: KrlStatement, scope: Scope) -> bool:
     value = _value(statement, scope)
     if not isinstance(value, bool):
         raise ProgramTextError(f"line {statement.line}: {value!r} is neither TRUE nor FALSE")
     return value
 
 
-def _all_statements(source: KrlSource) -> list[Statement]:
-    found: list[Statement] = []
+def _all_statements(source: KrlSource) -> list[KrlStatement]:
+    found: list[KrlStatement] = []
     pending = [statement for body in source.routines.values() for statement in body]
     while pending:
         found.append(pending.pop())

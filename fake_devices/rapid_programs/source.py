@@ -43,7 +43,7 @@ _FIRST = {
 
 
 @dataclass(frozen=True)
-class Instruction:
+class RapidInstruction:
     """One instruction. ``kind`` says what the other fields hold."""
 
     kind: str
@@ -51,8 +51,8 @@ class Instruction:
     expression: Expression | None = None
     target: Reference | None = None
     names: tuple[str, ...] = ()
-    body: tuple["Instruction", ...] = ()
-    otherwise: tuple["Instruction", ...] = ()
+    body: tuple["RapidInstruction", ...] = ()
+    otherwise: tuple["RapidInstruction", ...] = ()
 
 
 @dataclass(frozen=True)
@@ -66,29 +66,29 @@ class Datum:
 
 
 @dataclass(frozen=True)
-class RapidModule:
+class ExecutedModule:
     """Data and routines by their names in capitals."""
 
     file: str
     name: str
     data: dict[str, Datum]
-    procedures: dict[str, tuple[Instruction, ...]]
-    traps: dict[str, tuple[Instruction, ...]]
+    procedures: dict[str, tuple[RapidInstruction, ...]]
+    traps: dict[str, tuple[RapidInstruction, ...]]
 
 
-def read_module(path: Path) -> RapidModule:
+def read_module(path: Path) -> ExecutedModule:
     """Read a module; its refusals name file and line."""
     return parse_module(path.name, path.read_text(encoding="ascii"))
 
 
-def parse_module(file: str, text: str) -> RapidModule:
+def parse_module(file: str, text: str) -> ExecutedModule:
     """Read the text of a module."""
     reader = _Reader(file, text)
     number, line = reader.take()
     head = re.fullmatch(r"MODULE\s+(\w+)", line, re.IGNORECASE)
     if head is None:
         raise reader.refusal(number, line)
-    module = RapidModule(file, head[1], {}, {}, {})
+    module = ExecutedModule(file, head[1], {}, {}, {})
     while True:
         number, line = reader.take()
         if line.upper() == "ENDMODULE":
@@ -96,7 +96,7 @@ def parse_module(file: str, text: str) -> RapidModule:
         _read_declaration(reader, module, number, line)
 
 
-def _read_declaration(reader: "_Reader", module: RapidModule, number: int, line: str) -> None:
+def _read_declaration(reader: "_Reader", module: ExecutedModule, number: int, line: str) -> None:
     declared = _DATA.match(line)
     procedure = re.fullmatch(r"PROC\s+(\w+)\s*\(\s*\)", line, re.IGNORECASE)
     trap = re.fullmatch(r"TRAP\s+(\w+)", line, re.IGNORECASE)
@@ -186,9 +186,9 @@ class _Reader:
     ) -> ProgramTextError:
         return ProgramTextError(f"{self._file}, line {number}: {line!r}: {why}")
 
-    def read_body(self, *ends: str) -> tuple[tuple[Instruction, ...], str]:
+    def read_body(self, *ends: str) -> tuple[tuple[RapidInstruction, ...], str]:
         """Read instructions up to a line that closes them; return which one it was."""
-        body: list[Instruction] = []
+        body: list[RapidInstruction] = []
         while True:
             number, line = self.take()
             if line.upper() in ends:
@@ -202,7 +202,7 @@ class _Reader:
                     else self.refusal(number, line, str(problem))
                 ) from problem
 
-    def _read_instruction(self, number: int, line: str) -> Instruction:
+    def _read_instruction(self, number: int, line: str) -> RapidInstruction:
         for pattern, make in _BLOCKS.items():
             if (found := pattern.fullmatch(line)) is not None:
                 return make(self, number, found)
@@ -214,14 +214,14 @@ class _Reader:
         raise self.refusal(number, line)
 
 
-def _read_if(reader: _Reader, number: int, found: re.Match[str]) -> Instruction:
+def _read_if(reader: _Reader, number: int, found: re.Match[str]) -> RapidInstruction:
     body, end = reader.read_body("ELSE", "ENDIF")
     otherwise = reader.read_body("ENDIF")[0] if end == "ELSE" else ()
-    return Instruction("if", number, _expression(found[1]), body=body, otherwise=otherwise)
+    return RapidInstruction("if", number, _expression(found[1]), body=body, otherwise=otherwise)
 
 
-def _read_while(reader: _Reader, number: int, found: re.Match[str]) -> Instruction:
-    return Instruction("while", number, _expression(found[1]), body=reader.read_body("ENDWHILE")[0])
+def _read_while(reader: _Reader, number: int, found: re.Match[str]) -> RapidInstruction:
+    return RapidInstruction("while", number, _expression(found[1]), body=reader.read_body("ENDWHILE")[0])
 
 
 def _expression(text: str) -> Expression:
@@ -232,37 +232,37 @@ def _capitals(found: re.Match[str]) -> tuple[str, ...]:
     return tuple(str(word).upper() for word in found.groups())
 
 
-def _read_move(number: int, found: re.Match[str]) -> Instruction:
-    return Instruction("move", number, names=_capitals(found))
+def _read_move(number: int, found: re.Match[str]) -> RapidInstruction:
+    return RapidInstruction("move", number, names=_capitals(found))
 
 
-def _read_wait(number: int, found: re.Match[str]) -> Instruction:
-    return Instruction("wait", number, _expression(found[1]), names=(found[2] or "0.1",))
+def _read_wait(number: int, found: re.Match[str]) -> RapidInstruction:
+    return RapidInstruction("wait", number, _expression(found[1]), names=(found[2] or "0.1",))
 
 
-_BLOCKS: dict[re.Pattern[str], Callable[[_Reader, int, re.Match[str]], Instruction]] = {
+_BLOCKS: dict[re.Pattern[str], Callable[[_Reader, int, re.Match[str]], RapidInstruction]] = {
     re.compile(r"IF\s+(.*)\s+THEN", re.IGNORECASE): _read_if,
     re.compile(r"WHILE\s+(.*)\s+DO", re.IGNORECASE): _read_while,
 }
-_INSTRUCTIONS: dict[re.Pattern[str], Callable[[int, re.Match[str]], Instruction]] = {
+_INSTRUCTIONS: dict[re.Pattern[str], Callable[[int, re.Match[str]], RapidInstruction]] = {
     re.compile(pattern, re.IGNORECASE): make
     for pattern, make in (
         (_MOVE.pattern.removesuffix(r"\Z"), _read_move),
         (r"WaitUntil\s+(.*?)(?:\s*\\PollRate\s*:=\s*(\d*\.?\d+))?", _read_wait),
         (
             r"CONNECT\s+(\w+)\s+WITH\s+(\w+)",
-            lambda n, m: Instruction("connect", n, names=(m[1].upper(), m[2].upper())),
+            lambda n, m: RapidInstruction("connect", n, names=(m[1].upper(), m[2].upper())),
         ),
-        (r"IDelete\s+(\w+)", lambda n, m: Instruction("delete", n, names=(m[1].upper(),))),
+        (r"IDelete\s+(\w+)", lambda n, m: RapidInstruction("delete", n, names=(m[1].upper(),))),
         (
             r"ITimer\s+(.+),\s*(\w+)",
-            lambda n, m: Instruction("timer", n, _expression(m[1]), names=(m[2].upper(),)),
+            lambda n, m: RapidInstruction("timer", n, _expression(m[1]), names=(m[2].upper(),)),
         ),
-        (r"(StopMove|ClearPath|StartMove|ExitCycle)", lambda n, m: Instruction(m[1].lower(), n)),
+        (r"(StopMove|ClearPath|StartMove|ExitCycle)", lambda n, m: RapidInstruction(m[1].lower(), n)),
         (
             r"(\w+(?:\.\w+)?)\s*:=\s*(.*)",
-            lambda n, m: Instruction("assign", n, _expression(m[2]), parse_reference(m[1], RAPID)),
+            lambda n, m: RapidInstruction("assign", n, _expression(m[2]), parse_reference(m[1], RAPID)),
         ),
-        (r"(\w+)", lambda n, m: Instruction("call", n, names=(m[1].upper(),))),
+        (r"(\w+)", lambda n, m: RapidInstruction("call", n, names=(m[1].upper(),))),
     )
 }

@@ -21,7 +21,7 @@ from collections.abc import Callable, Generator, Sequence
 from typing import Protocol
 
 from cellcal.fake_devices.program_text.expressions import Expression, ProgramTextError, Value
-from cellcal.fake_devices.rapid_programs.source import Instruction, RapidModule, fits
+from cellcal.fake_devices.rapid_programs.source import ExecutedModule, RapidInstruction, fits
 
 Run = Generator[None, None, None]  # ends a cycle with each yield
 _SHORTEST_TIMER_S = 0.1
@@ -47,7 +47,9 @@ class _ExitSignal(Exception):  # noqa: N818  no error
 class MotionTask:
     """T_ROB1 with one module."""
 
-    def __init__(self, module: RapidModule, machine: RapidMachine, instructions_per_cycle: int = 500) -> None:
+    def __init__(
+        self, module: ExecutedModule, machine: RapidMachine, instructions_per_cycle: int = 500
+    ) -> None:
         self._module, self._machine, self._most = module, machine, instructions_per_cycle
         self.data: dict[str, Value] = {name: datum.first for name, datum in module.data.items()}
         self.is_running = False
@@ -140,7 +142,7 @@ class MotionTask:
             if not self._is_under_way:
                 self.stop_program()
 
-    def _run_body(self, body: Sequence[Instruction]) -> Run:
+    def _run_body(self, body: Sequence[RapidInstruction]) -> Run:
         for instruction in body:
             self._remaining -= 1
             if self._remaining < 0:
@@ -155,23 +157,23 @@ class MotionTask:
 
     # instructions that take time
 
-    def _call(self, instruction: Instruction) -> Run:
+    def _call(self, instruction: RapidInstruction) -> Run:
         yield from self._run_body(self._module.procedures[instruction.names[0]])
 
-    def _loop(self, instruction: Instruction) -> Run:
+    def _loop(self, instruction: RapidInstruction) -> Run:
         while self._flag(instruction):
             yield from self._run_body(instruction.body)
 
-    def _decide(self, instruction: Instruction) -> Run:
+    def _decide(self, instruction: RapidInstruction) -> Run:
         yield from self._run_body(instruction.body if self._flag(instruction) else instruction.otherwise)
 
-    def _wait(self, instruction: Instruction) -> Run:
+    def _wait(self, instruction: RapidInstruction) -> Run:
         while not self._flag(instruction):
             due_s = self._now_s + float(instruction.names[0])
             while self._now_s < due_s:
                 yield
 
-    def _move(self, instruction: Instruction) -> Run:
+    def _move(self, instruction: RapidInstruction) -> Run:
         target, time, tool = instruction.names
         self._motion = (_single(self.data[target]), self.data[time], tool)
         self._is_under_way = False
@@ -180,7 +182,7 @@ class MotionTask:
 
     # instructions that take none
 
-    def _assign(self, instruction: Instruction) -> None:
+    def _assign(self, instruction: RapidInstruction) -> None:
         target = instruction.target
         assert target is not None
         if target.name not in self.data:
@@ -193,37 +195,37 @@ class MotionTask:
             raise ProgramTextError(f"{value!r} is no {kind}")
         self.data[target.name] = value
 
-    def _connect(self, instruction: Instruction) -> None:
+    def _connect(self, instruction: RapidInstruction) -> None:
         name, trap = instruction.names
         if name in self._connected:
             raise ProgramTextError(f"{name} is connected already")
         self._connected[name] = trap
 
-    def _delete(self, instruction: Instruction) -> None:
+    def _delete(self, instruction: RapidInstruction) -> None:
         name = instruction.names[0]
         self._connected.pop(name, None)
         self._timers.pop(name, None)
         self._queued = [each for each in self._queued if each != name]
 
-    def _order_timer(self, instruction: Instruction) -> None:
+    def _order_timer(self, instruction: RapidInstruction) -> None:
         name, period_s = instruction.names[0], float(self._value(instruction))
         if name not in self._connected or period_s < _SHORTEST_TIMER_S - 1e-9:
             raise ProgramTextError(f"{name} is not connected, or {period_s} s is too short for a timer")
         self._timers[name] = (period_s, self._now_s + period_s)
 
-    def _stop_move(self, _instruction: Instruction) -> None:
+    def _stop_move(self, _instruction: RapidInstruction) -> None:
         self._machine.brake()
         self._is_path_stopped, self._is_under_way = True, False
 
-    def _drop_path(self, _instruction: Instruction) -> None:
+    def _drop_path(self, _instruction: RapidInstruction) -> None:
         if not self._is_path_stopped:
             raise ProgramTextError("the path is cleared while the arm moves on it")
         self._motion = None
 
-    def _start_move(self, _instruction: Instruction) -> None:
+    def _start_move(self, _instruction: RapidInstruction) -> None:
         self._is_path_stopped = False
 
-    def _exit_cycle(self, _instruction: Instruction) -> None:
+    def _exit_cycle(self, _instruction: RapidInstruction) -> None:
         raise _ExitSignal
 
     # values
@@ -241,18 +243,18 @@ class MotionTask:
         del arguments
         return self._machine.call_function(name)
 
-    def _value(self, instruction: Instruction) -> Value:
+    def _value(self, instruction: RapidInstruction) -> Value:
         expression: Expression | None = instruction.expression
         assert expression is not None
         return expression.evaluate(self)
 
-    def _flag(self, instruction: Instruction) -> bool:
+    def _flag(self, instruction: RapidInstruction) -> bool:
         value = self._value(instruction)
         if not isinstance(value, bool):
             raise ProgramTextError(f"{value!r} is neither TRUE nor FALSE")
         return value
 
-    def _problem(self, instruction: Instruction, text: str) -> ProgramTextError:
+    def _problem(self, instruction: RapidInstruction, text: str) -> ProgramTextError:
         head = f"{self._module.file}, line {instruction.line}: "
         return ProgramTextError(text if text.startswith(self._module.file) else head + text)
 
@@ -273,8 +275,8 @@ def _single(value: Value) -> Value:
     return float(struct.unpack("f", struct.pack("f", value))[0])
 
 
-def _all_instructions(body: Sequence[Instruction]) -> list[Instruction]:
-    found: list[Instruction] = []
+def _all_instructions(body: Sequence[RapidInstruction]) -> list[RapidInstruction]:
+    found: list[RapidInstruction] = []
     pending = list(body)
     while pending:
         found.append(pending.pop())
@@ -282,14 +284,14 @@ def _all_instructions(body: Sequence[Instruction]) -> list[Instruction]:
     return found
 
 
-_LASTING: dict[str, Callable[[MotionTask, Instruction], Run]] = {
+_LASTING: dict[str, Callable[[MotionTask, RapidInstruction], Run]] = {
     "call": MotionTask._call,  # noqa: SLF001  its own
     "while": MotionTask._loop,  # noqa: SLF001
     "if": MotionTask._decide,  # noqa: SLF001
     "wait": MotionTask._wait,  # noqa: SLF001
     "move": MotionTask._move,  # noqa: SLF001
 }
-_ACTIONS: dict[str, Callable[[MotionTask, Instruction], None]] = {
+_ACTIONS: dict[str, Callable[[MotionTask, RapidInstruction], None]] = {
     "assign": MotionTask._assign,  # noqa: SLF001
     "connect": MotionTask._connect,  # noqa: SLF001
     "delete": MotionTask._delete,  # noqa: SLF001

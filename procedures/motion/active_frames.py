@@ -10,7 +10,7 @@ from collections.abc import Iterable
 
 from cellcal.calibration.geometry import Pose
 from cellcal.calibration.message import find_message, join_messages, make_message
-from cellcal.drivers.interfaces import ActiveFrames, ExternalAxis
+from cellcal.drivers.interfaces import ActiveFrames, ShownExternalAxis
 from cellcal.procedures.cell import Cell
 from cellcal.procedures.run import ProcedureError
 
@@ -176,7 +176,7 @@ def _payload_change(was: float | None, now: float | None) -> Change | None:
 
 
 def _external_changes(
-    was: tuple[ExternalAxis, ...] | None, now: tuple[ExternalAxis, ...] | None
+    was: tuple[ShownExternalAxis, ...] | None, now: tuple[ShownExternalAxis, ...] | None
 ) -> tuple[Change, ...]:
     """Return which external axes stand elsewhere; one that only one of both has, is none that moved."""
     before = {axis.name: axis.shown for axis in was or ()}

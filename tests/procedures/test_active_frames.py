@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from cellcal.calibration.geometry import Pose
-from cellcal.drivers.interfaces import ActiveFrames, ExternalAxis, Instruction
+from cellcal.drivers.interfaces import ActiveFrames, Instruction, ShownExternalAxis
 from cellcal.procedures.cell import Cell
 from cellcal.procedures.mastering_record import MasteringRecordSpec
 from cellcal.procedures.motion.active_frames import (
@@ -307,9 +307,9 @@ def test_the_cell_file_names_what_must_be_active() -> None:
 
 
 def test_a_rail_that_has_moved_is_a_difference_and_one_that_trembles_is_none() -> None:
-    was = ActiveFrames(1, external_axes=(ExternalAxis("E1", 1200.0), ExternalAxis("E2", 0.0)))
-    trembles = replace(was, external_axes=(ExternalAxis("E1", 1200.004), ExternalAxis("E2", 0.0)))
-    moved = replace(was, external_axes=(ExternalAxis("E1", 1200.5), ExternalAxis("E2", 0.0)))
+    was = ActiveFrames(1, external_axes=(ShownExternalAxis("E1", 1200.0), ShownExternalAxis("E2", 0.0)))
+    trembles = replace(was, external_axes=(ShownExternalAxis("E1", 1200.004), ShownExternalAxis("E2", 0.0)))
+    moved = replace(was, external_axes=(ShownExternalAxis("E1", 1200.5), ShownExternalAxis("E2", 0.0)))
     assert frame_changes(was, trembles) == ()
     assert frame_changes(was, replace(was, external_axes=None)) == ()
     (change,) = frame_changes(was, moved)

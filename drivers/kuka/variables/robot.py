@@ -11,12 +11,12 @@ from cellcal.calibration.mastering.position_record import ShownValue
 from cellcal.drivers.interfaces import (
     ActiveFrames,
     Condition,
-    ExternalAxis,
     Identity,
     JointReading,
     Joints,
     PositionCure,
     RobotCapabilities,
+    ShownExternalAxis,
 )
 from cellcal.drivers.kuka.variables.motion_server import MotionServer, speed_percent
 from cellcal.drivers.kuka.variables.state import (
@@ -151,7 +151,7 @@ class KukaRobot(StreamedStepwiseMotion):
             flange_tool,
             base,
             mass if mass is not None and mass >= 0 else None,
-            tuple(ExternalAxis(name, shown) for name, shown in places),
+            tuple(ShownExternalAxis(name, shown) for name, shown in places),
         )
 
     async def controller_mode(self) -> str:
