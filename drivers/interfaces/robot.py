@@ -188,6 +188,14 @@ class UserFrameStore(Protocol):
 
 
 @dataclass(frozen=True, slots=True)
+class ShownExternalAxis:
+    """Where an axis beside the arm stands, such as a rail or a positioner."""
+
+    name: str  # as the maker counts it: E1, eax_a
+    shown: float  # mm or deg: which of them, the link does not tell
+
+
+@dataclass(frozen=True, slots=True)
 class ActiveFrames:
     """The tool and frame that the controller uses at one moment; None where it does not tell."""
 
@@ -195,13 +203,16 @@ class ActiveFrames:
     flange_tool: Pose | None = None  # the active tool itself, seen from the flange
     user_frame_number: int | None = None  # 0: the base itself, also where there is no other frame to work in
     payload_kg: float | None = None
+    external_axes: tuple[ShownExternalAxis, ...] | None = (
+        None  # where they stand: the arm, or the work, stands on them
+    )
 
 
 class KnowsActiveFrames(Protocol):
     """Robots with capabilities.tells_active_frames."""
 
     async def active_frames(self) -> ActiveFrames:
-        """Return the tool, user frame and payload that are active. Fresh: read after the call began."""
+        """Return what is active, and where external axes stand. Fresh: read after the call began."""
         ...
 
 

@@ -23,6 +23,7 @@ class ProgramState(IntEnum):
     WAITING = 1
     MOVING = 2
     STOPPED = 3
+    REFUSED = 4  # the step that was ordered; the program waits for a stop
 
     @classmethod
     def _missing_(cls, value: object) -> "ProgramState":
@@ -50,6 +51,10 @@ class ProgramHandshake(ABC):
     @abstractmethod
     async def _read_acknowledged(self) -> int:
         """Return the number of the last step that has ended, in whatever way."""
+
+    @abstractmethod
+    async def _refused_error(self) -> RefusedError:
+        """Return why the program has refused its step."""
 
     @abstractmethod
     async def _order_stop(self) -> None:
@@ -88,26 +93,32 @@ class ProgramHandshake(ABC):
         """Release a stop of before and wait until the program waits for orders.
 
         A step that was ordered just before a stop must have been given up: it would run once the stop is
-        released, and would be taken for the next one.
+        released, and would be taken for the next one. A program that was paused in a step would go on with it: it
+        gets its stop before, and the stop is released once the program runs and has confirmed it.
 
         Raises
         ------
         RefusedError
             The program does not run, or an old step is pending.
         """
-        await self.beat()
-        await self._release_stop()
         before = await self._read_heartbeat_counter()
         for _ in range(_POLLS_AT_START):
             await self.beat()
-            alive = (
-                await self._read_state() is ProgramState.WAITING
-                and await self._read_heartbeat_counter() != before
-            )
-            if alive and await self._read_request() == await self._read_acknowledged():
+            if await self._read_heartbeat_counter() != before and await self._is_waiting():
                 return
             await asyncio.sleep(_POLL_S)
         raise self._not_running_error()
+
+    async def _is_waiting(self) -> bool:
+        """Bring a program that runs to wait for orders; return whether it does."""
+        state = await self._read_state()
+        if state is ProgramState.WAITING:
+            return await self._read_request() == await self._read_acknowledged()
+        if state is ProgramState.STOPPED:
+            await self._release_stop()
+        else:
+            await self._order_stop()
+        return False
 
     async def stop(self) -> None:
         """Brake, and return when the program has confirmed it or does not run.
@@ -137,9 +148,21 @@ class ProgramHandshake(ABC):
         await self.beat()
         acknowledged = await self._read_acknowledged() == request
         state = await self._read_state()
+        if state is ProgramState.REFUSED:
+            raise await self._refused_error()
         if state not in (ProgramState.WAITING, ProgramState.MOVING):
             raise self._stopped_error()
         return acknowledged and state is ProgramState.WAITING
+
+    async def require_alive(self) -> None:
+        """Raise where the program does not count: it was stopped in its step, which its state does not tell."""
+        before = await self._read_heartbeat_counter()
+        for _ in range(_POLLS_AT_STOP):
+            await self.beat()
+            if await self._read_heartbeat_counter() != before:
+                return
+            await asyncio.sleep(_POLL_S)
+        raise self._stopped_error()
 
     async def _next_request(self) -> int:
         return await self._read_acknowledged() % _HIGHEST + 1

@@ -85,6 +85,9 @@ class StepwiseMotion(ABC):
     async def _order_step(self, target_rad: Array, duration_s: float, speed_rad_s: float) -> IsFinished:
         """Order one step, once, and return what tells whether it has ended."""
 
+    async def _explain_standstill(self) -> None:  # noqa: B027  a controller without a program has nothing to add
+        """Raise why the arm of a controller that is ready stands before its target, where that can be known."""
+
     @abstractmethod
     async def _halt_arm(self) -> None:
         """Stop the arm and give up what was ordered; return when the controller has taken the order."""
@@ -156,6 +159,8 @@ class StepwiseMotion(ABC):
                 before, moved_at_s = joints, now_s
             elif now_s - moved_at_s > self._motion.stuck_s:
                 await self._raise_unless_ready()
+                async with self._answer_deadline("following the move", times=2):
+                    await self._explain_standstill()
                 raise self._short_of_target_error(joints, target)
             await asyncio.sleep(_POLL_S)
 

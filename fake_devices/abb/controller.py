@@ -3,34 +3,30 @@
 Imitates
     An IRC5 with RobotWare 6 and one six-axis arm.
 Source
-    ABB 3HAC050973-001 rev M for names and states; deploy/controller_setup/abb for the program, whose statements are
-    played by hand here.
+    ABB 3HAC050973-001 rev M for names and states; deploy/controller_setup/abb for the program, whose text is executed
+    (program.py).
 Modelled
-    Mode, motors, speed ratio, axis states, revolution counters, tools by name, event log, the handshake with its
-    heartbeat.
+    Mode, motors, speed ratio, axis states, revolution counters, tools by name, external axes, event log; what stops
+    the program: the emergency stop, the mode switch, an axis that is not synchronised.
 Not modelled
-    The RAPID interpreter, tasks other than T_ROB1, jogging.
+    Tasks other than T_ROB1, jogging, programs in manual mode.
 """
 
 import datetime
 import math
-import re
 from collections.abc import Callable, Mapping
+from pathlib import Path
 
 import numpy as np
 
 from cellcal.fake_devices.abb.files import FileFolder
+from cellcal.fake_devices.abb.program import NO_AXIS, SOURCES, CellcalServer
 from cellcal.fake_devices.arm import SimulatedArm
 from cellcal.fake_devices.kinematics import Array
+from cellcal.fake_devices.program_text.expressions import Value
 from cellcal.fake_devices.shown_joints import ShownJoints
 
-HEARTBEAT_REAL_S = 0.5
-OFF, WAITING, MOVING, STOPPED = range(4)
-MODULE = "CELLCALSERVER"
-_ACCELERATION_RAD_S2 = 4.0
-_BRAKING_RAD_S2 = 8.0
 _LOG_PAGE = 50
-_NUMBER = re.compile(r"[-+]?[\d.]+(?:[eE][-+]?\d+)?")
 _TOOLS = {
     "tool0": ([0.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0], 0.001),
     "tGripper": ([10.0, -5.0, 180.0], [0.9961947, 0.0, 0.0871557, 0.0], 3.5),
@@ -43,9 +39,16 @@ class AbbController:
     """Everything behind the web service."""
 
     def __init__(
-        self, arm: SimulatedArm, serial: str, real_s: Callable[[], float], counters: ShownJoints
+        self,
+        arm: SimulatedArm,
+        serial: str,
+        real_s: Callable[[], float],
+        counters: ShownJoints,
+        *,
+        sources: Path = SOURCES,
+        instructions_per_cycle: int = 500,
     ) -> None:
-        self.arm, self.serial, self.counters = arm, serial, counters
+        self.arm, self.serial, self.counters, self.real_s = arm, serial, counters, real_s
         arm.convert_to_shown = counters.to_shown_joints
         self.title = arm.model.name.removeprefix("abb_").upper()
         self.mode, self.motors, self.speed_percent = "AUTO", "motoron", 100
@@ -53,50 +56,36 @@ class AbbController:
         self.axis_states = ["Synchronized"] * 6
         self.calibration_offsets = list(_CALIBRATION_OFFSETS_RAD)
         self.tool_name, self.work_object = "tGripper", "wobj0"
-        self.program_runs, self.state = True, WAITING
-        self.numbers = {"NREQ": 0, "NACK": 0, "NHEART": 0, "NLIFE": 0, "NSTOP": 0}
-        self.time_s, self.target_deg = 1.0, [0.0] * 6
-        self.heartbeat_s = HEARTBEAT_REAL_S
+        self.external = [NO_AXIS] * 6  # eax_a to eax_f [mm or deg]; 9E9 where there is none
+        self.timer_factor = 1.0  # timers run so many times slower, for machines that have other work
         self.log: list[tuple[int, int, str, str]] = []  # code, type, time, title
         self.files = FileFolder()
-        self._real_s = real_s
-        self._beat_seen = (0, real_s())
+        self.server = CellcalServer(self, sources, instructions_per_cycle)
 
     # RAPID data
 
     def read_symbol(self, name: str) -> str | None:
         """Return the value of a symbol of T_ROB1."""
-        module, _, short = name.upper().rpartition("/")
-        if not module and name in _TOOLS:
+        if name in _TOOLS:
             place, turn, mass = _TOOLS[name]
             return f"[TRUE,[{_list(place)},{_list(turn)}],[{mass:g},[0,0,1],[1,0,0,0],0,0,0]]"
-        if module != MODULE:
-            return None
-        if short in self.numbers:
-            return str(self.numbers[short])
-        others = {"NSTATE": str(self.state), "NTIME": f"{self.time_s:g}"}
-        others["JTARGET"] = f"[{_list(self.target_deg)},[9E+09,9E+09,9E+09,9E+09,9E+09,9E+09]]"
-        return others.get(short)
+        return self.server.show(name)
 
     def write_symbol(self, name: str, value: str) -> bool:
         """Write a symbol; return whether it is there and the value fits."""
-        module, _, short = name.upper().rpartition("/")
-        found = [float(word) for word in _NUMBER.findall(value)]
-        if module != MODULE or not found:
-            return False
-        if short in self.numbers and short not in ("NACK", "NLIFE"):
-            self.numbers[short] = int(found[0])
-        elif short == "NTIME":
-            self.time_s = found[0]
-        elif short == "JTARGET" and len(found) >= 6:
-            self.target_deg = found[:6]
-        else:
-            return False
-        return True
+        return self.server.set_from_text(name, value)
+
+    def tool_data(self, name: str) -> Value:
+        """Return a tooldata by its name."""
+        if name in _TOOLS:
+            place, turn, mass = _TOOLS[name]
+            load = [mass, [0.0, 0.0, 1.0], [1.0, 0.0, 0.0, 0.0], 0.0, 0.0, 0.0]
+            return [True, [list(place), list(turn)], load]
+        return self.server.tool(name)
 
     def tool_matrix(self) -> Array:
         """Return the active tool (4, 4)."""
-        place, (w, x, y, z), _ = _TOOLS[self.tool_name]
+        place, (w, x, y, z) = self.tool_data(self.tool_name)[1]
         pose = np.eye(4)
         pose[:3, :3] = [
             [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
@@ -108,7 +97,7 @@ class AbbController:
 
     def payload_kg(self) -> float:
         """Return the mass of the active tool."""
-        return _TOOLS[self.tool_name][2]
+        return float(self.tool_data(self.tool_name)[2][0])
 
     def tool_names(self) -> list[str]:
         """Return the tools that a person can select."""
@@ -130,44 +119,16 @@ class AbbController:
         ready = self.mode == "AUTO" and self.motors == "motoron"
         return ready and all(state == "Synchronized" for state in self.axis_states)
 
+    @property
+    def program_runs(self) -> bool:
+        """Whether the task is started."""
+        return self.server.task.is_running
+
     def run_program(self) -> None:
-        """One cycle of CellcalServer and of its timer."""
-        if not self.program_runs:
-            self.state = OFF
-            return
-        self.numbers["NLIFE"] = self.numbers["NLIFE"] % 30_000 + 1
-        self._watch_heartbeat()
-        if not self.may_move or self.numbers["NSTOP"]:
-            if self.state == MOVING:
-                self.arm.stop(_BRAKING_RAD_S2)
-                self.numbers["NACK"] = self.numbers["NREQ"]
-            self.state = STOPPED
-        elif self.state in (STOPPED, OFF) or (self.state == MOVING and not self.arm.is_moving):
-            self.state, self.numbers["NACK"] = WAITING, self.numbers["NREQ"]
-        elif self.state == WAITING and self.numbers["NREQ"] != self.numbers["NACK"]:
-            self._begin_move()
-
-    def _watch_heartbeat(self) -> None:
-        beat, now_s = self.numbers["NHEART"], self._real_s()
-        if beat != self._beat_seen[0] or self.state != MOVING:
-            self._beat_seen = (beat, now_s)
-        elif now_s - self._beat_seen[1] > self.heartbeat_s:
-            self.numbers["NSTOP"] = 1
-
-    def _begin_move(self) -> None:
-        shown = np.radians(self.target_deg)
-        target = self.counters.to_true_joints(shown)
-        if (shown < self.arm.lower_rad).any() or (shown > self.arm.upper_rad).any():
-            self.program_runs = False
-            self.note_event(50027, 3, "Joint Out of Range")
-            return
-        way = np.abs(target - self.arm.joints_rad)
-        longest = float(way.max())
-        if longest > 0.0:
-            fastest_s = float((way / self.arm.max_speed_rad_s).max())
-            needed_s = max(self.time_s, fastest_s) * 100.0 / self.speed_percent
-            self.arm.start_move(target, longest / needed_s, _ACCELERATION_RAD_S2)
-        self.state = MOVING
+        """One cycle of the task; what bars motion stops it."""
+        if not self.may_move:
+            self.server.task.stop_program()
+        self.server.run_cycle()
 
     # what happens
 
@@ -197,7 +158,7 @@ class AbbController:
     def press_emergency_stop(self) -> None:
         """Push the red button."""
         self.motors = "emergencystop"
-        self.arm.stop(_BRAKING_RAD_S2)
+        self.server.task.stop_program()
         self.note_event(10013, 1, "Emergency stop state")
 
     def turn_mode_switch(self, mode: str) -> None:
@@ -205,11 +166,12 @@ class AbbController:
         self.mode = mode
         if mode != "AUTO":
             self.motors = "motoroff"
-            self.arm.stop(_BRAKING_RAD_S2)
+            self.server.task.stop_program()
 
     def turn_to_auto(self) -> None:
-        """Turn the mode switch to AUTO, switch the motors on and let the program run."""
-        self.mode, self.motors, self.program_runs = "AUTO", "motoron", True
+        """Turn the mode switch to AUTO, switch the motors on and press START: a stopped program goes on."""
+        self.mode, self.motors = "AUTO", "motoron"
+        self.server.task.press_start()
 
     def lose_counters(self, axes: list[int]) -> None:
         """Empty the battery of the measuring board: the revolution counters of these axes are gone."""
@@ -248,10 +210,11 @@ class AbbController:
 
     def mend(self) -> None:
         """Set everything right at the pendant, and let the program run."""
-        self.mode, self.motors, self.program_runs = "AUTO", "motoron", True
+        self.mode, self.motors = "AUTO", "motoron"
         self.axis_states = ["Synchronized"] * 6
         self.calibration_offsets = list(_CALIBRATION_OFFSETS_RAD)
         self.counters.mend()
+        self.server.restart()
 
 
 def _list(values: list[float]) -> str:

@@ -44,7 +44,7 @@ class FakeAbbRobot(NetworkedRobot):
         counters = ShownJoints(arm, ratios_of(table, 6), world.make_rng(name, "counters"))
         serial = str(table.get("serial", "0"))
         self.controller = AbbController(arm, serial, world.clock.real_now_s, counters)
-        self.controller.heartbeat_s *= world.watchdog_factor
+        self.controller.timer_factor = world.watchdog_factor
         faults = LinkFaults({kind: {} for kind in (*LINK_FAULTS, *STREAM_FAULTS)}, world.clock.real_now_s)
         self.server = self._make_server(table, faults)
         super().__init__(name, arm, self.server, faults)
@@ -56,7 +56,9 @@ class FakeAbbRobot(NetworkedRobot):
             "stream_restart": lambda _: self._stream.restart(),
             "emergency_stop": lambda _: c.press_emergency_stop(),
             "manual_mode": lambda _: c.turn_mode_switch("MANR"),
-            "program_stop": lambda _: self._stop_program(),
+            "program_stop": lambda _: c.server.task.stop_program(),
+            "pointer_to_main": lambda _: c.server.restart(),
+            "external_moved": self._move_external_axis,
             "override": lambda p: c.set_speed(int(p.pop("percent", 100))),
             "tool_switched": self._switch_tool,
             "counters_lost": lambda p: c.lose_counters(parse_axes(p.pop("axes", "all"), _AXES)),
@@ -98,7 +100,8 @@ class FakeAbbRobot(NetworkedRobot):
             **self._true_arm(),
             "mode": c.mode,
             "motors": c.motors,
-            "state": c.state,
+            "state": int(float(c.read_symbol("CellcalServer/nState") or 0)),
+            "external": list(c.external),
             "axis_states": list(c.axis_states),
             "files": {name: content.hex() for name, content in c.files.contents.items()},
             "controller_joints_rad": c.arm.controller_joints_rad.tolist(),
@@ -112,14 +115,18 @@ class FakeAbbRobot(NetworkedRobot):
             },
         }
 
-    def _stop_program(self) -> None:
-        self.controller.program_runs = False
-        self.controller.arm.stop(8.0)
+    def _move_external_axis(self, parameters: dict[str, Any]) -> None:
+        """Drive a track or positioner, as another program or a person may; it is there from then on."""
+        axis, value = str(parameters.pop("axis", "a")), float(parameters.pop("value"))
+        self.controller.external["abcdef".index(axis)] = value
 
     def _switch_tool(self, parameters: dict[str, Any]) -> None:
         c = self.controller
         names = c.tool_names()
-        following = names[(names.index(c.tool_name) + 1) % len(names)]
+        place = (
+            names.index(c.tool_name) if c.tool_name in names else 0
+        )  # CellcalServer moves with a copy of it
+        following = names[(place + 1) % len(names)]
         c.tool_name = str(parameters.pop("tool", following))
 
 

@@ -20,6 +20,7 @@ from typing import Any
 from cellcal.fake_devices.abb.controller import AbbController
 from cellcal.fake_devices.abb.files import FOLDER
 from cellcal.fake_devices.abb.http_port import HttpRequest
+from cellcal.fake_devices.abb.program import NO_AXIS
 from cellcal.fake_devices.abb.quaternions import quaternion_of
 
 Reply = tuple[int, Any]
@@ -168,13 +169,13 @@ class OmnicoreResources:
         if action == "start":
             if _EDIT in self._masters:
                 return _refusal(403, -1073445870, "mastership is held")
-            self._c.program_runs = True
+            self._c.server.task.press_start()
         elif action == "stop":
-            self._c.program_runs = False
-            self._c.arm.stop(8.0)
+            self._c.server.task.stop_program()
         elif action == "resetpp":
             if self._masters.get(_EDIT) != session:
                 return _refusal(403, -1073414146, "mastership is missing")
+            self._reset_pointer()
         else:
             return _refusal(404, -1073445859, "no such action")
         return 204, None
@@ -182,6 +183,10 @@ class OmnicoreResources:
     def _identity(self) -> list[Table]:
         names = {"ctrl-name": "cell", "ctrl-id": self._c.serial, "ctrl-type": self._c.title}
         return [_table("ctrl-identity-info", "identity", **names, **{"ctrl-mac": "00:00:5e:00:53:01"})]
+
+    def _reset_pointer(self) -> None:
+        if not self._c.program_runs:
+            self._c.server.task.move_pointer_to_main()
 
     def _execution(self) -> list[Table]:
         state = "running" if self._c.program_runs else "stopped"
@@ -195,7 +200,13 @@ class OmnicoreResources:
 
     def _joint_target(self) -> list[Table]:
         joints = {f"rax_{axis}": f"{value:.9g}" for axis, value in enumerate(self._c.joints_deg(), 1)}
-        return [_table("ms-jointtarget", "ROB_1", **joints, **{f"eax_{axis}": _ABSENT for axis in "abcdef"})]
+        return [_table("ms-jointtarget", "ROB_1", **joints, **self._external_axes())]
+
+    def _external_axes(self) -> dict[str, str]:
+        return {
+            f"eax_{axis}": _external_text(value)
+            for axis, value in zip("abcdef", self._c.external, strict=True)
+        }
 
     def _robot_target(self) -> list[Table]:
         pose = self._c.flange_pose()
@@ -232,3 +243,7 @@ def _table(kind: str, title: str, **values: str) -> Table:
 
 def _refusal(status: int, code: int, text: str) -> Reply:
     return status, {"status": {"code": code, "msg": text}}
+
+
+def _external_text(value: float) -> str:
+    return _ABSENT if value >= NO_AXIS * 0.9 else f"{value:.9g}"

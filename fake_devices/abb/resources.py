@@ -16,6 +16,7 @@ from typing import Any
 from cellcal.fake_devices.abb.controller import AbbController
 from cellcal.fake_devices.abb.files import FOLDER
 from cellcal.fake_devices.abb.http_port import HttpRequest
+from cellcal.fake_devices.abb.program import NO_AXIS
 from cellcal.fake_devices.abb.quaternions import quaternion_of
 
 Reply = tuple[int, Any]
@@ -138,12 +139,13 @@ class ResourceTable:
 
     def _execute(self, action: str) -> Reply:
         if action == "start":
-            self._c.program_runs = True
+            self._c.server.task.press_start()
         elif action == "stop":
-            self._c.program_runs = False
-            self._c.arm.stop(8.0)
+            self._c.server.task.stop_program()
         elif action != "resetpp":
             return _refusal(400, "no such action")
+        elif not self._c.program_runs:
+            self._c.server.task.move_pointer_to_main()
         return 204, None
 
     def _execution(self) -> dict[str, Any]:
@@ -165,7 +167,10 @@ class ResourceTable:
     def _joint_target(self) -> dict[str, Any]:
         state: dict[str, Any] = {"_type": "ms-jointtarget"}
         state |= {f"rax_{axis}": f"{value:.9g}" for axis, value in enumerate(self._c.joints_deg(), 1)}
-        return state | {f"eax_{axis}": _FAR for axis in "abcdef"}
+        return state | {
+            f"eax_{axis}": _FAR if value >= NO_AXIS * 0.9 else f"{value:.9g}"
+            for axis, value in zip("abcdef", self._c.external, strict=True)
+        }
 
     def _robot_target(self) -> dict[str, Any]:
         pose = self._c.flange_pose()

@@ -4,38 +4,42 @@ Imitates
     A KR C4 with a variable server, an arm of six axes, CELLCAL and its part of the submit interpreter.
 Source
     Names of system variables: KUKA, system variables KSS 8.x, as far as public; deploy/controller_setup/kuka for
-    the programs, whose statements are played by hand here.
+    the programs, whose text is executed (program.py).
 Modelled
-    Joints, pose, frames, mode, override, safety, drives, stop messages, mastering flags, mastering by gauge head and
-    dial, the handshake with its heartbeat, brake and release.
+    Joints, external axes, pose, frames, mode, override, safety, drives, stop messages, mastering flags, mastering by
+    gauge head and dial; what stops the program: the gate, the mode switch, drives that are off, a lost mastering.
 Not modelled
-    The KRL interpreter; advance run; T1 speed limits.
+    Motion in T1; repositioning before START; external axes that need a mastering.
 """
 
 import math
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 
 from cellcal.fake_devices.arm import SimulatedArm
 from cellcal.fake_devices.kinematics import Array, invert_pose, matrix_from_xyzwpr, wpr_from_matrix
+from cellcal.fake_devices.kuka.program import SOURCES, CellcalPrograms
 from cellcal.fake_devices.shown_joints import ShownJoints
 
 FRAMES = 16
-HEARTBEAT_REAL_S = 0.5
-OFF, WAITING, MOVING, STOPPED = range(4)
-_ACCELERATION_RAD_S2 = 4.0
-_BRAKING_RAD_S2 = 8.0
-_COUNTERS = ("CC_REQ", "CC_ACK", "CC_VEL", "CC_HB")
 
 
 class KukaController:
     """Everything behind the variable server."""
 
     def __init__(
-        self, arm: SimulatedArm, names: tuple[str, str], real_s: Callable[[], float], zeros: ShownJoints
+        self,
+        arm: SimulatedArm,
+        names: tuple[str, str],
+        real_s: Callable[[], float],
+        zeros: ShownJoints,
+        *,
+        sources: Path = SOURCES,
+        statements_per_cycle: int = 500,
     ) -> None:
-        self.arm, self.zeros = arm, zeros
+        self.arm, self.zeros, self.real_s = arm, zeros, real_s
         self.serial, self.title = names
         arm.convert_to_shown = zeros.to_shown_joints
         self.mastering_deg = [0.0] * 6  # the angle at each notch
@@ -48,12 +52,10 @@ class KukaController:
         self.bases = [[0.0] * 6 for _ in range(FRAMES)]  # seen from WORLD
         self.root, self.ipo_mode = [0.0] * 6, "BASE"  # $ROBROOT, $IPO_MODE
         self.loads_kg = [3.5, 1.25] + [0.0] * (FRAMES - 2)
-        self.program_runs, self.state, self.life = True, WAITING, 0
-        self.counters = dict.fromkeys(_COUNTERS, 0)
-        self.stop_flag, self.target_deg = False, [0.0] * 6
-        self.heartbeat_s = HEARTBEAT_REAL_S
-        self._real_s = real_s
-        self._beat_seen = (0, real_s())
+        self.load_kg = self.loads_kg[0]  # $LOAD
+        self.external = [0.0] * 6  # E1 to E6 [mm or deg]
+        self.timer_factor = 1.0  # timers run so many times slower, for machines that have other work
+        self.programs = CellcalPrograms(self, sources, statements_per_cycle)
 
     # what it shows
 
@@ -84,53 +86,17 @@ class KukaController:
             and all(self.mastered)
         )
 
-    # the programs on it
+    def shown_axes(self) -> dict[str, float]:
+        """Return $AXIS_ACT."""
+        angles = np.degrees(self.arm.controller_joints_rad)
+        joints = {f"A{axis}": float(angle) for axis, angle in enumerate(angles, 1)}
+        return joints | {f"E{axis}": value for axis, value in enumerate(self.external, 1)}
 
     def run_programs(self) -> None:
-        """One cycle of the submit interpreter and of CELLCAL."""
-        if not self.program_runs:
-            self.state = OFF
-            return
-        self.life = self.life % 30_000 + 1
-        self._watch_heartbeat()
-        if not self.may_move or self.stop_flag:
-            self._brake(finish=self.state == MOVING)
-        elif self.state in (STOPPED, OFF) or (self.state == MOVING and not self.arm.is_moving):
-            self.state, self.counters["CC_ACK"] = WAITING, self.counters["CC_REQ"]
-        elif self.state == WAITING and self.counters["CC_REQ"] != self.counters["CC_ACK"]:
-            self._begin_move()
-
-    def _watch_heartbeat(self) -> None:
-        beat, now_s = self.counters["CC_HB"], self._real_s()
-        if beat != self._beat_seen[0] or self.state != MOVING:
-            self._beat_seen = (beat, now_s)
-        elif now_s - self._beat_seen[1] > self.heartbeat_s:
-            self.stop_flag = True
-
-    def _begin_move(self) -> None:
-        shown = np.radians(self.target_deg)
-        target = self.zeros.to_true_joints(shown)
-        percent = self.counters["CC_VEL"]
-        if (
-            not 1 <= percent <= 100
-            or (shown < self.arm.lower_rad).any()
-            or (shown > self.arm.upper_rad).any()
-        ):
-            self.stop_message = True
-            return
-        way = np.abs(target - self.arm.joints_rad)
-        longest = float(way.max())
-        if longest > 0.0:
-            pace = percent / 100.0 * self.override_percent / 100.0
-            needed_s = float((way / (self.arm.max_speed_rad_s * pace)).max())
-            self.arm.start_move(target, longest / needed_s, _ACCELERATION_RAD_S2)
-        self.state = MOVING
-
-    def _brake(self, *, finish: bool) -> None:
-        if finish:
-            self.arm.stop(_BRAKING_RAD_S2)
-            self.counters["CC_ACK"] = self.counters["CC_REQ"]
-        self.state = STOPPED
+        """One cycle of the submit interpreter and of CELLCAL; what bars motion stops the program."""
+        if not self.may_move:
+            self.programs.robot.stop_program()
+        self.programs.run_cycle()
 
     # what happens
 
@@ -140,6 +106,10 @@ class KukaController:
             raise ValueError("the override is 1 to 100 %")
         self.arm.change_pace(percent / self.override_percent)
         self.override_percent = percent
+
+    def select_tool(self, number: int) -> None:
+        """Make a tool the active one; which load counts then, $LOAD says."""
+        self.tool_number = number
 
     def mount(self, xyzabc: list[float]) -> None:
         """Let the robot's base stand elsewhere in WORLD, which its machine data tell."""
@@ -168,13 +138,23 @@ class KukaController:
         self.zeros.set_zero(axis)
         self.mastered[axis] = True
 
+    def acknowledge(self) -> None:
+        """Close the gate, acknowledge messages and switch the drives on; the program stays stopped."""
+        self.safety_closed, self.stop_message, self.drives_on = True, False, True
+
+    def turn_to_automatic(self) -> None:
+        """Turn the switch to AUT and press START: a program that was stopped goes on."""
+        self.mode = "AUT"
+        self.programs.robot.press_start()
+
     def mend(self) -> None:
         """Set everything right at the pendant, and let the program run."""
-        self.safety_closed, self.stop_message, self.drives_on, self.program_runs = True, False, True, True
+        self.safety_closed, self.stop_message, self.drives_on = True, False, True
         self.mastered, self.mode = [True] * 6, "AUT"
         self.mastering_deg = [0.0] * 6
         self.root, self.ipo_mode = [0.0] * 6, "BASE"
         self.zeros.mend()
+        self.programs.restart()
 
 
 def matrix_of(values: list[float]) -> Array:

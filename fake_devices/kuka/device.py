@@ -19,6 +19,7 @@ from typing import Any
 from cellcal.fake_devices.device import JsonObject
 from cellcal.fake_devices.joint_stream import STREAM_FAULTS, JointSender
 from cellcal.fake_devices.keep_running import keep_running
+from cellcal.fake_devices.krl_programs.tasks import ACTIVE
 from cellcal.fake_devices.kuka.controller import FRAMES, KukaController
 from cellcal.fake_devices.kuka.sensor_stream import encode_robot_datagram
 from cellcal.fake_devices.kuka.server import LINK_FAULTS, ProxyPort
@@ -42,7 +43,7 @@ class FakeKukaRobot(NetworkedRobot):
         zeros = ShownJoints(arm, ratios_of(table, 6), world.make_rng(name, "zeros"))
         names = (str(table.get("serial", "0")), title)
         self.controller = KukaController(arm, names, world.clock.real_now_s, zeros)
-        self.controller.heartbeat_s *= world.watchdog_factor
+        self.controller.timer_factor = world.watchdog_factor
         faults = LinkFaults({kind: {} for kind in (*LINK_FAULTS, *STREAM_FAULTS)}, world.clock.real_now_s)
         host, port = str(table.get("address", "127.0.0.1")), int(table.get("port", 7000))
         self.server = ProxyPort(host, port, VariableTable(self.controller), faults)
@@ -55,14 +56,18 @@ class FakeKukaRobot(NetworkedRobot):
             "stream_restart": lambda _: self._stream.restart(),
             "open_gate": lambda _: c.open_gate(is_open=True),
             "t1_mode": lambda _: self._turn_switch("T1"),
-            "program_stop": lambda _: self._stop_program(),
+            "program_stop": lambda _: c.programs.robot.stop_program(),
+            "program_start": lambda _: c.programs.robot.press_start(),
+            "program_cancel": lambda _: c.programs.robot.cancel_program(),
+            "acknowledge": lambda _: c.acknowledge(),
+            "external_moved": self._move_external_axis,
             "override": lambda p: c.set_override(int(p.pop("percent", 100))),
             "tool_switched": self._switch_tool,
             "mastering_lost": lambda p: c.lose_mastering(parse_axes(p.pop("axes", "all"), _AXES)),
             "master_with_gauge": lambda p: c.master_with_gauge(self._parse_axis(p)),
             "master_with_dial": lambda p: c.master_with_dial(self._parse_axis(p)),
             "mastering_angle": self._change_mastering_angle,
-            "auto_mode": lambda _: self._turn_switch("AUT"),
+            "auto_mode": lambda _: c.turn_to_automatic(),
             "mend": lambda _: c.mend(),
             "mounted": lambda p: c.mount([float(value) for value in p.pop("xyzabc")]),
             "external_tool": lambda _: c.use_external_tool(),
@@ -79,7 +84,7 @@ class FakeKukaRobot(NetworkedRobot):
         try:
             while True:
                 self.controller.run_programs()
-                if self.controller.program_runs:
+                if self.controller.programs.robot.state == ACTIVE:
                     self._stream.send_joints(self.controller.arm.controller_joints_rad.tolist())
                 await asyncio.sleep(_CYCLE_REAL_S)
         finally:
@@ -90,8 +95,9 @@ class FakeKukaRobot(NetworkedRobot):
         return {
             **self._true_arm(),
             "mode": c.mode,
-            "state": c.state,
-            "stop_flag": c.stop_flag,
+            "state": int(c.programs.show("CC_STATE") or 0),
+            "stop_flag": c.programs.show("CC_STOP") == "TRUE",
+            "external": list(c.external),
             "mastered": list(c.mastered),
             "controller_joints_rad": c.arm.controller_joints_rad.tolist(),
             "stream_answers": self._stream.answer_count(),
@@ -100,7 +106,7 @@ class FakeKukaRobot(NetworkedRobot):
                 "tool_number": c.tool_number,
                 "user_frame_number": c.base_number,
                 "flange_tool": c.tool_matrix().tolist(),
-                "payload_kg": c.loads_kg[c.tool_number - 1],
+                "payload_kg": c.load_kg,
             },
         }
 
@@ -121,16 +127,20 @@ class FakeKukaRobot(NetworkedRobot):
     def _turn_switch(self, mode: str) -> None:
         self.controller.mode = mode
 
-    def _stop_program(self) -> None:
-        self.controller.program_runs = False
-        self.controller.arm.stop(8.0)
+    def _move_external_axis(self, parameters: dict[str, Any]) -> None:
+        """Drive a rail or positioner, as another program or a person may."""
+        axis, value = int(parameters.pop("axis", 1)), float(parameters.pop("value"))
+        if not 1 <= axis <= len(self.controller.external):
+            raise ValueError("the external axes are 1 to 6")
+        self.controller.external[axis - 1] = value
 
     def _use_server(self, *, c3: bool) -> None:
         self.server.is_c3 = c3
 
     def _switch_tool(self, parameters: dict[str, Any]) -> None:
         c = self.controller
-        c.tool_number = int(parameters.pop("number", c.tool_number % FRAMES + 1))
+        c.select_tool(int(parameters.pop("number", c.tool_number % FRAMES + 1)))
+        c.load_kg = c.loads_kg[c.tool_number - 1]
 
 
 def create_kuka_robot(world: World, table: Mapping[str, Any]) -> FakeKukaRobot:

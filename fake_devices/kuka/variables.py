@@ -13,8 +13,6 @@ Not modelled
 import re
 from collections.abc import Callable
 
-import numpy as np
-
 from cellcal.fake_devices.kuka.controller import FRAMES, KukaController, values_of
 
 _MEMBER = re.compile(r"([A-Z]\w*)\s+(-?[\d.]+(?:[eE][-+]?\d+)?)")
@@ -49,9 +47,7 @@ class VariableTable:
             "$TRAFONAME[]": lambda: f'"#{c.title}"',
             "$ROBNAME[]": lambda: '"ROBOT1"',
             "$KR_SERIALNO": lambda: c.serial,
-            "CC_STATE": lambda: str(c.state),
-            "CC_LIFE": lambda: str(c.life),
-            "CC_STOP": lambda: _flag(c.stop_flag),
+            "$PRO_STATE1": lambda: c.programs.robot.state,
         }
 
     def read(self, name: str) -> str | None:
@@ -59,8 +55,8 @@ class VariableTable:
         name = name.strip().upper()
         if name in self._texts:
             return self._texts[name]()
-        if name in self._c.counters:
-            return str(self._c.counters[name])
+        if (text := self._c.programs.show(name)) is not None:
+            return text
         found = _INDEXED.fullmatch(name)
         return None if found is None else self._read_element(found[1], int(found[2]) - 1)
 
@@ -79,14 +75,9 @@ class VariableTable:
         name, c = name.strip().upper(), self._c
         found = _INDEXED.fullmatch(name)
         try:
-            if name in c.counters and name != "CC_ACK":
-                c.counters[name] = int(text)
-            elif name == "CC_STOP":
-                c.stop_flag = text.strip().upper() == "TRUE"
-            elif name == "CC_AXIS":
-                members = dict(_MEMBER.findall(text.upper()))
-                c.target_deg = [float(members[f"A{axis}"]) for axis in range(1, 7)]
-            elif name == "$OV_PRO":
+            if c.programs.set_from_text(name, text):
+                return True
+            if name == "$OV_PRO":
                 c.set_override(int(text))
             elif (
                 found is not None and found[1] in ("TOOL_DATA", "BASE_DATA") and 1 <= int(found[2]) <= FRAMES
@@ -103,16 +94,15 @@ class VariableTable:
         return self._c.tools if name == "TOOL_DATA" else self._c.bases
 
     def _axes(self) -> str:
-        angles = np.degrees(self._c.arm.controller_joints_rad)
-        members = ", ".join(f"A{axis} {float(angle):.7g}" for axis, angle in enumerate(angles, 1))
-        return f"{{E6AXIS: {members}, E1 0.0, E2 0.0, E3 0.0, E4 0.0, E5 0.0, E6 0.0}}"
+        members = ", ".join(f"{member} {value:.7g}" for member, value in self._c.shown_axes().items())
+        return f"{{E6AXIS: {members}}}"
 
     def _frame(self, kind: str, values: list[float], rest: str = "") -> str:
         members = ", ".join(f"{key} {value:.6f}" for key, value in zip(_POSE, values, strict=True))
         return f"{{{kind}: {members}{rest}}}"
 
     def _load(self) -> str:
-        mass = self._c.loads_kg[self._c.tool_number - 1] if self._c.tool_number else -1.0
+        mass = self._c.load_kg
         return f"{{M {mass}, CM {{X 0.0, Y 0.0, Z 0.0, A 0.0, B 0.0, C 0.0}}, J {{X 0.0, Y 0.0, Z 0.0}}}}"
 
 

@@ -1,7 +1,8 @@
-"""What stays selected on the controller while a run goes on: tool, user frame and payload.
+"""What stays as it is on the controller while a run goes on: tool, user frame, payload, external axes.
 
 A joint target means the same with any tool. But who switches the tool while a run is under way has changed what
-hangs at the flange, or is working at this robot: points from before and after do not belong together.
+hangs at the flange, or is working at this robot: points from before and after do not belong together. Nor do they
+where a rail or positioner has moved: the arm, or the work, stands elsewhere with the same joints.
 """
 
 import math
@@ -9,13 +10,14 @@ from collections.abc import Iterable
 
 from cellcal.calibration.geometry import Pose
 from cellcal.calibration.message import find_message, join_messages, make_message
-from cellcal.drivers.interfaces import ActiveFrames
+from cellcal.drivers.interfaces import ActiveFrames, ShownExternalAxis
 from cellcal.procedures.cell import Cell
 from cellcal.procedures.run import ProcedureError
 
 WRITTEN_M = 5e-6  # controllers keep frames as float32 millimetres and degrees
 WRITTEN_RAD = 5e-6
 PAYLOAD_KG = 1e-3  # what a pendant shows
+EXTERNAL_SHOWN = 0.02  # mm or deg: more than the reading of a standing axis wanders
 _NO_FRAME_REPORT = "Whether {what} was changed on the controller during the run: this robot does not tell it."
 
 
@@ -94,7 +96,8 @@ def frame_changes(was: ActiveFrames, now: ActiveFrames) -> tuple[Change, ...]:
         _selection_change("user frame", was.user_frame_number, now.user_frame_number),
         _payload_change(was.payload_kg, now.payload_kg),
     )
-    return tuple(change for change in found if change is not None)
+    selected = tuple(change for change in found if change is not None)
+    return selected + _external_changes(was.external_axes, now.external_axes)
 
 
 def changes_text(changed: Iterable[Change]) -> str:
@@ -141,6 +144,9 @@ _SELECTIONS = {  # what is different, and what undoes it
 _CURES = {  # of a single difference
     "select tool {was} on the pendant again": "Select tool {was} on the pendant again, then {then}.",
     "select user frame {was} on the pendant again": "Select user frame {was} on the pendant again, then {then}.",
+    "drive the external axis {axis} back to {was:.3f}": (
+        "Drive the external axis {axis} back to {was:.3f}, then {then}."
+    ),
 }
 
 
@@ -166,6 +172,28 @@ def _payload_change(was: float | None, now: float | None) -> Change | None:
     return (
         make_message("the payload is {now:.3f} kg, and not {was:.3f} kg", now=now, was=was),
         f"set the payload to {was:.3f} kg on the pendant again",
+    )
+
+
+def _external_changes(
+    was: tuple[ShownExternalAxis, ...] | None, now: tuple[ShownExternalAxis, ...] | None
+) -> tuple[Change, ...]:
+    """Return which external axes stand elsewhere; one that only one of both has, is none that moved."""
+    before = {axis.name: axis.shown for axis in was or ()}
+    return tuple(
+        (
+            make_message(
+                "the external axis {axis} stands at {now:.3f}, and not at {was:.3f}",
+                axis=axis.name,
+                now=axis.shown,
+                was=before[axis.name],
+            ),
+            make_message(
+                "drive the external axis {axis} back to {was:.3f}", axis=axis.name, was=before[axis.name]
+            ),
+        )
+        for axis in now or ()
+        if axis.name in before and abs(axis.shown - before[axis.name]) > EXTERNAL_SHOWN
     )
 
 

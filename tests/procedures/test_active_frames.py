@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from cellcal.calibration.geometry import Pose
-from cellcal.drivers.interfaces import ActiveFrames, Instruction
+from cellcal.drivers.interfaces import ActiveFrames, Instruction, ShownExternalAxis
 from cellcal.procedures.cell import Cell
 from cellcal.procedures.mastering_record import MasteringRecordSpec
 from cellcal.procedures.motion.active_frames import (
@@ -304,3 +304,14 @@ def test_the_cell_file_names_what_must_be_active() -> None:
             read_motion({"model": "fanuc_m6ib", "active": bad}, "robot[0]", faults).active == ActiveFrames()
         )
         assert [where for where, _ in faults] == [f"robot[0].active.{next(iter(bad))}"]
+
+
+def test_a_rail_that_has_moved_is_a_difference_and_one_that_trembles_is_none() -> None:
+    was = ActiveFrames(1, external_axes=(ShownExternalAxis("E1", 1200.0), ShownExternalAxis("E2", 0.0)))
+    trembles = replace(was, external_axes=(ShownExternalAxis("E1", 1200.004), ShownExternalAxis("E2", 0.0)))
+    moved = replace(was, external_axes=(ShownExternalAxis("E1", 1200.5), ShownExternalAxis("E2", 0.0)))
+    assert frame_changes(was, trembles) == ()
+    assert frame_changes(was, replace(was, external_axes=None)) == ()
+    (change,) = frame_changes(was, moved)
+    assert change[0] == "the external axis E1 stands at 1200.500, and not at 1200.000"
+    assert cure_text([change]) == "Drive the external axis E1 back to 1200.000, then resume."

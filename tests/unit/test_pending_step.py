@@ -30,13 +30,17 @@ class SimulatedProgram:
         shown = ShownJoints(self.arm, (100.0,) * 6, np.random.default_rng(1))
         self._clock, self._exchanges, self._each = world.clock, 0, exchanges_per_cycle
         if brand == "abb":
-            abb = AbbController(self.arm, "0", lambda: 0.0, shown)
+            abb = AbbController(self.arm, "0", self.passed_s, shown)
             self._run_cycle: Callable[[], None] = abb.run_program
             self.motion = AbbMotionServer(AbbLink(self, abb))  # type: ignore[arg-type]
         else:
-            kuka = KukaController(self.arm, ("0", "KR"), lambda: 0.0, shown)
+            kuka = KukaController(self.arm, ("0", "KR"), self.passed_s, shown)
             self._run_cycle = kuka.run_programs
             self.motion = KukaMotionServer(KukaLink(self, VariableTable(kuka)))  # type: ignore[arg-type]
+
+    def passed_s(self) -> float:
+        """Return the time that the exchanges took."""
+        return 0.02 * self._exchanges
 
     def exchange(self) -> None:
         """Let the time of one exchange go by."""

@@ -109,7 +109,7 @@ async def test_a_foreign_client_reads_and_writes_the_simulated_controller(
     assert np.flatnonzero(np.abs(np.subtract(shown_rad, CASE.home_rad)) > 1e-3).tolist() == [2]
     assert np.allclose(np.array(pose.trans) * 1e-3, (await abb.flange_pose()).position_m, atol=1e-6)
     assert (mode, motors, speed) == ("AUTO", "motoron", 100.0)
-    assert execution.ctrlexecstate == "running"
+    assert execution.ctrlexecstate == "stopped"  # no program runs with a lost counter
     assert log[0].code == 20032
     assert float(written) == 0.75
 
@@ -209,3 +209,35 @@ async def test_calibration_offsets_are_shown_and_change_with_a_fine_calibration(
     await fake_client.inject_fault("fine_calibrate", device=CASE.name, axis="2")
     changed = [now != then for now, then in zip(await offsets(), before, strict=True)]
     assert changed == [False, True, False, False, False, False]
+
+
+async def test_a_track_stands_while_the_arm_moves_and_is_seen_where_it_was_moved(
+    abb: Any, fake_client: FakeCellClient
+) -> None:
+    before = await abb.active_frames()
+    assert before.external_axes == ()
+    await fake_client.inject_fault("external_moved", device=CASE.name, axis="a", value=1500.25)
+    await abb.move_joints(CASE.away_rad, speed_rad_s=1.0)
+    assert (await truth_of(fake_client))["external"][0] == pytest.approx(1500.25, abs=1e-3)
+    seen = (await abb.active_frames()).external_axes
+    assert [(axis.name, round(axis.shown, 2)) for axis in seen] == [("eax_a", 1500.25)]
+    await fake_client.inject_fault("external_moved", device=CASE.name, axis="a", value=9e9)
+
+
+async def test_start_after_an_emergency_stop_does_not_go_on_with_the_old_step(
+    abb: Any, fake_client: FakeCellClient
+) -> None:
+    move = asyncio.create_task(abb.move_joints(CASE.away_rad, speed_rad_s=CASE.slow_rad_s))
+    await wait_until(lambda: _moves(fake_client))
+    await fake_client.inject_fault("emergency_stop", device=CASE.name)
+    with pytest.raises(MotionStoppedError):
+        await move
+    stood = (await truth_of(fake_client))["joints_rad"]
+    await fake_client.inject_fault("auto_mode", device=CASE.name)
+    await wait_until(lambda: _has_state(fake_client, 3))
+    assert (await truth_of(fake_client))["joints_rad"] == pytest.approx(stood, abs=8e-3)
+    await abb.move_joints(CASE.home_rad, speed_rad_s=0.5)
+
+
+async def _has_state(fake_client: FakeCellClient, state: int) -> bool:
+    return bool((await truth_of(fake_client))["state"] == state)

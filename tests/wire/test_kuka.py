@@ -37,6 +37,7 @@ from cellcal.drivers.kuka.variables.values import (
     write_pose,
 )
 from cellcal.drivers.kuka.variables.variable_link import VariableLink
+from cellcal.procedures.motion.active_frames import frame_changes
 from cellcal.service.configuration.cell_file import CellConfig
 from cellcal.service.demo.fake_cell_client import FakeCellClient
 from tests.wire.driver_cases import ROBOTS, open_at_home, wait_until
@@ -301,7 +302,11 @@ def test_the_program_that_ships_uses_the_variables_of_the_driver() -> None:
         re.findall(r"^GLOBAL \w+ (CC_\w+)", (folder / "CELLCAL_GLOBALS.DAT").read_text(), re.MULTILINE)
     )
     parts = "".join((folder / name).read_text() for name in ("CELLCAL.SRC", "CELLCAL_SPS.SRC"))
-    words = set(re.findall(r"\bCC_[A-Z_]+\b", re.sub(r";.*", "", parts))) - {"CC_SERVE", "CC_BRAKE"}
+    words = set(re.findall(r"\bCC_[A-Z_]+\b", re.sub(r";.*", "", parts))) - {
+        "CC_SERVE",
+        "CC_BRAKE",
+        "CC_CHECK",
+    }
     assert words == declared
     source = (ROOT / "drivers" / "kuka" / "variables" / "motion_server.py").read_text()
     assert set(re.findall(r'"(CC_\w+)"', source)) <= declared
@@ -316,3 +321,45 @@ def test_the_program_that_ships_uses_the_variables_of_the_driver() -> None:
     )
     names = {word.upper() for line in lines for word in re.findall(r"^DECL \w+ (\w+)", line)}
     assert not names & {"AXIS", "POS", "FRAME", "E6AXIS", "E6POS", "LOAD"}  # types of the controller's own
+
+
+async def test_a_rail_that_moves_between_two_looks_is_seen(kuka: Any, fake_client: FakeCellClient) -> None:
+    before = await kuka.active_frames()
+    assert [axis.name for axis in before.external_axes] == [f"E{axis}" for axis in range(1, 7)]
+    await fake_client.inject_fault("external_moved", device=CASE.name, axis=1, value=812.5)
+    after = await kuka.active_frames()
+    assert [text for text, _ in frame_changes(before, after)] == [
+        f"the external axis E1 stands at 812.500, and not at {before.external_axes[0].shown:.3f}"
+    ]
+    await kuka.move_joints(CASE.home_rad, speed_rad_s=0.5)
+    assert (await truth_of(fake_client))["external"][0] == pytest.approx(812.5, abs=1e-3)
+    await fake_client.inject_fault("external_moved", device=CASE.name, axis=1, value=0.0)
+
+
+async def test_a_target_beyond_the_limits_of_the_controller_is_refused_by_its_axis(
+    kuka: Any, fake_client: FakeCellClient
+) -> None:
+    with pytest.raises(RefusedError, match="A1 is beyond the software limit"):
+        await kuka.move_joints((9.0, *CASE.home_rad[1:]), speed_rad_s=1.0)
+    assert not (await truth_of(fake_client))["moving"]
+    await kuka.move_joints(CASE.home_rad, speed_rad_s=1.0)  # without a person at the pendant
+
+
+@pytest.mark.parametrize("event", ["program_stop", "program_cancel"])
+async def test_start_after_a_stop_at_the_pendant_does_not_go_on_with_the_old_step(
+    kuka: Any, fake_client: FakeCellClient, event: str
+) -> None:
+    move = asyncio.create_task(kuka.move_joints(CASE.away_rad, speed_rad_s=CASE.slow_rad_s))
+    await wait_until(lambda: _moves(fake_client))
+    await fake_client.inject_fault(event, device=CASE.name)
+    with pytest.raises(MotionStoppedError, match="CELLCAL"):
+        await move
+    stood = (await truth_of(fake_client))["joints_rad"]
+    await fake_client.inject_fault("program_start" if event == "program_stop" else "mend", device=CASE.name)
+    await wait_until(lambda: _has_state(fake_client, 3))
+    assert (await truth_of(fake_client))["joints_rad"] == pytest.approx(stood, abs=2e-3)
+    await kuka.move_joints(CASE.home_rad, speed_rad_s=0.5)
+
+
+async def _has_state(fake_client: FakeCellClient, state: int) -> bool:
+    return bool((await truth_of(fake_client))["state"] == state)

@@ -11,6 +11,8 @@ MODULE CellcalServer
   PERS jointtarget jTarget := [[0,0,0,0,0,0],[9E+09,9E+09,9E+09,9E+09,9E+09,9E+09]];
   ! the tool that is selected when main begins: its load counts in each motion (tool0 weighs 1 g)
   PERS tooldata tMounted := [TRUE,[[0,0,0],[1,0,0,0]],[0.001,[0,0,0.001],[1,0,0,0],0,0,0]];
+  VAR num nStep := 0;  ! the request that is under way
+  VAR jointtarget jGoal;
   VAR num nHeartBefore := 0;
   VAR num nSilent := 0;
   VAR intnum iTick;
@@ -35,11 +37,14 @@ MODULE CellcalServer
     nState := 1;
     WaitUntil nReq <> nAck OR nStop <> 0 \PollRate := 0.05;
     IF nStop = 0 THEN
+      nStep := nReq;  ! acknowledged at the end: a request that comes while the arm moves is the next step
+      jGoal := CJointT();  ! cellcal moves the robot alone: a track or positioner stays where it is
+      jGoal.robax := jTarget.robax;
       nSilent := 0;
       nState := 2;
-      MoveAbsJ jTarget \NoEOffs, v100 \T := nTime, fine, tMounted \WObj := wobj0;
+      MoveAbsJ jGoal \NoEOffs, v100 \T := nTime, fine, tMounted \WObj := wobj0;
       nState := 1;
-      nAck := nReq;
+      nAck := nStep;
     ENDIF
   ENDPROC
 
@@ -51,7 +56,7 @@ MODULE CellcalServer
       nHeartBefore := nHeart;
       nSilent := 0;
     ENDIF
-    IF nState = 2 AND nSilent > 5 THEN
+    IF nState = 2 AND nSilent > 4 THEN
       nStop := 1;
     ENDIF
     IF nState = 2 AND nStop <> 0 THEN

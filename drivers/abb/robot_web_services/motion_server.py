@@ -49,6 +49,9 @@ class MotionServer(ProgramHandshake):
     async def _write_heartbeat(self, number: int) -> None:
         await self._write("nHeart", number)
 
+    async def _refused_error(self) -> RefusedError:
+        return self._not_running_error()  # this program refuses no step: the controller does
+
     def _not_running_error(self) -> RefusedError:
         return RefusedError(self._link.device, "the program CellcalServer does not run.", remedy=_START)
 

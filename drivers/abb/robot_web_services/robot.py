@@ -19,6 +19,7 @@ from cellcal.drivers.abb.robot_web_services.state import (
     condition_of,
     converted,
     number_of,
+    read_external_axes,
     read_flange_pose,
     read_joints,
     read_position_data,
@@ -146,6 +147,7 @@ class AbbRobot(StreamedStepwiseMotion):
         async with self._confirmed_answers("reading the active tool"):
             tool_name, work_object = await read_unit_names(self._link)
             text = await self._link.read_symbol(tool_name)
+            external_axes = await read_external_axes(self._link)
         robot_carries, flange_tool, mass_kg = converted(self._link, partial(read_tool, text))
         if not robot_carries:
             raise RefusedError(
@@ -154,9 +156,8 @@ class AbbRobot(StreamedStepwiseMotion):
                 remedy="Select the tool that the robot carries.",
             )
         payload_kg = check_mass(self.name, mass_kg) if mass_kg >= 0 else None
-        return ActiveFrames(
-            None, check_pose(self.name, flange_tool), 0 if work_object == _BASE else None, payload_kg
-        )
+        frame_number = 0 if work_object == _BASE else None
+        return ActiveFrames(None, check_pose(self.name, flange_tool), frame_number, payload_kg, external_axes)
 
     async def controller_mode(self) -> str:
         async with self._confirmed_answers("reading the mode"):
@@ -209,6 +210,9 @@ class AbbRobot(StreamedStepwiseMotion):
         self._has_ordered = True
         request = await self._server.order_move(tuple(target_rad.tolist()), duration_s)
         return partial(self._server.has_finished, request)
+
+    async def _explain_standstill(self) -> None:
+        await self._server.require_alive()
 
     async def _halt_arm(self) -> None:
         try:

@@ -13,7 +13,7 @@ from cellcal.drivers.abb.robot_web_services.event_log import read_position_event
 from cellcal.drivers.abb.robot_web_services.rapid_values import AXES, NO_AXIS, pose_of
 from cellcal.drivers.abb.robot_web_services.web_link import WebLink
 from cellcal.drivers.errors import RefusedError, WireProtocolError
-from cellcal.drivers.interfaces import Alarm, AlarmKind, Condition, Readiness
+from cellcal.drivers.interfaces import Alarm, AlarmKind, Condition, Readiness, ShownExternalAxis
 from cellcal.drivers.wire.link_errors import unreadable_answer_error
 from cellcal.drivers.wire.possible_values import check_joints, check_pose
 
@@ -68,6 +68,14 @@ async def read_joints(link: WebLink) -> tuple[tuple[float, ...], Mapping[str, An
     if any(abs(angle) >= NO_AXIS * 0.9 for angle in angles):
         raise unreadable(link, "an axis is missing")
     return check_joints(link.device, tuple(map(math.radians, angles))), state
+
+
+async def read_external_axes(link: WebLink) -> tuple[ShownExternalAxis, ...]:
+    """Return where the external axes that are there stand."""
+    _, reply = await read_joints(link)
+    names = [name for name in (f"eax_{letter}" for letter in "abcdef") if name in reply]
+    places = [ShownExternalAxis(name, number_of(link, reply, name)) for name in names]
+    return tuple(place for place in places if abs(place.shown) < NO_AXIS * 0.9)
 
 
 async def read_position_data(link: WebLink) -> tuple[ShownValue, ...]:

@@ -54,6 +54,14 @@ class MotionServer(ProgramHandshake):
     async def _write_heartbeat(self, number: int) -> None:
         await self._link.write_variable("CC_HB", str(number))
 
+    async def _refused_error(self) -> RefusedError:
+        axis = await self._read("CC_BAD")
+        return RefusedError(
+            self._link.device,
+            make_message("the target of A{axis} is beyond the software limit of the controller.", axis=axis),
+            remedy="Compare the joint limits of the cell file's model with those of the controller.",
+        )
+
     def _not_running_error(self) -> RefusedError:
         return RefusedError(self._link.device, "the program CELLCAL does not run.", remedy=_START)
 

@@ -16,6 +16,7 @@ from cellcal.drivers.interfaces import (
     Joints,
     PositionCure,
     RobotCapabilities,
+    ShownExternalAxis,
 )
 from cellcal.drivers.kuka.variables.motion_server import MotionServer, speed_percent
 from cellcal.drivers.kuka.variables.state import (
@@ -32,6 +33,7 @@ from cellcal.drivers.kuka.variables.state import (
 from cellcal.drivers.kuka.variables.values import (
     AXES,
     read_axes,
+    read_external_axes,
     read_members,
     read_pose,
     write_pose,
@@ -143,7 +145,14 @@ class KukaRobot(StreamedStepwiseMotion):
             base = await read_value(self._link, "$ACT_BASE", parse_whole)
             flange_tool = await read_value(self._link, "$TOOL", read_pose)
             mass = (await read_value(self._link, "$LOAD", read_members)).get("M")
-        return ActiveFrames(tool, flange_tool, base, mass if mass is not None and mass >= 0 else None)
+            places = await read_value(self._link, "$AXIS_ACT", read_external_axes)
+        return ActiveFrames(
+            tool,
+            flange_tool,
+            base,
+            mass if mass is not None and mass >= 0 else None,
+            tuple(ShownExternalAxis(name, shown) for name, shown in places),
+        )
 
     async def controller_mode(self) -> str:
         async with self._answer_deadline("reading the mode"):
@@ -186,6 +195,9 @@ class KukaRobot(StreamedStepwiseMotion):
         percent = speed_percent(self.name, speed_rad_s, self._options.fastest_axis_rad_s)
         request = await self._server.order_move(tuple(target_rad.tolist()), percent)
         return partial(self._server.has_finished, request)
+
+    async def _explain_standstill(self) -> None:
+        await self._server.require_alive()
 
     async def _halt_arm(self) -> None:
         await self._server.stop()

@@ -54,6 +54,13 @@ def read_axes(text: str) -> tuple[float, ...]:
     return tuple(map(math.radians, _read_members_once(text, [f"A{axis}" for axis in range(1, AXES + 1)])))
 
 
+def read_external_axes(text: str) -> tuple[tuple[str, float], ...]:
+    """Return those of E1 to E6 that the aggregate has, with where they stand [mm or deg]."""
+    members = read_members(text)
+    names = [name for name in (f"E{axis}" for axis in range(1, AXES + 1)) if name in members]
+    return tuple(zip(names, _read_members_once(text, names), strict=True))
+
+
 def read_pose(text: str) -> Pose:
     """Return the pose of X Y Z [mm] and A B C [deg]; the rotation is Rz(A) Ry(B) Rx(C)."""
     position_mm, abc_deg = np.split(np.array(_read_members_once(text, _POSE_MEMBERS)), 2)
