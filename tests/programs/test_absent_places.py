@@ -42,6 +42,9 @@ def yaskawa(*lines: str) -> str:
         ("fanuc", "offset_pr.LS", fanuc("L PR[R[2]] 100mm/sec FINE"), "PR[R[...]]"),
         ("fanuc", "offset_pr.LS", fanuc("J PR[1:Home] 100% FINE", "L PR[1:Home] 100mm/sec FINE"), "PR[1]"),
         ("fanuc", "offset_pr.LS", fanuc("PR[1]=PR[2]", "L PR[1] 100mm/sec FINE"), "PR[1]"),
+        ("fanuc", "offset_pr.LS", fanuc("PR[1,1]=R[7]", "L PR[1] 100mm/sec CNT100 COORD PTH"), "PR[1]"),
+        ("fanuc", "offset_pr.LS", fanuc("L PR[R[2]] 100mm/sec FINE RTCP"), "PR[R[...]]"),
+        ("fanuc", "offset_pr.LS", fanuc("L PR[1] 100mm/sec FINE VOFFSET,VR[1]"), "PR[1]"),
         ("abb", "pdisp_rotated.mod", rapid("MoveL pOther,v100,fine,tool0\\WObj:=wobj0;"), "pOther"),
         (
             "abb",

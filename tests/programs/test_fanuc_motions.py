@@ -7,6 +7,7 @@ import pytest
 
 from cellcal.calibration.geometry import homogeneous_matrix
 from cellcal.drivers.fanuc.program_files.ls_registers import indirect_line, registers_used
+from cellcal.drivers.fanuc.program_files.ls_statements import read_statements
 from cellcal.drivers.fanuc.program_files.programs import BRAND
 from cellcal.drivers.programs.cross_file_uses import BatchDeclarations
 from cellcal.drivers.programs.shifts import ShiftAxes
@@ -331,3 +332,34 @@ def test_a_register_that_turns_a_shift_is_a_finding_of_a_step_too(
     (shift,) = program.positions.shifts
 
     assert shift.quaternion is None
+
+
+def test_a_step_from_here_on_a_led_motion_is_a_finding() -> None:
+    data = listing_bytes("PR[1]=LPOS", "PR[1,1]=PR[1,1]+R[1]", "L PR[1] 100mm/sec FINE COORD", records=())
+    (shift,) = BRAND.read("a.ls", data).positions.shifts
+    assert (shift.point, shift.axes) == ("PR[1]", ShiftAxes.USER_FRAME)
+
+
+@pytest.mark.parametrize(
+    ("broken", "following"),
+    [
+        (b"--eg:THE PART IS NOT IN THE SPINDLE\n    :  CALL THE PEOPLE ;", b""),
+        (b"!THE PART\r\n    :  L P[2] IS NOT\r\n    :  CLEAR ;", b""),
+        (b"//C P[1]    \n    :  P[2] 600mm/sec FINE Offset,PR[1] ;", b""),
+        (
+            b"!A MOTION BELOW\n    :L P[1] 100mm/sec FINE Offset,PR[1] ;",
+            b"L P[1] 100mm/sec FINE Offset,PR[1]",
+        ),
+    ],
+)
+def test_a_remark_that_the_controller_broke_is_no_statement(broken: bytes, following: bytes) -> None:
+    data = listing_bytes("REMARK", "L P[3] 100mm/sec FINE").replace(b"REMARK ;", broken)
+    lines = data[: data.index(b"L P[3]")].count(b"\n") + 1
+
+    statements = list(read_statements(data))
+
+    assert [each.text for each in statements] == [
+        *([following] if following else []),
+        b"L P[3] 100mm/sec FINE",
+    ]
+    assert statements[-1].line == lines

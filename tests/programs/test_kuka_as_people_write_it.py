@@ -98,3 +98,13 @@ def test_a_reset_behind_a_base_leaves_what_follows_open() -> None:
     found = read_program("k.src", f"DEF k()\n{body}END\n".encode()).positions
     assert found.user_frames == ("1", None)
     assert sorted(found.barred) == [1]
+
+
+def test_a_field_of_another_type_costs_its_own_point_alone(tmp_path: Path) -> None:
+    """RoboDK writes external axes into an AXIS."""
+    body = FORM.format(n=1, between="") + "PTP {AXIS: A1 0,A2 -90,A3 90,A4 0,A5 0,A6 0,E1 100}\n"
+    code, report = move_module(tmp_path, body, points=1)
+    (by_axes,) = (point for name, point in report["points"].items() if name.startswith("PTP@"))
+    assert code == ExitCode.REFUSED
+    assert "not understood" in by_axes["reason"]
+    assert report["points"]["XP1"]["status"] == "changed"

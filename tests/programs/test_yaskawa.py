@@ -386,3 +386,11 @@ def flip_character(text: str, place: int) -> str:
     numbers = text.split(",")
     numbers[place] = "10"[int(numbers[place])]
     return ",".join(numbers)
+
+
+def test_points_under_a_signed_rconf_are_named_and_cost_no_other() -> None:
+    """RoboDK writes the turns of an axis: -1 behind half a turn the other way."""
+    positions = BRAND.read("a.jbi", JOB.replace(b"///RCONF 1,0,0,0,0", b"///RCONF 1,0,0,0,-1", 1)).positions
+    signed, unsigned = positions.configurations.index("1,0,0,0,-1,0,0,0"), positions.names.index("C00002")
+    assert "///RCONF 1,0,0,0,-1,0,0,0" in positions.barred[signed]
+    assert unsigned not in positions.barred

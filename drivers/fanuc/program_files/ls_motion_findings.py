@@ -91,7 +91,7 @@ def find_motions(
             continue
         motion = motion_of(statement)
         _take_targets(found, motion)
-        _take_reached(found, motion, bool(region))
+        _take_reached(found, motion)
         if motion.search:  # it goes along an axis of the touch sensor's frame, as far as it finds something
             _add_shift(found, motion, ProgramShift(motion.line, motion.search, ShiftAxes.USER_FRAME))
         if motion.offset or region:
@@ -126,12 +126,12 @@ def _registers_not_filled(
     return shifting - filled - filled_elsewhere
 
 
-def _take_reached(found: MotionFindings, motion: MotionStatement, region: bool) -> None:
-    """Take up which registers a motion goes to, shifted or not."""
+def _take_reached(found: MotionFindings, motion: MotionStatement) -> None:
+    """Take up which registers a motion goes to: shifted, led, by a camera, with a standing tool, or none of these."""
     some = (*motion.register_targets, *((ANY_REGISTER,) if motion.any_register else ()))
     if motion.relative:
         found.added |= dict.fromkeys(some, motion.line)
-    elif motion.is_place or motion.offset or region:
+    else:
         for register in some:
             found.reached.setdefault(register, []).append(motion.line)
 

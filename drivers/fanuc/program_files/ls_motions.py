@@ -205,7 +205,7 @@ def _shifts_of_places_here(
     places = [
         (each, frame, line)
         for each, lines in found.reached.items()
-        if each in registers.here and each in found.goes_to
+        if each in registers.here
         for frame, line in _first_lines(lines, frames).items()
     ]
     for each, frame, line in places:

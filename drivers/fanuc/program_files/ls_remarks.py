@@ -16,8 +16,16 @@ from cellcal.calibration.message import make_message
 from cellcal.drivers.fanuc.program_files.ls_positions import REMOTE
 from cellcal.drivers.programs.positions import Positions, Remark
 
+# A controller breaks a long line: what follows has no number, and no letter of a motion right behind the colon.
+_NO_END = rb"(?:[^;\n]|;(?![ \t\r]*+(?:\n|\Z)))*+"
+_TO_LINE_END = _NO_END + rb"(?:\n[ \t]++:(?![JLCAS][ \t])" + _NO_END + rb")*+"
 _SILENT_LINE = re.compile(
-    rb"^[ \t]*+\d*+[ \t]*+:[ \t]*+(?://|!|--)[^\n]*+|(?<=:)//[^\n]*+|'[^'\n]*+'", re.MULTILINE
+    rb"^[ \t]*+\d*+[ \t]*+:[ \t]*+(?://|!|--)"
+    + _TO_LINE_END
+    + rb"|(?<=:)//"
+    + _TO_LINE_END
+    + rb"|'[^'\n]*+'",
+    re.MULTILINE,
 )
 _COMMENT = re.compile(rb"(\[ *+(?:GP\d *+: *+)?+\d{1,5}+(?: *+, *+\d{1,2}+)?+) *+:[^\]\n]*+\]")
 _SMALL_LETTERS = re.compile(
@@ -136,7 +144,7 @@ def _active_statements(statements: bytes) -> bytes:
 
 
 def _blank_match(found: re.Match[bytes]) -> bytes:
-    return b" " * len(found[0])
+    return b"\n".join(b" " * len(line) for line in found[0].split(b"\n"))
 
 
 def _blanked_comment(found: re.Match[bytes]) -> bytes:

@@ -98,7 +98,7 @@ class KrlPositions:
         try:
             return read_literal(self.source.text, start, end)
         except KrlLiteralError as error:
-            if not (error.computed or error.broken or is_last):
+            if not (error.computed or error.broken or error.closed or is_last):
                 raise self.source.error_at(
                     error.place, str(error), remedy="Correct it on the controller, or leave this program out."
                 ) from None

@@ -43,14 +43,18 @@ _CANONICAL_FIELDS = (*POSE_FIELDS, *STATE_FIELDS, *EXTERNAL_FIELDS)
 class KrlLiteralError(ValueError):
     """The text is no position that this program states.
 
-    ``computed`` where only the controller knows it, ``broken`` where a value of a whole struct is no number.
+    ``computed`` where only the controller knows it, ``broken`` where a value of a whole struct is no number,
+    ``closed`` where a whole struct is none of its type.
     """
 
-    def __init__(self, place: int, message: str, *, computed: bool = False, broken: bool = False) -> None:
+    def __init__(
+        self, place: int, message: str, *, computed: bool = False, broken: bool = False, closed: bool = False
+    ) -> None:
         super().__init__(message)
         self.place = place
         self.computed = computed
         self.broken = broken
+        self.closed = closed
 
 
 class KrlLiteral(NamedTuple):
@@ -179,9 +183,11 @@ def _literal_of(text: str, start: int, end: int) -> KrlLiteral:
         raise KrlLiteralError(start, make_message("{kind} is no type of position.", kind=kind))
     for name, (place, _) in spans.items():
         if name not in allowed:
-            raise KrlLiteralError(place, make_message("{name} is no field of this position.", name=name))
+            why = make_message("{name} is no field of this position.", name=name)
+            raise KrlLiteralError(place, why, closed=True)
         if name not in STATE_FIELDS and text[place] == "'":
-            raise KrlLiteralError(place, make_message("{name} must be a number.", name=name))
+            why = make_message("{name} must be a number.", name=name)
+            raise KrlLiteralError(place, why, closed=True)
 
     def field_texts(names: tuple[str, ...]) -> tuple[str | None, ...]:
         return tuple(text[slice(*spans[name])] if name in spans else None for name in names)

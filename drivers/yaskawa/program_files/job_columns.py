@@ -20,6 +20,8 @@ USUAL = {
     digits: re.compile(rf"(?:-?\d+\.\d{{3}},){{3}}(?:-?\d+\.\d{{{digits}}},){{2}}-?\d+\.\d{{{digits}}}")
     for digits in (4, 2)
 }
+_SIGN = re.compile(r"[+-]")
+_NO_POSTURE = "its ///RCONF {}, where each number is 0 or 1, says no posture"
 _LEAST_MM, _LEAST_DEG = 3, 4  # decimals of numbers that are not all written alike
 
 
@@ -32,6 +34,15 @@ def kind_of(row: JobRow, ratios: Array | None, shifts: frozenset[int], points: f
     if row.state.mode == "RECTAN":
         return CARTESIAN
     return PULSES if row.state.mode == "PULSE" and ratios is None else JOINTS
+
+
+def unknown_configurations(rows: Sequence[JobRow]) -> dict[int, str]:
+    """Return why poses are left whose RCONF no controller writes."""
+    return {
+        i: make_message(_NO_POSTURE, row.state.configuration)
+        for i, row in enumerate(rows)
+        if row.state.mode == "RECTAN" and _SIGN.search(row.state.configuration)
+    }
 
 
 def positions_of(

@@ -29,7 +29,13 @@ from cellcal.drivers.yaskawa.program_files.job_calls import (
     frames_of_people,
     shift_from_others,
 )
-from cellcal.drivers.yaskawa.program_files.job_columns import PULSES, SHIFT, kind_of, positions_of
+from cellcal.drivers.yaskawa.program_files.job_columns import (
+    PULSES,
+    SHIFT,
+    kind_of,
+    positions_of,
+    unknown_configurations,
+)
 from cellcal.drivers.yaskawa.program_files.job_edits import RATIOS_NEEDED, edits_of
 from cellcal.drivers.yaskawa.program_files.job_external import rows_beside, rows_that_share
 from cellcal.drivers.yaskawa.program_files.job_motions import UNFILLED_AMOUNT, motions_in
@@ -257,7 +263,7 @@ def read_job(
     barred, shifts = motions_in(jobs, positions)
     others = {i: make_message(_OTHER_ROBOT, one, robot) for i, one in enumerate(robots) if one != robot}
     beside = rows_beside(jobs, rows)
-    broken = {i: NO_NUMBER for i, row in enumerate(rows) if row.broken}
+    broken = unknown_configurations(rows) | {i: NO_NUMBER for i, row in enumerate(rows) if row.broken}
     broken |= {i: NO_NUMBER for (i, _), row in beside.items() if row.broken}
     positions = replace(
         positions,

@@ -53,6 +53,7 @@ _END_OF_FILE = "\x1a"  # which tools of DOS put behind a text
 _WORD = re.compile(r"(/{1,4})([A-Z]\w*)(?:[ \t]+(.*?))?[ \t]*\Z")
 _SLASHED = re.compile(r"^/[^\r\n]*", re.MULTILINE)
 _WHOLE = re.compile(r"\d{1,9}\Z")
+_SIGNED = re.compile(r"[+-]?\d{1,9}\Z")  # as tools write turns of an axis that no RCONF states
 BLOCK_BEGINS, BLOCK_ENDS = r"IFTHEN\w*|SWITCH\w*|WHILE\w*|FOR", "ENDIF|ENDSWITCH|ENDWHILE|NEXT"
 _OPENS = re.compile(BLOCK_BEGINS)
 _CLOSES = frozenset(BLOCK_ENDS.split("|"))
@@ -297,7 +298,7 @@ class _JobReader:
             self.row_state = RowState(
                 row_state.tool, row_state.user, row_state.postype, word, row_state.configuration
             )
-        elif word == "RCONF" and rest and all(_WHOLE.match(n.strip(" \t")) for n in rest.split(",")):
+        elif word == "RCONF" and rest and all(_SIGNED.match(n.strip(" \t")) for n in rest.split(",")):
             self.row_state = RowState(row_state.tool, row_state.user, row_state.postype, row_state.mode, rest)
         else:
             raise self.error_at(
