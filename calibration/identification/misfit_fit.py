@@ -26,7 +26,7 @@ _LEAST_PROGRESS = 0.01  # of the cost: whether rows fit shows in factors of it
 _LEAST_OF_LIMITED = 0.1  # of the cost, where only a score far below counts
 _SAME = 0.02  # of the cost
 _REACHED = 2.0  # times the limit: further down no choice of rows leads, unless outliers pull
-_PULLED = 4.0  # times the best rows' error; 1.5 for places and 2.4 for lengths without outliers
+_PULLED = {"point": 1.8, "length": 2.7}  # times the best rows' error; 1.4 and 2.2 without outliers
 
 
 def motion_of(model: RobotModel, observations: MeasuredRows) -> float:
@@ -81,7 +81,8 @@ class _PlainFit:
 
     def can_reach(self, limit_m: float) -> bool:
         """Return whether a fit to most of the rows may come below a limit: outliers pull at this one as they like."""
-        return self.best_rows_m <= _REACHED * limit_m or self.all_rows_m > _PULLED * self.best_rows_m
+        pulled = self.all_rows_m > _PULLED[self.problem.observations.kind] * self.best_rows_m
+        return pulled or self.best_rows_m <= _REACHED * limit_m
 
 
 def _begin_fit(

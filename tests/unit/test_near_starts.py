@@ -10,6 +10,7 @@ from cellcal.calibration.arm.kinematics import load_model
 from cellcal.calibration.identification.cross_validation import same_postures
 from cellcal.calibration.identification.frame_fits import FrameFits, fit_frames
 from cellcal.calibration.identification.misfit_fit import fit_quickly
+from tests.soak.misfits import WAYS, answer_to, is_named, measure_rows
 from tests.unit.helpers.simulated_arm import ANCHOR, random_joints, tracker_points, wire_lengths
 from tests.unit.test_identification_of_bad_data import with_outliers
 
@@ -27,13 +28,23 @@ def test_places_from_a_fit_with_one_break_less_are_those_from_all_starts(moved_m
             assert one.anchor_in_base_m == pytest.approx(other.anchor_in_base_m, abs=2e-5)
 
 
-@pytest.mark.parametrize(("share", "size_m"), [(0.0, 0.0), (0.06, 0.8), (0.2, 0.05)])
+@pytest.mark.parametrize(("share", "size_m"), [(0.0, 0.0), (0.06, 0.8), (0.2, 0.05), (0.2, 0.5)])
 def test_a_reading_that_reaches_the_limit_is_followed_whatever_outliers_pull(share, size_m):
     simulated, _ = with_outliers(tracker_points("abb_irb120", 60, sigma_m=1e-4), share, size_m, 3)
     alone = fit_quickly(simulated.model, simulated.observations)
     assert alone.score_m < 3e-3
     limited = fit_quickly(simulated.model, simulated.observations, limit_m=1.5 * alone.score_m)
     assert limited.score_m == pytest.approx(alone.score_m, rel=0.05)
+
+
+@pytest.mark.parametrize("seed", [200, 203])
+def test_a_sign_is_named_where_a_fifth_of_the_rows_is_far_off(seed):
+    true, rng = measure_rows("abb_irb120", seed), np.random.default_rng(seed)
+    positions_m = true.rows.positions_m.copy()
+    bad = rng.choice(len(positions_m), len(positions_m) // 5, replace=False)
+    positions_m[bad] += 0.5 * rng.standard_normal((len(bad), 3))
+    spoilt = WAYS["sign"](replace(true, rows=replace(true.rows, positions_m=positions_m)))
+    assert is_named(spoilt, answer_to(spoilt))
 
 
 def test_a_reading_far_above_the_limit_is_left():
