@@ -12,7 +12,7 @@ from cellcal.calibration.geometry import Array
 from cellcal.calibration.identification.observations import Rows
 from cellcal.calibration.message import make_message
 
-LENGTH_UNITS: Mapping[str, float] = {
+USUAL_LENGTH_UNITS: Mapping[str, float] = {  # that a file may be in without a word
     "m": 1.0,
     "mm": 1e-3,
     "cm": 1e-2,
@@ -20,9 +20,8 @@ LENGTH_UNITS: Mapping[str, float] = {
     "ft": 0.3048,
     "mil": 25.4e-6,
     "um": 1e-6,
-    "0.1mm": 1e-4,
-    "0.01mm": 1e-5,
 }
+LENGTH_UNITS: Mapping[str, float] = {**USUAL_LENGTH_UNITS, "0.1mm": 1e-4, "0.01mm": 1e-5}
 _QUARTER = np.pi / 2
 _FREE_STEP_RAD = float(np.deg2rad(15.0))
 _MOST_TURNED = 2  # signs together with another zero

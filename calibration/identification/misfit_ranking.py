@@ -12,6 +12,7 @@ from cellcal.calibration.identification.lints import beyond_limits
 from cellcal.calibration.identification.misfit_couplings import coupled_readings, model_readings
 from cellcal.calibration.identification.misfit_hypotheses import (
     LENGTH_UNITS,
+    USUAL_LENGTH_UNITS,
     FileNames,
     JointInterpretation,
     joint_readings,
@@ -225,7 +226,7 @@ def _plausible_units(taken: str, moved_m: float, seen_m: float) -> list[tuple[st
     """Return units in which the target moved about as far as the flange; the one that was taken is called ""."""
     scales = [("", 1.0)]
     used = LENGTH_UNITS.get(taken, 1.0)
-    for unit, metres in LENGTH_UNITS.items():
+    for unit, metres in USUAL_LENGTH_UNITS.items():
         away = abs(log(max(seen_m * metres / used, 1e-12) / max(moved_m, 1e-6)))
         if unit != (taken or "m") and away < _PLAUSIBLE:
             scales.append((unit, metres / used))
@@ -238,7 +239,7 @@ def _length_candidates(
     usual, used = float(np.median(np.abs(some.lengths_m))), LENGTH_UNITS.get(names.length_unit, 1.0)
     units = [("", 1.0)] + [
         (unit, metres / used)
-        for unit, metres in LENGTH_UNITS.items()
+        for unit, metres in USUAL_LENGTH_UNITS.items()
         if unit != (names.length_unit or "m") and _SHORTEST_M < usual * metres / used < _LONGEST_M
     ]
     ways = [

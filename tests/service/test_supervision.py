@@ -157,7 +157,7 @@ async def test_the_tasks_of_the_cells_process_are_named_on_the_screen_and_come_b
             assert name in [trouble["task"] for trouble in person.session["troubles"]]
             assert f"{name} failed" in caplog.text
         for name in running_like("CAN receiver of {}"):
-            raise_in(name)
+            await poll_until(lambda: raise_in(name))  # noqa: B023
             await person.wait_until(lambda session: SUPERVISOR.failure_counts().get(name))  # noqa: B023
             await person.wait_until(lambda _: SUPERVISOR.holder_of(name) is not None and connected())  # noqa: B023
 
@@ -201,7 +201,7 @@ async def test_the_cells_process_is_named_when_it_dies_and_begun_again(tmp_path:
                     assert process is not None
                     os.kill(process.pid, signal.SIGKILL)
                 else:
-                    raise_in_task(keeping)
+                    await poll_until(lambda: raise_in_task(keeping))
                 await poll_until(lambda: is_back(CELL_PROCESS, before, lambda: link.session))  # noqa: B023
                 assert "gone" in messages
             words = [
@@ -242,8 +242,7 @@ async def test_the_threads_of_the_sender_of_alarms_come_back(tmp_path: Path) -> 
         try:
             await failed_and_back("webhook: delivery")
             before = SUPERVISOR.failure_counts().get("cell process tap", 0)
-            await poll_until(lambda: SUPERVISOR.holder_of("cell process tap"))
-            raise_in("cell process tap")
+            await poll_until(lambda: raise_in("cell process tap"))
             while not is_back(
                 "cell process tap", before, lambda: True
             ):  # it waits for a line, and raises at the next

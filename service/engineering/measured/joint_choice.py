@@ -19,7 +19,7 @@ from cellcal.service.engineering.measured.joint_coupling import controller_joint
 from cellcal.service.engineering.measured.joint_units import joint_units
 from cellcal.service.engineering.measured.table import MeasurementTable
 from cellcal.service.engineering.measured.unit_choice import UnitChoice
-from cellcal.service.engineering.measured.units import LENGTH_UNITS
+from cellcal.service.engineering.measured.units import LENGTH_UNITS, USUAL_LENGTH_UNITS
 
 _FEWEST_ROWS = 10
 _MOST_ROWS = 100  # are enough to see
@@ -65,7 +65,7 @@ def better_joints(
     if not differing or len(first) < _FEWEST_ROWS:
         return {}, ""
     rows = spread_rows(len(first), _MOST_ROWS)
-    unit = unit_of_points(model, first, positions, LENGTH_UNITS)
+    unit = unit_of_points(model, first, positions, USUAL_LENGTH_UNITS)
     names = [first_names, *(each for each, _ in differing)]
     if unit:
         metres, once = positions[rows] * LENGTH_UNITS[unit], np.zeros(len(rows), dtype=np.intp)

@@ -12,7 +12,7 @@ from cellcal.calibration.identification.quick_fit import spread_rows
 from cellcal.calibration.identification.unrounding import find_resolution, follow_nominal_arm
 from cellcal.calibration.message import make_message
 from cellcal.service.engineering.measured.columns import TableLayout
-from cellcal.service.engineering.measured.units import LENGTH_UNITS
+from cellcal.service.engineering.measured.units import LENGTH_UNITS, USUAL_LENGTH_UNITS
 
 _FEWEST_ROWS = 8
 _MOST_ROWS = 200  # are enough to see
@@ -90,7 +90,7 @@ def is_calculated(model: RobotModel, joints_rad: Array, joint_step_rad: Array, v
     """Return whether the nominal arm calculates places (N, 3), as written, from the joints."""
     if len(joints_rad) < _FEWEST_ROWS:
         return False
-    unit = unit_of_points(model, joints_rad, values, LENGTH_UNITS) if np.isfinite(values).all() else ""
+    unit = unit_of_points(model, joints_rad, values, USUAL_LENGTH_UNITS) if np.isfinite(values).all() else ""
     if not unit:
         return False
     step = max(find_resolution(column) for column in values.T)

@@ -8,7 +8,7 @@ import numpy as np
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.message import make_message
 from cellcal.service.engineering.measured.table import MeasurementError
-from cellcal.service.engineering.measured.units import ANGLE_UNITS, LENGTH_UNITS
+from cellcal.service.engineering.measured.units import ANGLE_UNITS, LENGTH_UNITS, USUAL_LENGTH_UNITS
 
 _MOST_RADIANS = 8.2  # a turn and a third: beyond, angles are degrees
 _BY_SIZE = ("m", "mm", "cm", "inch")
@@ -68,7 +68,7 @@ class UnitChoice:
         """Return m per unit: the one that fits the arm, else in which the values spread as wide as it moved."""
         if meaning in self.stated:
             return self._stated_factor(meaning, LENGTH_UNITS)
-        name = by_fit(LENGTH_UNITS) if by_fit is not None else ""
+        name = by_fit(USUAL_LENGTH_UNITS) if by_fit is not None else ""
         if not name and spread_m > 0:
             spread = float(np.sqrt(((values - values.mean(axis=0)) ** 2).sum(axis=1).mean()))
             misfits = {n: abs(np.log(max(spread * LENGTH_UNITS[n], 1e-12) / spread_m)) for n in _BY_SIZE}

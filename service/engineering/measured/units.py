@@ -5,7 +5,7 @@ import re
 import numpy as np
 
 from cellcal.calibration.geometry import Array
-from cellcal.calibration.identification.misfit_hypotheses import LENGTH_UNITS
+from cellcal.calibration.identification.misfit_hypotheses import LENGTH_UNITS, USUAL_LENGTH_UNITS
 
 _FAHRENHEIT = re.compile(r"°\s*f\b|℉|fahrenheit|[\[(]\s*(deg\s*)?f\s*[\])]|[\s_](deg)?f$", re.IGNORECASE)
 _KELVIN = re.compile(r"kelvin|[\[(]\s*k\s*[\])]|[\s_]k$", re.IGNORECASE)
@@ -25,7 +25,7 @@ ANGLE_UNITS = {
     "arcsec": float(np.deg2rad(1.0) / 3600.0),
 }
 
-__all__ = ["ANGLE_UNITS", "LENGTH_UNITS", "to_celsius"]
+__all__ = ["ANGLE_UNITS", "LENGTH_UNITS", "USUAL_LENGTH_UNITS", "to_celsius"]
 
 
 def to_celsius(temperatures: Array, heading: str) -> Array:

@@ -16,7 +16,7 @@ from cellcal.service.engineering.measured.joint_units import joint_units
 from cellcal.service.engineering.measured.place_choice import calculated_places
 from cellcal.service.engineering.measured.table import MeasurementTable
 from cellcal.service.engineering.measured.unit_choice import UnitChoice
-from cellcal.service.engineering.measured.units import LENGTH_UNITS
+from cellcal.service.engineering.measured.units import USUAL_LENGTH_UNITS
 
 Places = tuple[tuple[str, ...], ...]
 
@@ -202,7 +202,7 @@ def _left_of(flanges: Array, moved_m: float, places: Array) -> Array:
     """Return what fits of base and target leave of the motion, by the best unit, of each choice of places (P,)."""
     spread = _spread(places)
     residual_parts = np.full(len(places), np.inf)
-    for metres in LENGTH_UNITS.values():
+    for metres in USUAL_LENGTH_UNITS.values():
         likely = np.flatnonzero(np.abs(np.log(np.maximum(spread * metres, 1e-12) / moved_m)) < _PLAUSIBLE)
         if not len(likely):
             continue
