@@ -13,7 +13,7 @@ from cellcal.calibration.identification.cross_validation import (
 )
 from cellcal.calibration.identification.estimator import FitProblem, errors_m
 from cellcal.calibration.identification.fold_errors import errors_without_folds
-from cellcal.calibration.identification.frame_fits import FrameFits, fit_frames, mounting_of
+from cellcal.calibration.identification.frame_fits import FrameFits, fit_frames, mount_at_breaks
 from cellcal.calibration.identification.observations import Observations, Rows, with_mounting
 from cellcal.calibration.identification.parameters import ArmState
 from cellcal.calibration.identification.series_breaks import (
@@ -89,7 +89,7 @@ def _errors_with_breaks(fits: FrameFits, folds: Rows, breaks: Sequence[SeriesBre
     """Return held-out errors of plain fits of the geometry: quick, and good enough to compare mountings."""
     rows = [found.row for found in breaks]
     fit, _, _ = fits.fit_geometry(rows)
-    mounted = with_mounting(fits.observations, mounting_of(len(fits.observations), rows))
+    mounted = mount_at_breaks(fits.observations, rows)
     problem = FitProblem.from_observations(fit.state, mounted)
     return errors_without_folds(fit, problem, np.ones(len(mounted)), folds)
 

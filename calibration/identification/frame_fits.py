@@ -32,12 +32,17 @@ def mounting_of(count: int, breaks: Sequence[int]) -> Rows:
     return np.searchsorted(np.sort(np.asarray(breaks, dtype=np.intp)), np.arange(count), side="right")
 
 
+def mount_at_breaks(observations: Observations, breaks: Sequence[int]) -> Observations:
+    """Return the rows with the mountings that these breaks divide them into."""
+    return with_mounting(observations, mounting_of(len(observations), breaks))
+
+
 def fit_frames(model: RobotModel, observations: Observations, breaks: Sequence[int]) -> ArmFit:
     """Fit places of devices and tool to the nominal arm, from the best of all starts.
 
     A start that leads some of the rows to a far worse place is not followed with all of them.
     """
-    mounted = with_mounting(observations, mounting_of(len(observations), breaks))
+    mounted = mount_at_breaks(observations, breaks)
     starts = first_guess(model, mounted)
     layout = make_layout(model, mounted.kind, len(starts[0].devices), level=FRAMES)
     problem = FitProblem.from_observations(starts[0], mounted)
@@ -84,7 +89,7 @@ class FrameFits:
         return replace(fit.state, devices=tuple(fit.state.devices[mounting] for mounting in mountings))
 
     def _fit_places(self, start: ArmState, breaks: tuple[int, ...]) -> ArmFit:
-        mounted = with_mounting(self.observations, mounting_of(len(self.observations), breaks))
+        mounted = mount_at_breaks(self.observations, breaks)
         layout = make_layout(self.model, mounted.kind, len(start.devices), level=FRAMES)
         return estimate_arm(layout, start, FitProblem.from_observations(start, mounted), from_afar=True)
 
@@ -104,7 +109,7 @@ class FrameFits:
         key = tuple(sorted(breaks))
         if key not in self._with_geometry:
             frames = self.fit_breaks(key).state
-            mounted = with_mounting(self.observations, mounting_of(len(self.observations), key))
+            mounted = mount_at_breaks(self.observations, key)
             layout = make_layout(self.model, mounted.kind, len(key) + 1, level=GEOMETRY)
             fit = estimate_arm(layout, frames, FitProblem.from_observations(frames, mounted))
             self._with_geometry[key] = (fit, *linearise_fit(fit, self.observations, key))
@@ -113,5 +118,5 @@ class FrameFits:
 
 def linearise_fit(fit: ArmFit, observations: Observations, breaks: Sequence[int]) -> tuple[Array, Array]:
     """Return the columns (p, m, N) and residuals (m, N) of a fit with these breaks."""
-    mounted = with_mounting(observations, mounting_of(len(observations), breaks))
+    mounted = mount_at_breaks(observations, breaks)
     return place_columns(fit.layout, fit.state, FitProblem.from_observations(fit.state, mounted))

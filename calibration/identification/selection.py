@@ -16,7 +16,7 @@ from cellcal.calibration.identification.cross_validation import (
     compare_models,
 )
 from cellcal.calibration.identification.fold_errors import errors_without_folds
-from cellcal.calibration.identification.frame_fits import FrameFits, fit_frames, mounting_of
+from cellcal.calibration.identification.frame_fits import FrameFits, fit_frames, mount_at_breaks
 from cellcal.calibration.identification.free_parameters import StartingPoint, all_joint_terms, level_of
 from cellcal.calibration.identification.layouts import make_layout
 from cellcal.calibration.identification.level_fit import LevelTask, fit_level, terms_of_level
@@ -114,7 +114,7 @@ def select_level(
         at = [found.row for found in breaks]
         every = len(rows) == len(observations)
         places = (fits.fit_breaks(at) if every else fit_frames(chain, observations, at)).state
-        mounted = with_mounting(observations, mounting_of(len(observations), at))
+        mounted = mount_at_breaks(observations, at)
     folds = assign_folds(groups, options.folds, options.seed)
     trial = _LevelTrial(model, mounted.select_rows(rows), groups, folds, places, options)
     level, reasons, of_some = _choose_level(trial, options.level, runner)

@@ -25,6 +25,7 @@ from cellcal.fake_devices.program_text.expressions import (
     parse_expression,
     parse_reference,
 )
+from cellcal.fake_devices.program_text.lines import SourceLines
 
 _ASSIGNED = re.compile(r"(\$?[A-Za-z_][\w$.]*(?:\[[^\]]*\])?)\s*=(?!=)(.*)\Z")
 _CALLED = re.compile(r"([A-Za-z_]\w*)\s*\(\s*\)\Z")
@@ -76,7 +77,7 @@ def parse_source(file: str, text: str) -> KrlSource:
     """Read the text of a .SRC."""
     reader = _Reader(file, text)
     routines: dict[str, tuple[KrlStatement, ...]] = {}
-    while reader.line() is not None:
+    while reader.has_more:
         number, line = reader.take()
         found = re.fullmatch(r"DEF\s+([A-Za-z_]\w*)\s*\(\s*\)", line, re.IGNORECASE)
         if found is None:
@@ -106,7 +107,7 @@ def parse_globals(file: str, text: str) -> dict[str, GlobalVariable]:
     """Read the text of a data list."""
     found: dict[str, GlobalVariable] = {}
     reader = _Reader(file, text)
-    while reader.line() is not None:
+    while reader.has_more:
         number, line = reader.take()
         declared = _GLOBAL.match(line)
         value = None if declared is None else _first_value(declared[1].upper(), declared[3].strip())
@@ -133,41 +134,24 @@ def parse_axes(text: str) -> dict[str, float] | None:
     return {member[1].upper(): float(member[2]) for member in members if member is not None}
 
 
-class _Reader:
+class _Reader(SourceLines):
     """Lines without remarks, and blocks of them."""
 
     def __init__(self, file: str, text: str) -> None:
-        self._file = file
-        cut = [(number, line.partition(";")[0].strip()) for number, line in enumerate(text.splitlines(), 1)]
-        self._lines = [(number, line) for number, line in cut if line and not line.startswith("&")]
-        self._at = 0
-
-    def line(self) -> str | None:
-        return self._lines[self._at][1] if self._at < len(self._lines) else None
-
-    def take(self) -> tuple[int, str]:
-        self._at += 1
-        return self._lines[self._at - 1]
-
-    def refusal(
-        self, number: int, line: str, why: str = "this simulator does not execute it"
-    ) -> ProgramTextError:
-        return ProgramTextError(f"{self._file}, line {number}: {line!r}: {why}")
+        super().__init__(file, text, remark=";", unread="&")
 
     def read_body(self, end: str) -> tuple[KrlStatement, ...]:
         """Read statements up to the line that closes them."""
         body: list[KrlStatement] = []
-        while (line := self.line()) is not None:
-            number, _ = self.take()
+        while self.has_more:
+            number, line = self.take()
             if line.upper() == end:
                 return tuple(body)
             try:
                 body.append(self._read_statement(number, line))
             except ProgramTextError as problem:
-                if str(problem).startswith(self._file):
-                    raise
-                raise self.refusal(number, line, str(problem)) from problem
-        raise ProgramTextError(f"{self._file}: {end} is missing")
+                raise self.locate_refusal(number, line, problem) from problem
+        raise ProgramTextError(f"{self.file}: {end} is missing")
 
     def _read_statement(self, number: int, line: str) -> KrlStatement:
         for pattern, make in _FORMS.items():

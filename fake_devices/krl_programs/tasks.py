@@ -22,6 +22,7 @@ from typing import Protocol
 
 from cellcal.fake_devices.krl_programs.source import KrlSource, KrlStatement
 from cellcal.fake_devices.program_text.expressions import Expression, ProgramTextError, Scope, Value
+from cellcal.fake_devices.program_text.lines import locate_problem
 
 ADVANCE = 3  # motions that are planned ahead after BAS(#INITMOV,0)
 FREE, RESET, ACTIVE, STOPPED, ENDED = "#P_FREE", "#P_RESET", "#P_ACTIVE", "#P_STOP", "#P_END"
@@ -296,8 +297,7 @@ class RobotInterpreter:
             yield
 
     def _problem(self, statement: KrlStatement, text: str) -> ProgramTextError:
-        head = f"{self._source.file}, line {statement.line}: "
-        return ProgramTextError(text if text.startswith(self._source.file) else head + text)
+        return locate_problem(self._source.file, statement.line, text)
 
 
 _SIGNALS: dict[str, type[Exception]] = {"return": _ReturnSignal, "resume": _ResumeSignal}
@@ -326,7 +326,7 @@ def _run_submit_body(file: str, body: Sequence[KrlStatement], frame: _Frame) -> 
         elif statement.kind == "assign":
             _assign(statement, frame)
         else:
-            raise ProgramTextError(f"{file}, line {statement.line}: the submit interpreter only assigns here")
+            raise locate_problem(file, statement.line, "the submit interpreter only assigns here")
 
 
 def _assign(statement: KrlStatement, frame: _Frame) -> None:

@@ -27,6 +27,7 @@ from cellcal.fake_devices.program_text.expressions import (
     parse_expression,
     parse_reference,
 )
+from cellcal.fake_devices.program_text.lines import SourceLines
 
 KINDS = ("num", "intnum", "jointtarget", "tooldata")
 _DATA = re.compile(rf"(PERS|VAR)\s+({'|'.join(KINDS)})\s+(\w+)(?:\s*:=\s*(.*?))?\s*;\Z", re.IGNORECASE)
@@ -166,25 +167,11 @@ def _has_shape(value: Value, sizes: list[int]) -> bool:
     )
 
 
-class _Reader:
+class _Reader(SourceLines):
     """Lines without remarks, and blocks of them; an instruction ends with its line."""
 
     def __init__(self, file: str, text: str) -> None:
-        self._file = file
-        cut = [(number, line.partition("!")[0].strip()) for number, line in enumerate(text.splitlines(), 1)]
-        self._lines = [each for each in cut if each[1]]
-        self._at = 0
-
-    def take(self) -> tuple[int, str]:
-        if self._at >= len(self._lines):
-            raise ProgramTextError(f"{self._file} ends too early")
-        self._at += 1
-        return self._lines[self._at - 1]
-
-    def refusal(
-        self, number: int, line: str, why: str = "this simulator does not execute it"
-    ) -> ProgramTextError:
-        return ProgramTextError(f"{self._file}, line {number}: {line!r}: {why}")
+        super().__init__(file, text, remark="!")
 
     def read_body(self, *ends: str) -> tuple[tuple[RapidInstruction, ...], str]:
         """Read instructions up to a line that closes them; return which one it was."""
@@ -196,11 +183,7 @@ class _Reader:
             try:
                 body.append(self._read_instruction(number, line))
             except ProgramTextError as problem:
-                raise (
-                    problem
-                    if str(problem).startswith(self._file)
-                    else self.refusal(number, line, str(problem))
-                ) from problem
+                raise self.locate_refusal(number, line, problem) from problem
 
     def _read_instruction(self, number: int, line: str) -> RapidInstruction:
         for pattern, make in _BLOCKS.items():

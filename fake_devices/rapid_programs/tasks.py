@@ -21,6 +21,7 @@ from collections.abc import Callable, Generator, Sequence
 from typing import Protocol
 
 from cellcal.fake_devices.program_text.expressions import Expression, ProgramTextError, Value
+from cellcal.fake_devices.program_text.lines import locate_problem
 from cellcal.fake_devices.rapid_programs.source import ExecutedModule, RapidInstruction, fits
 
 Run = Generator[None, None, None]  # ends a cycle with each yield
@@ -255,8 +256,7 @@ class MotionTask:
         return value
 
     def _problem(self, instruction: RapidInstruction, text: str) -> ProgramTextError:
-        head = f"{self._module.file}, line {instruction.line}: "
-        return ProgramTextError(text if text.startswith(self._module.file) else head + text)
+        return locate_problem(self._module.file, instruction.line, text)
 
 
 def _member_place(kind: str, member: str) -> int:

@@ -1,9 +1,9 @@
 """What `cellcal`, `cellcal --help` and `cellcal --version` print: at once, without loading a command."""
 
-import os
 import sys
 import textwrap
 from collections.abc import Iterator, Sequence
+from shutil import get_terminal_size
 
 from cellcal.service.cli.command_table import COMMAND_GROUPS
 
@@ -76,10 +76,4 @@ def _entry_lines(name: str, sentence: str, width: int) -> list[str]:
 
 
 def _terminal_width() -> int:
-    try:
-        columns = (
-            int(os.environ.get("COLUMNS", "")) if "COLUMNS" in os.environ else os.get_terminal_size().columns
-        )
-    except (OSError, ValueError):
-        return _USUAL_WIDTH
-    return min(max(columns, _NARROWEST), _WIDEST) if columns > 0 else _USUAL_WIDTH
+    return min(max(get_terminal_size((_USUAL_WIDTH, 0)).columns, _NARROWEST), _WIDEST)

@@ -11,13 +11,13 @@ from cellcal.calibration.arm.kinematics import RobotModel, load_model
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.identification.cross_validation import ErrorSummary
 from cellcal.calibration.identification.effect_lint import without_play
-from cellcal.calibration.identification.frame_fits import mounting_of
+from cellcal.calibration.identification.frame_fits import mount_at_breaks
 from cellcal.calibration.identification.free_parameters import PartLayout, parameter_values
 from cellcal.calibration.identification.identify import Identification
 from cellcal.calibration.identification.last_joint import DIRECTION, last_joint_note
 from cellcal.calibration.identification.lints import Lint, find_calculated_positions
 from cellcal.calibration.identification.misfit import refuse_gross_misfit
-from cellcal.calibration.identification.observations import Observations, Rows, with_mounting
+from cellcal.calibration.identification.observations import Observations, Rows
 from cellcal.calibration.identification.parameters import LEVEL_NAMES
 from cellcal.calibration.identification.position_scale import (
     scale_note,
@@ -296,9 +296,7 @@ def _judge_held_out(
         smooth = None if found.residual is None else found.residual.held_out
         by = judged.describe_method(found.grouping)
         return _HeldOutErrors(train, groups[train], judged.before_m, judged.held_out_m, smooth, by)
-    others = with_mounting(
-        prepared.observations, mounting_of(len(prepared.observations), breaks)
-    ).select_rows(held_out)
+    others = mount_at_breaks(prepared.observations, breaks).select_rows(held_out)
     by = f"{len(held_out)} rows, drawn at random, that neither fit nor any choice has seen"
     before, after = errors_of(found.frames, others), errors_of(found.state, others)
     return _HeldOutErrors(held_out, groups[held_out], before, after, _with_residual(found, others), by)

@@ -90,6 +90,13 @@ class Expectation:
             found[block] = expanded_uncertainty(self._tip_covariances(arms, ends, block))
         return found
 
+    def error_at_m(self, ends: TransferEnds, row: int) -> float:
+        """Return the same of one point; the others say only what fixture and arm share."""
+        arms = self._tip_spreads(ends)
+        if arms is None:
+            return math.nan
+        return float(expanded_uncertainty(self._tip_covariances(arms, ends, slice(row, row + 1)))[0])
+
     def undetermined_remarks(self, ends: TransferEnds, errors_m: Array) -> tuple[str, ...]:
         """Return which assumed parameters make up most of the largest expected error; nothing where they do not."""
         if not np.isfinite(errors_m).any():
@@ -127,8 +134,7 @@ class Expectation:
             project, identified=replace(arm, covariance=arm.covariance * np.outer(is_open, is_open))
         )
         source, target = (known if end is project else end for end in (self.source, self.target))
-        changed = replace(self, source=source, target=target)
-        return float(changed.errors_m(ends)[row])
+        return replace(self, source=source, target=target).error_at_m(ends, row)
 
     def _tip_covariances(self, arms: Mapping[str, TipSpread], ends: TransferEnds, block: slice) -> Array:
         turn = (self.change if self.change.ndim == 2 else self.change[block])[..., :3, :3]
