@@ -68,7 +68,7 @@ class AbbController:
         """Return the value of a symbol of T_ROB1."""
         if name in _TOOLS:
             place, turn, mass = _TOOLS[name]
-            return f"[TRUE,[{_list(place)},{_list(turn)}],[{mass:g},[0,0,1],[1,0,0,0],0,0,0]]"
+            return f"[TRUE,[{_list_text(place)},{_list_text(turn)}],[{mass:g},[0,0,1],[1,0,0,0],0,0,0]]"
         return self.server.show(name)
 
     def write_symbol(self, name: str, value: str) -> bool:
@@ -217,7 +217,7 @@ class AbbController:
         self.server.restart()
 
 
-def _list(values: list[float]) -> str:
+def _list_text(values: list[float]) -> str:
     if not all(map(math.isfinite, values)):
         raise ValueError("a value is not finite")
     return f"[{','.join(f'{value:.7g}' for value in values)}]"

@@ -40,7 +40,7 @@ class FileFolder:
         ]
         return entries, start + 1 if len(names) > start * PAGE else None
 
-    def change(self, method: str, name: str, body: bytes) -> int:
+    def change_file(self, method: str, name: str, body: bytes) -> int:
         """Put or delete a file; return the status."""
         if method == "PUT":
             status = 200 if name in self.contents else 201
@@ -50,7 +50,7 @@ class FileFolder:
             return 204 if self.contents.pop(name, None) is not None else 404
         return 405
 
-    def copy(self, name: str, form: Mapping[str, str]) -> int:
+    def copy_file(self, name: str, form: Mapping[str, str]) -> int:
         """Copy a file; return the status."""
         target = form.get("fs-newname", "")
         if name not in self.contents:

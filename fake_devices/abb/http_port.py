@@ -107,10 +107,12 @@ class HttpPort(ListeningPort):
         if is_cut:
             writer.transport.abort()
             return False
-        await self._send(writer, answer, with_body=method != "HEAD")
+        await self._send_answer(writer, answer, with_body=method != "HEAD")
         return True
 
-    async def _send(self, writer: asyncio.StreamWriter, answer: HttpAnswer, *, with_body: bool) -> None:
+    async def _send_answer(
+        self, writer: asyncio.StreamWriter, answer: HttpAnswer, *, with_body: bool
+    ) -> None:
         octets, kind = answer.content, answer.content_type
         if self._faults.use_once("garbage") is not None:
             octets = b"{not json"

@@ -58,10 +58,13 @@ class OmnicorePort(HttpPort):
             self._sessions.end(session)
             self._resources.end_session(session)
             return HttpAnswer(204)
-        kind = _accepted(request.headers.get("accept", "*/*"))
+        kind = _accepted_form(request.headers.get("accept", "*/*"))
         if kind is None:
             return HttpAnswer(406)
-        if request.method == "POST" and _plain(request.headers.get("content-type", _FORM)) != _FORM:
+        if (
+            request.method == "POST"
+            and _plain_media_type(request.headers.get("content-type", _FORM)) != _FORM
+        ):
             return HttpAnswer(415)
         status, content = self._resources.answer(request, session)
         if content is None or isinstance(content, bytes):
@@ -75,16 +78,16 @@ def _is_known(authorization: str) -> bool:
     return hmac.compare_digest(authorization.encode("latin-1"), f"Basic {expected}".encode())
 
 
-def _plain(media_type: str) -> str:
+def _plain_media_type(media_type: str) -> str:
     return media_type.replace(" ", "").lower().rstrip(";")
 
 
-def _accepted(header: str) -> str | None:
+def _accepted_form(header: str) -> str | None:
     """Return the form of the answer that a client takes."""
     for one in header.split(","):
-        if _plain(one) in ("*/*", _HAL):
+        if _plain_media_type(one) in ("*/*", _HAL):
             return _HAL
-        if _plain(one) == _XHTML:
+        if _plain_media_type(one) == _XHTML:
             return _XHTML
     return None
 

@@ -21,18 +21,27 @@ _UINT32 = 1 << 32
 
 def encode_robot_message(count: int, real_s: float, joints_deg: Sequence[float]) -> bytes:
     """Return one EgmRobot message."""
-    header = _number(1, count) + _number(2, int(real_s * 1000.0)) + _number(3, _DATA)
-    joints = _message(1, b"".join(_double(1, angle) for angle in joints_deg))
-    clock = _message(4, _long(1, int(real_s)) + _long(2, int(real_s * 1e6) % 1_000_000))
-    states = _message(4, _number(1, _ON)) + _message(8, _number(1, _RUNNING)) + _double(10, 0.0)
-    return _message(1, header) + _message(2, joints + clock) + _message(3, joints + clock) + states
+    header = _encode_number(1, count) + _encode_number(2, int(real_s * 1000.0)) + _encode_number(3, _DATA)
+    joints = _encode_message(1, b"".join(_encode_double(1, angle) for angle in joints_deg))
+    clock = _encode_message(4, _encode_long(1, int(real_s)) + _encode_long(2, int(real_s * 1e6) % 1_000_000))
+    states = (
+        _encode_message(4, _encode_number(1, _ON))
+        + _encode_message(8, _encode_number(1, _RUNNING))
+        + _encode_double(10, 0.0)
+    )
+    return (
+        _encode_message(1, header)
+        + _encode_message(2, joints + clock)
+        + _encode_message(3, joints + clock)
+        + states
+    )
 
 
-def _key(field: int, kind: int) -> bytes:
-    return _base128(field * 8 + kind)
+def _encode_key(field: int, kind: int) -> bytes:
+    return _encode_base128(field * 8 + kind)
 
 
-def _base128(value: int) -> bytes:
+def _encode_base128(value: int) -> bytes:
     octets = bytearray()
     while value > 127:
         octets.append(value % 128 + 128)
@@ -41,17 +50,17 @@ def _base128(value: int) -> bytes:
     return bytes(octets)
 
 
-def _number(field: int, value: int) -> bytes:
-    return _key(field, 0) + _base128(value % _UINT32)
+def _encode_number(field: int, value: int) -> bytes:
+    return _encode_key(field, 0) + _encode_base128(value % _UINT32)
 
 
-def _long(field: int, value: int) -> bytes:
-    return _key(field, 0) + _base128(value)
+def _encode_long(field: int, value: int) -> bytes:
+    return _encode_key(field, 0) + _encode_base128(value)
 
 
-def _double(field: int, value: float) -> bytes:
-    return _key(field, 1) + struct.pack("<d", value)
+def _encode_double(field: int, value: float) -> bytes:
+    return _encode_key(field, 1) + struct.pack("<d", value)
 
 
-def _message(field: int, content: bytes) -> bytes:
-    return _key(field, 2) + _base128(len(content)) + content
+def _encode_message(field: int, content: bytes) -> bytes:
+    return _encode_key(field, 2) + _encode_base128(len(content)) + content

@@ -56,12 +56,12 @@ class CellcalServer:
 
     def show(self, name: str) -> str | None:
         """Return the value of data of the module, with or without its name before; None where there are none."""
-        key = self._key(name)
+        key = self._data_key(name)
         return None if key is None else write_value(self.task.data[key])
 
     def set_from_text(self, name: str, text: str) -> bool:
         """Set PERS data; return whether they are there and the value fits."""
-        key, value = self._key(name), parse_value(text)
+        key, value = self._data_key(name), parse_value(text)
         if key is None or not self._module.data[key].is_persistent or value is None:
             return False
         if not fits(self._module.data[key].kind, value):
@@ -71,11 +71,11 @@ class CellcalServer:
 
     def tool(self, name: str) -> Value:
         """Return the tooldata of the module by its name; None where it has none."""
-        key = self._key(name)
+        key = self._data_key(name)
         is_tool = key is not None and self._module.data[key].kind == "tooldata"
         return self.task.data[key] if is_tool and key is not None else None
 
-    def _key(self, name: str) -> str | None:
+    def _data_key(self, name: str) -> str | None:
         module, _, short = name.upper().rpartition("/")
         known = module in ("", self._module.name.upper()) and short in self._module.data
         return short if known else None

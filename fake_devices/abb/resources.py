@@ -37,8 +37,8 @@ class ResourceTable:
             "/rw/panel/opmode": lambda: {"_type": "pnl-opmode", "opmode": c.mode},
             "/rw/panel/ctrlstate": lambda: {"_type": "pnl-ctrlstate", "ctrlstate": c.motors},
             "/rw/panel/speedratio": lambda: {"_type": "pnl-speedratio", "speedratio": str(c.speed_percent)},
-            "/rw/rapid/execution": self._execution,
-            "/rw/rapid/tasks": self._task,
+            "/rw/rapid/execution": self._execution_state,
+            "/rw/rapid/tasks": self._task_state,
             "/rw/system": lambda: {"_type": "sys-system-li", "name": "cell", "rwversion": "6.15.04.00"},
             "/ctrl/identity": lambda: {
                 "_type": "ctrl-identity-info",
@@ -62,12 +62,16 @@ class ResourceTable:
         """Return status and content of an answer."""
         method, path, query, form = request.method, request.path, request.query, request.form
         if path.startswith(FOLDER):
-            return self._file(request, path.removeprefix(FOLDER).strip("/"))
+            return self._answer_file_request(request, path.removeprefix(FOLDER).strip("/"))
         if path.startswith(_SYMBOL):
-            return self._symbol(method, path.removeprefix(_SYMBOL), query, form)
-        return self._read(path, query) if method == "GET" else self._act(path, query.get("action", ""), form)
+            return self._answer_symbol_request(method, path.removeprefix(_SYMBOL), query, form)
+        return (
+            self._read_resource(path, query)
+            if method == "GET"
+            else self._perform_action(path, query.get("action", ""), form)
+        )
 
-    def _file(self, request: HttpRequest, name: str) -> Reply:
+    def _answer_file_request(self, request: HttpRequest, name: str) -> Reply:
         files = self._c.files
         if request.method == "GET" and not name:
             entries, following = files.list_page(int(request.query.get("start", "1")))
@@ -75,54 +79,60 @@ class ResourceTable:
             return 200, {"_links": links, "_embedded": {"_state": entries}}
         if request.method == "GET":
             content = files.contents.get(name)
-            return (200, content) if content is not None else _refusal(404, "no such file")
+            return (200, content) if content is not None else _refuse_request(404, "no such file")
         if request.method != "POST":
-            status = files.change(request.method, name, request.body)
+            status = files.change_file(request.method, name, request.body)
         else:
             form = request.form
-            status = files.copy(name, form) if form.get("fs-action") == "copy" else 400
-        return (status, None) if status < 400 else _refusal(status, "the file service refuses")
+            status = files.copy_file(name, form) if form.get("fs-action") == "copy" else 400
+        return (status, None) if status < 400 else _refuse_request(status, "the file service refuses")
 
-    def _read(self, path: str, query: Mapping[str, str]) -> Reply:
+    def _read_resource(self, path: str, query: Mapping[str, str]) -> Reply:
         if path in ("/logout", "/"):
             return 200, {}
         if path.rstrip("/") == "/rw/elog/0":
-            return 200, {"_embedded": {"_state": self._log(query)}}
+            return 200, {"_embedded": {"_state": self._log_entries(query)}}
         if path.startswith(f"{_UNIT}/axes/"):
-            return self._axis(path.rpartition("/")[2])
+            return self._axis_state(path.rpartition("/")[2])
         if path.startswith(_MOTOR_CALIBRATION):
             return self._motor_calibration(path.removeprefix(_MOTOR_CALIBRATION))
         if path in self._states and (path != _SECOND_UNIT or self._c.has_second_robot):
             return 200, {"_embedded": {"_state": [self._states[path]()]}}
-        return _refusal(404, "no such resource")
+        return _refuse_request(404, "no such resource")
 
-    def _act(self, path: str, action: str, form: Mapping[str, str]) -> Reply:
+    def _perform_action(self, path: str, action: str, form: Mapping[str, str]) -> Reply:
         if path == "/rw/panel/speedratio" and action == "setspeedratio":
             return self._set_speed(form)
-        return self._execute(action) if path == "/rw/rapid/execution" else _refusal(404, "no such resource")
+        return (
+            self._control_execution(action)
+            if path == "/rw/rapid/execution"
+            else _refuse_request(404, "no such resource")
+        )
 
-    def _symbol(self, method: str, name: str, query: Mapping[str, str], form: Mapping[str, str]) -> Reply:
+    def _answer_symbol_request(
+        self, method: str, name: str, query: Mapping[str, str], form: Mapping[str, str]
+    ) -> Reply:
         if method == "POST":
             written = query.get("action") == "set" and self._c.write_symbol(name, form.get("value", ""))
             return (
                 (204, None)
                 if written
-                else _refusal(400, "the symbol is not there, or the value does not fit")
+                else _refuse_request(400, "the symbol is not there, or the value does not fit")
             )
         value = self._c.read_symbol(name)
         if value is None:
-            return _refusal(400, "no such symbol")
+            return _refuse_request(400, "no such symbol")
         return 200, {"_embedded": {"_state": [{"_type": "rap-data", "value": value}]}}
 
-    def _axis(self, number: str) -> Reply:
+    def _axis_state(self, number: str) -> Reply:
         if not number.isdigit() or not 1 <= int(number) <= 6:
-            return _refusal(404, "no such axis")
+            return _refuse_request(404, "no such axis")
         state = {"_type": "ms-axis", "axis-status": self._c.axis_states[int(number) - 1]}
         return 200, {"_embedded": {"_state": [state]}}
 
     def _motor_calibration(self, name: str) -> Reply:
         if name not in (names := [f"rob1_{axis}" for axis in range(1, 7)]):
-            return _refusal(400, "no such instance")
+            return _refuse_request(400, "no such instance")
         offset = self._c.calibration_offsets[names.index(name)]
         values = {"name": name, "valid_com_offset": "true", "com_offset": "1.5708"}
         values |= {"cal_offset": f"{offset:g}", "valid_cal_offset": "true"}
@@ -134,25 +144,25 @@ class ResourceTable:
         try:
             self._c.set_speed(int(form.get("speed-ratio", "")))
         except ValueError:
-            return _refusal(400, "1 to 100")
+            return _refuse_request(400, "1 to 100")
         return 204, None
 
-    def _execute(self, action: str) -> Reply:
+    def _control_execution(self, action: str) -> Reply:
         if action == "start":
             self._c.server.task.press_start()
         elif action == "stop":
             self._c.server.task.stop_program()
         elif action != "resetpp":
-            return _refusal(400, "no such action")
+            return _refuse_request(400, "no such action")
         elif not self._c.program_runs:
             self._c.server.task.move_pointer_to_main()
         return 204, None
 
-    def _execution(self) -> dict[str, Any]:
+    def _execution_state(self) -> dict[str, Any]:
         state = "running" if self._c.program_runs else "stopped"
         return {"_type": "rap-execution", "ctrlexecstate": state, "cycle": "forever"}
 
-    def _task(self) -> dict[str, Any]:
+    def _task_state(self) -> dict[str, Any]:
         state = "start" if self._c.program_runs else "stop"
         return {
             "_type": "rap-task-li",
@@ -180,7 +190,7 @@ class ResourceTable:
         state |= dict.fromkeys(("cf1", "cf4", "cf6", "cfx"), "0")
         return state | {f"eax{axis}": _FAR for axis in "abcdef"}
 
-    def _log(self, query: Mapping[str, str]) -> list[dict[str, Any]]:
+    def _log_entries(self, query: Mapping[str, str]) -> list[dict[str, Any]]:
         texts = dict.fromkeys(("desc", "conseqs", "causes", "actions"), "")
         return [
             {
@@ -197,5 +207,5 @@ class ResourceTable:
         ]
 
 
-def _refusal(status: int, text: str) -> Reply:
+def _refuse_request(status: int, text: str) -> Reply:
     return status, {"_embedded": {"status": {"code": "-1073445859", "msg": text}}}

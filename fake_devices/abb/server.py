@@ -64,11 +64,11 @@ class ServicePort(HttpPort):
         claims = {name: quoted or plain for name, quoted, plain in _PAIR.findall(authorization)}
         if claims.get("username") != USER or claims.get("nonce") != self._nonce:
             return False
-        first = _digest(f"{USER}:{_REALM}:{PASSWORD}")
-        second = _digest(f"{method}:{claims.get('uri', '')}")
+        first = _md5_digest(f"{USER}:{_REALM}:{PASSWORD}")
+        second = _md5_digest(f"{method}:{claims.get('uri', '')}")
         parts = (self._nonce, claims.get("nc", ""), claims.get("cnonce", ""), claims.get("qop", ""))
-        return claims.get("response") == _digest(f"{first}:{':'.join(parts)}:{second}")
+        return claims.get("response") == _md5_digest(f"{first}:{':'.join(parts)}:{second}")
 
 
-def _digest(text: str) -> str:
+def _md5_digest(text: str) -> str:
     return hashlib.md5(text.encode(), usedforsecurity=False).hexdigest()

@@ -74,7 +74,7 @@ class NodeTable:
         if node is None:
             return ua.BrowseResult(ua.StatusCode(ua.UInt32(ua.StatusCodes.BadNodeIdUnknown)))
         found = [
-            self._describe(how, forward, target)
+            self._describe_reference(how, forward, target)
             for how, forward, target in node.references
             if _is_asked_for(how, description.ReferenceTypeId, subtypes=description.IncludeSubtypes)
             and description.BrowseDirection
@@ -100,20 +100,22 @@ class NodeTable:
             return ua.BrowsePathResult(ua.StatusCode(ua.UInt32(ua.StatusCodes.BadNodeIdUnknown)))
         at = [path.StartingNode]
         for element in path.RelativePath.Elements:
-            at = [target for node_id in at for target in self._targets(node_id, element)]
+            at = [target for node_id in at for target in self._find_targets(node_id, element)]
         if not at:
             return ua.BrowsePathResult(ua.StatusCode(ua.UInt32(ua.StatusCodes.BadNoMatch)))
-        targets = [ua.BrowsePathTarget(_expanded(node_id), ua.UInt32(0xFFFFFFFF)) for node_id in at]
+        targets = [ua.BrowsePathTarget(_expanded_id(node_id), ua.UInt32(0xFFFFFFFF)) for node_id in at]
         return ua.BrowsePathResult(ua.StatusCode(), targets)
 
     def read(self, node_id: ua.NodeId, attribute: int) -> ua.DataValue:
         """Return an attribute of a node."""
         node = self.nodes.get(node_id)
         if node is None:
-            return _bad(ua.StatusCodes.BadNodeIdUnknown)
+            return _bad_value(ua.StatusCodes.BadNodeIdUnknown)
         if attribute == ua.AttributeIds.Value:
             return (
-                _bad(ua.StatusCodes.BadAttributeIdInvalid) if node.read_value is None else node.read_value()
+                _bad_value(ua.StatusCodes.BadAttributeIdInvalid)
+                if node.read_value is None
+                else node.read_value()
             )
         values: dict[int, ua.Variant] = {
             ua.AttributeIds.NodeId: ua.Variant(node.node_id, ua.VariantType.NodeId),
@@ -131,7 +133,7 @@ class NodeTable:
                 ua.AttributeIds.UserAccessLevel: ua.Variant(1, ua.VariantType.Byte),
             }
         if attribute not in values:
-            return _bad(ua.StatusCodes.BadAttributeIdInvalid)
+            return _bad_value(ua.StatusCodes.BadAttributeIdInvalid)
         return as_data_value(values[attribute])
 
     def _first_part(self, references: list[ua.ReferenceDescription], most: int) -> ua.BrowseResult:
@@ -147,17 +149,17 @@ class NodeTable:
         node = self.nodes.get(node_id)
         return int(node.node_class) if node is not None else 0
 
-    def _describe(self, how: int, forward: bool, target: ua.NodeId) -> ua.ReferenceDescription:
+    def _describe_reference(self, how: int, forward: bool, target: ua.NodeId) -> ua.ReferenceDescription:
         node = self.nodes.get(target)
-        description = ua.ReferenceDescription(ua.NodeId(how), forward, _expanded(target))
+        description = ua.ReferenceDescription(ua.NodeId(how), forward, _expanded_id(target))
         if node is not None:
             description.BrowseName = node.browse_name
             description.DisplayName = _text(node.browse_name.Name)
             description.NodeClass = node.node_class
-            description.TypeDefinition = _expanded(node.type_definition)
+            description.TypeDefinition = _expanded_id(node.type_definition)
         return description
 
-    def _targets(self, node_id: ua.NodeId, element: ua.RelativePathElement) -> Iterable[ua.NodeId]:
+    def _find_targets(self, node_id: ua.NodeId, element: ua.RelativePathElement) -> Iterable[ua.NodeId]:
         for how, forward, target in self.nodes[node_id].references:
             node = self.nodes.get(target)
             if node is None or forward is element.IsInverse or node.browse_name != element.TargetName:
@@ -177,7 +179,7 @@ def _is_asked_for(how: int, wanted: ua.NodeId, *, subtypes: bool) -> bool:
     return False
 
 
-def _expanded(node_id: ua.NodeId) -> ua.ExpandedNodeId:
+def _expanded_id(node_id: ua.NodeId) -> ua.ExpandedNodeId:
     return ua.ExpandedNodeId(node_id.Identifier, node_id.NamespaceIndex, node_id.NodeIdType)
 
 
@@ -185,5 +187,5 @@ def _text(words: str) -> ua.LocalizedText:
     return ua.LocalizedText(words)
 
 
-def _bad(status: int) -> ua.DataValue:
+def _bad_value(status: int) -> ua.DataValue:
     return as_data_value(ua.Variant(), status)

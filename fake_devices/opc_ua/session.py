@@ -82,10 +82,10 @@ class ClientConnection:
             ua.ObjectIds.CreateSessionRequest_Encoding_DefaultBinary: self._create_session,
             ua.ObjectIds.ActivateSessionRequest_Encoding_DefaultBinary: self._activate_session,
             ua.ObjectIds.CloseSessionRequest_Encoding_DefaultBinary: self._close_session,
-            ua.ObjectIds.BrowseRequest_Encoding_DefaultBinary: self._browse,
+            ua.ObjectIds.BrowseRequest_Encoding_DefaultBinary: self._browse_nodes,
             ua.ObjectIds.BrowseNextRequest_Encoding_DefaultBinary: self._browse_next,
-            ua.ObjectIds.TranslateBrowsePathsToNodeIdsRequest_Encoding_DefaultBinary: self._translate,
-            ua.ObjectIds.ReadRequest_Encoding_DefaultBinary: self._read,
+            ua.ObjectIds.TranslateBrowsePathsToNodeIdsRequest_Encoding_DefaultBinary: self._translate_paths,
+            ua.ObjectIds.ReadRequest_Encoding_DefaultBinary: self._read_nodes,
         }
         self._without_session = (self._get_endpoints, self._create_session)
 
@@ -115,22 +115,24 @@ class ClientConnection:
             return bytes(uatcp_to_binary(ua.MessageType.Error, ua.ErrorMessage(refused, "not encrypted")))
         response = ua.OpenSecureChannelResponse()
         response.Parameters = self._channel.open(request.Parameters, self._state)
-        return self._frame(response, request.RequestHeader, number, ua.MessageType.SecureOpen)
+        return self._frame_response(response, request.RequestHeader, number, ua.MessageType.SecureOpen)
 
     def _answer_request(self, body: Buffer, number: int) -> bytes:
         service = self._services.get(nodeid_from_binary(body).Identifier)
         header = struct_from_binary(ua.RequestHeader, body)
         if service is None:
-            response = _fault(ua.StatusCodes.BadServiceUnsupported)
+            response = _service_fault(ua.StatusCodes.BadServiceUnsupported)
         elif service not in self._without_session and header.AuthenticationToken not in self._state.sessions:
-            response = _fault(ua.StatusCodes.BadSessionIdInvalid)
+            response = _service_fault(ua.StatusCodes.BadSessionIdInvalid)
         else:
             response = service(body)
             if service == self._close_session:
                 self._state.sessions.discard(header.AuthenticationToken)
-        return self._frame(response, header, number, ua.MessageType.SecureMessage)
+        return self._frame_response(response, header, number, ua.MessageType.SecureMessage)
 
-    def _frame(self, response: Any, header: ua.RequestHeader, number: int, kind: ua.MessageType) -> bytes:
+    def _frame_response(
+        self, response: Any, header: ua.RequestHeader, number: int, kind: ua.MessageType
+    ) -> bytes:
         response.ResponseHeader.RequestHandle = header.RequestHandle
         octets = struct_to_binary(response)
         return bytes(self._channel.message_to_binary(octets, message_type=kind, request_id=number))
@@ -167,9 +169,9 @@ class ClientConnection:
             policy.asymmetric_cryptography.verify(signed, request.ClientSignature.Signature)
         if guard is None:
             if isinstance(request.UserIdentityToken, ua.UserNameIdentityToken | ua.X509IdentityToken):
-                return _fault(ua.StatusCodes.BadIdentityTokenRejected)
+                return _service_fault(ua.StatusCodes.BadIdentityTokenRejected)
         elif not guard.lets_in(request.UserIdentityToken, self._nonce):
-            return _fault(ua.StatusCodes.BadUserAccessDenied)
+            return _service_fault(ua.StatusCodes.BadUserAccessDenied)
         response = ua.ActivateSessionResponse()
         response.Parameters.ServerNonce = self._nonce = secrets.token_bytes(32)
         return response
@@ -178,7 +180,7 @@ class ClientConnection:
         del body
         return ua.CloseSessionResponse()
 
-    def _browse(self, body: Buffer) -> Any:
+    def _browse_nodes(self, body: Buffer) -> Any:
         request = struct_from_binary(ua.BrowseParameters, body)
         response = ua.BrowseResponse()
         most = request.RequestedMaxReferencesPerNode
@@ -194,13 +196,13 @@ class ClientConnection:
         ]
         return response
 
-    def _translate(self, body: Buffer) -> Any:
+    def _translate_paths(self, body: Buffer) -> Any:
         request = struct_from_binary(ua.TranslateBrowsePathsToNodeIdsParameters, body)
         response = ua.TranslateBrowsePathsToNodeIdsResponse()
         response.Results = [self._state.table.translate(path) for path in request.BrowsePaths]
         return response
 
-    def _read(self, body: Buffer) -> Any:
+    def _read_nodes(self, body: Buffer) -> Any:
         request = struct_from_binary(ua.ReadParameters, body)
         response = ua.ReadResponse()
         response.Results = [
@@ -209,7 +211,7 @@ class ClientConnection:
         return response
 
 
-def _fault(status: int) -> Any:
+def _service_fault(status: int) -> Any:
     response = ua.ServiceFault()
     response.ResponseHeader.ServiceResult = ua.StatusCode(ua.UInt32(status))
     return response
