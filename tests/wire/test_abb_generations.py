@@ -20,7 +20,7 @@ from cellcal.drivers.interfaces import AlarmKind, Readiness
 from cellcal.fake_devices.listening_port import ListeningPort
 from cellcal.service.configuration.cell_file import CellConfig
 from cellcal.service.demo.fake_cell_client import FakeCellClient
-from tests.wire.driver_cases import ROBOTS, open_at_home, wait_until
+from tests.wire.driver_cases import ROBOTS, open_at_home, open_retrying, wait_until
 
 CASE = ROBOTS["abb_web_services 2"]
 pytestmark = pytest.mark.filterwarnings("ignore:Unverified HTTPS request")  # rwswrap compares no certificate
@@ -48,7 +48,7 @@ async def truth_of(fake_client: FakeCellClient) -> dict[str, Any]:
     ("name", "software"), [("abb", "RobotWare 6.15.04.00"), ("abb_7", "RobotWare 7.21.0+150")]
 )
 async def test_the_generation_is_found_out_by_itself(cell: CellConfig, name: str, software: str) -> None:
-    async with cell.robot_named(name).open() as robot:
+    async with open_retrying(cell.robot_named(name)) as robot:
         assert (await robot.identify()).firmware == software
 
 
@@ -176,7 +176,7 @@ async def test_a_stop_works_although_another_client_has_mastership(
 ) -> None:
     move = asyncio.create_task(omnicore.move_joints(CASE.away_rad, speed_rad_s=CASE.slow_rad_s))
     await wait_until(lambda: _moves(fake_client))
-    async with cell.robot_named(CASE.name).open() as second:
+    async with open_retrying(cell.robot_named(CASE.name)) as second:
         await second.stop()
     assert not (await truth_of(fake_client))["moving"]
     with pytest.raises(DeviceError):

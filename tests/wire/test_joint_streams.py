@@ -232,7 +232,7 @@ async def test_a_program_that_is_started_anew_is_heard_again_from_its_new_port(
 async def test_a_second_client_may_read_and_stop_the_robot_although_the_port_is_taken(
     robot: Any, stream_cell: CellConfig, fakes: FakeCellClient
 ) -> None:
-    async with stream_cell.robot_named(robot.name).open() as second:
+    async with open_retrying(stream_cell.robot_named(robot.name)) as second:
         reading = await second.read_joints()
         assert not reading.raw.startswith(LINKS[robot.name])
         assert np.allclose(reading.joints_rad, (await truth_of(fakes, robot))["joints_rad"], atol=1e-6)
