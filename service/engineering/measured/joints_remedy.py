@@ -36,8 +36,8 @@ def joints_remedy(
     if {word for name in plain for word in plain[name].split("_")} >= _REPORT_WORDS and not some_joints:
         return (
             "This is a report with one axis a line. Export one row a point, with X, Y, Z side by side and the joints "
-            "of the robot beside them; or name the file of the joints: `--joints FILE`, or on a page “Joints in "
-            "another file”."
+            "of the robot beside them. If they stand in another file, name it: `--joints FILE`, or on a page “Joints "
+            "in another file”."
         )
     if numbered and len(names) <= count:
         return make_message(
