@@ -63,7 +63,12 @@ def length_readings(
 
 
 def _best(flanges: Array, search: tuple[float, tuple[float, ...]], along: Array, read: Array) -> float:
-    """Return how much of ``along`` (N,) is to be added to lengths (N,) so that they fit the flange (N, 4, 4) best."""
+    """Return how much of ``along`` (N,) is to be added to lengths (N,) so that they fit the flange (N, 4, 4) best.
+
+    Zero where no such part makes lengths of them, as of a joint's angles.
+    """
+    if not (read + search[0] * along > 0.0).all():
+        return 0.0
 
     def scores_of(parts: Array) -> Array:
         lengths = read + parts[:, None] * along

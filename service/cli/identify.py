@@ -56,6 +56,7 @@ def identify(  # noqa: PLR0913  # a command's options are its arguments
     by: str = "",
     urdf: Path | None = None,
     geometric_joints: bool = False,
+    project_axes: Path | None = None,
     as_json: Annotated[bool, Parameter(name="--json")] = False,
 ) -> int:
     """Identify a robot from measurements, and say how far the result can be believed.
@@ -141,6 +142,9 @@ def identify(  # noqa: PLR0913  # a command's options are its arguments
         Write the identified arm as a URDF file; of several robots one each, with its name.
     geometric_joints
         In that file, where the controller couples joints: angles against the link before.
+    project_axes
+        Folder for what a project of programs needs of a track or positioner that was identified: its tables, and for
+        a track the parameter set of the arm on it; then needs `--serial`, `--by`.
     as_json
         Print one JSON object on standard output.
     """
@@ -148,6 +152,7 @@ def identify(  # noqa: PLR0913  # a command's options are its arguments
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     from cellcal.calibration.cells.levels import CellOptions
     from cellcal.service.cli.identify_cell import CellCommand, identify_cell, refuse_for_a_cell
+    from cellcal.service.cli.identify_outputs import IdentifyOutputs
     from cellcal.service.engineering.identification.identify_start import StartOptions
     from cellcal.service.engineering.identification.identify_verdicts import IdentificationLimits
     from cellcal.service.engineering.identification.row_fit import IdentifyOptions
@@ -161,14 +166,15 @@ def identify(  # noqa: PLR0913  # a command's options are its arguments
         _parse_quantity(accept_offset_sd, "--accept-offset-sd", _DEG),
         accept_offsets,
     )
-    outputs = _IdentifyOutputs(save, serial, by, urdf, geometric_joints)
-    outputs.refuse_unwritable(residual_model=residual_model)
+    outputs = IdentifyOutputs(save, serial, by, urdf, geometric_joints, project_axes)
+    outputs.refuse_unwritable(robot, residual_model=residual_model)
     at_options = _at_options(at, at_csv, at_convention, identified=at_identified)
     if layout is not None and describes_a_cell(layout):
         refuse_for_a_cell({
             "check": check, "train_rows": train_rows, "start": start != "nominal", "columns": columns,
             "residual_model": residual_model, "units": units, "convention": convention, "sheet": sheet,
             "joints": joints, "show_layout": show_layout, "joint_coupling": joint_coupling,
+            "project_axes": project_axes,
         })  # fmt: skip
         words = tuple(word.strip() for text in free for word in text.split(","))
         command = CellCommand(
@@ -332,50 +338,6 @@ def _show_layout(measurements: Path, robot: str, read: "ReadOptions", *, as_json
         STDERR_CONSOLE.print(guess, markup=False, soft_wrap=True)
     Console(highlight=False, soft_wrap=True, emoji=False).print(layout_text(document), end="", markup=False)
     return 0
-
-
-@dataclass(frozen=True, slots=True)
-class _IdentifyOutputs:
-    """Files to write when the identification is done."""
-
-    save: Path | None
-    serial: str
-    by: str
-    urdf: Path | None
-    geometric_joints: bool
-
-    def refuse_unwritable(self, *, residual_model: bool) -> None:
-        """Refuse before the work rather than after it."""
-        from cellcal.service.engineering.identification.identify_outputs import refuse_saving
-        from cellcal.service.engineering.measured.table import MeasurementError
-
-        if residual_model:
-            refuse_saving(self.save, self.urdf)
-        if self.save is not None and not (self.serial and self.by):
-            raise MeasurementError(
-                "a parameter set belongs to one robot and to the person who measured it.",
-                remedy="Give `--serial` and `--by`.",
-            )
-
-    def write_files(self, report: "IdentifyReport", measurements: Path) -> None:
-        """Write them."""
-        import datetime
-
-        from cellcal.service.cli.printing import STDERR_CONSOLE
-        from cellcal.service.engineering.identification.identify_outputs import (
-            save_identification,
-            write_identified_urdf,
-        )
-        from cellcal.service.engineering.parameters.parameter_files import SetOrigin
-
-        if self.save is not None:
-            now = datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds")
-            made = save_identification(report, measurements, self.save, SetOrigin(self.serial, self.by, now))
-            STDERR_CONSOLE.print(f"saved version {made.version} of robot {made.robot_serial}", markup=False)
-        if self.urdf is not None:
-            missing = write_identified_urdf(report, self.urdf, geometric_joints=self.geometric_joints)
-            without = f", without {' and '.join(missing)}, which a description cannot hold" if missing else ""
-            STDERR_CONSOLE.print(f"wrote {self.urdf}{without}", markup=False)
 
 
 def _parse_pairs(words: tuple[str, ...], option: str) -> dict[str, str]:

@@ -24,6 +24,7 @@ _WHY_NOT = {
     "joints": "each file of a cell holds its joints",
     "joint_coupling": "rows of a cell are what the controller counts",
     "show_layout": "the layout is complete as it is",
+    "project_axes": "the tables of a project are of one chain: identify that chain by itself",
 }
 
 

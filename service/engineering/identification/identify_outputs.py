@@ -70,7 +70,7 @@ def write_identified_urdf(report: IdentifyReport, path: Path, *, geometric_joint
     return sorted({kinds[term.kind] for term in state.terms})
 
 
-def refuse_saving(save: Path | None, urdf: Path | None) -> None:
+def refuse_saving(save: Path | None, urdf: Path | None, axes: Path | None) -> None:
     """Refuse, before any work, to keep an arm whose residual model would be lost.
 
     Raises
@@ -78,7 +78,8 @@ def refuse_saving(save: Path | None, urdf: Path | None) -> None:
     MeasurementError
         A parameter set or a description was asked for.
     """
-    options = [option for option, path in (("--save", save), ("--urdf", urdf)) if path is not None]
+    paths = {"--save": save, "--urdf": urdf, "--project-axes": axes}
+    options = [option for option, path in paths.items() if path is not None]
     if options:
         raise MeasurementError(
             f"a residual model cannot be kept by {' and '.join(options)}: parameter sets and descriptions hold the "

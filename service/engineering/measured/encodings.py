@@ -14,6 +14,14 @@ _PLAIN_HANZI = range(0xB0, 0xD8)  # first byte of the common characters of GB 23
 _GB_MARKS = range(0xA1, 0xA4)  # of its punctuation
 _BOMS = ((b"\xff\xfe\x00\x00", "utf-32"), (b"\xff\xfe", "utf-16"), (b"\xfe\xff", "utf-16"))
 
+_MARK_AS_TEXT = "\u00ef\u00bb\u00bf"  # that of UTF-8, read byte by byte
+
+
+def text_of_table(data: bytes) -> str:
+    """Return the text of a file. Marks of byte order are no text, wherever files were put together."""
+    text = data.decode(encoding_of(data), errors="replace")
+    return text.replace("\ufeff", "").replace(_MARK_AS_TEXT, "")
+
 
 def encoding_of(data: bytes) -> str:
     """Return the encoding of a text file's bytes; what cannot be told is Western European."""

@@ -23,12 +23,13 @@ from cellcal.service.engineering.measured.cell_numbers import (
     WrittenNumber,
     parse_cell,
 )
-from cellcal.service.engineering.measured.encodings import encoding_of
+from cellcal.service.engineering.measured.encodings import text_of_table
 from cellcal.service.engineering.measured.errors import (
     MeasurementError as MeasurementError,  # noqa: PLC0414  # readers of tables import it from here
 )
 from cellcal.service.engineering.measured.list_cells import has_lists, spread_lists
 from cellcal.service.engineering.measured.matrix_columns import name_matrix_elements
+from cellcal.service.engineering.measured.record_lines import holds_records, join_records
 from cellcal.service.engineering.measured.summary_rows import block_summaries, calculated_rows, summary_rows
 from cellcal.service.engineering.measured.table_forms import refuse_divided_numbers, refuse_transposed_table
 from cellcal.service.engineering.measured.table_heads import (
@@ -38,6 +39,7 @@ from cellcal.service.engineering.measured.table_heads import (
     is_remark,
     name_quaternion_apart,
     names_without_heading,
+    numbers_groups,
     only_counts,
 )
 from cellcal.service.engineering.measured.workbooks import (
@@ -113,7 +115,13 @@ class MeasurementTable:
     def numeric_names(self) -> tuple[str, ...]:
         """Return the columns in which most of the filled rows hold numbers."""
         often = np.isfinite(self.numbers).mean(axis=0) >= _MOSTLY if len(self) else np.ones(len(self.names))
-        return tuple(name for name, numeric in zip(self.names, often, strict=True) if numeric)
+        names = [name for name, numeric in zip(self.names, often, strict=True) if numeric]
+        return tuple(name for name in names if self.has_heading or not self._counts_rows(name))
+
+    def _counts_rows(self, name: str) -> bool:
+        """Return whether a column does nothing but number the rows."""
+        numbers = self.numbers[:, self.names.index(name)]
+        return len(numbers) > 2 and bool((np.diff(numbers) == 1.0).all())
 
     def column_texts(self, name: str) -> list[str]:
         """Return the cells of a column as text, whole numbers without a point."""
@@ -161,10 +169,12 @@ def _read_text(path: Path, content: bytes, fewest: int) -> MeasurementTable:
             make_message("{path} holds no table: it is JSON or XML.", path=path),
             remedy="Export the measurements as CSV or Excel: a heading, and one row a posture.",
         )
-    lines: Iterable[str] = io.StringIO(content.decode(encoding_of(content), errors="replace"), newline=None)
+    lines: Iterable[str] = io.StringIO(text_of_table(content), newline=None)
     first = list(islice(lines, _LOOK_AHEAD))
     lines = chain(first, lines)
-    if has_lists(first):
+    if holds_records(first):
+        lines = iter(first := join_records(path, list(lines)))
+    elif has_lists(first):
         lines = iter(first := spread_lists(path, list(lines)))
     separator, comma = _detect_dialect(
         [line for line in first if line.strip() and not is_remark([line])][:_LOOK_AHEAD], fewest
@@ -245,7 +255,10 @@ def _build_table(
         (
             i
             for i, under in pairwise(enough)
-            if not (is_counting_heading(head[i], head[under]) or (i == enough[0] and only_counts(head[i])))
+            if not (
+                is_counting_heading(head[i], head[under])
+                or (i == enough[0] and (only_counts(head[i]) or numbers_groups(head[i], head[i + 1 : under])))
+            )
         ),
         enough[-1],
     )

@@ -56,6 +56,17 @@ def only_counts(row: Cells) -> bool:
     )
 
 
+def numbers_groups(row: Cells, between: Sequence[Cells]) -> bool:
+    """Return whether a row numbers groups of columns (the ID of Motive's rigid bodies): their names stand below it.
+
+    ``between`` are the rows between it and the next row of numbers.
+    """
+    width = sum(cell != "" for cell in row)
+    whole = all(cell.is_integer() for cell in row if isinstance(cell, float))
+    named = [sum(isinstance(cell, str) and bool(cell) for cell in cells) for cells in between]
+    return whole and any(count > width for count in named)
+
+
 def heading_names(above: Sequence[Cells], width: int) -> tuple[str, ...] | None:
     """Return the header above the numbers, with a line of units or of groups if there is one; None without any."""
     lines = [words for row in above if any(words := [_word_of(cell) for cell in row]) and not _is_rule(row)]
