@@ -3,6 +3,8 @@
 from bisect import bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from math import inf
+from operator import attrgetter, itemgetter
 from typing import TypeAlias
 
 from cellcal.drivers.programs.barred import (
@@ -35,6 +37,15 @@ BARRED = {
 Branches: TypeAlias = tuple[int, ...]  # the ifs, cases and loops that a place is inside, by where they begin
 
 
+@dataclass(eq=False)
+class KrlLoop:
+    """A LOOP, REPEAT, WHILE or FOR: its first line is reached from its last, too."""
+
+    begin: int
+    around: "KrlLoop | None"
+    end: float = inf
+
+
 @dataclass
 class RoutineJumps:
     """The jumps of a routine and where they land: what is set between may be jumped over."""
@@ -43,6 +54,42 @@ class RoutineJumps:
     jump_targets: list[int] = field(
         default_factory=list
     )  # labels, and ends of loops, in the order of the text
+    labels: list[int] = field(default_factory=list)  # of them, those of GOTO
+    loops: list["KrlLoop"] = field(default_factory=list)  # in the order of the text
+    loops_ended: int = 0
+    _open: "KrlLoop | None" = None
+
+    def begin_loop(self, place: int) -> None:
+        """Note that a loop begins."""
+        self._open = KrlLoop(place, self._open)
+        self.loops.append(self._open)
+
+    def end_loop(self, place: int) -> None:
+        """Note that the innermost loop ends."""
+        if self._open is not None:
+            self._open.end, self._open = place, self._open.around
+            self.loops_ended += 1
+
+    def around(self, place: int) -> list["KrlLoop"]:
+        """Return the loops around a place, the innermost first."""
+        at = bisect_right(self.loops, place, key=attrgetter("begin")) - 1
+        loop = self.loops[at] if at >= 0 else None
+        found = []
+        while loop is not None:
+            if place < loop.end:
+                found.append(loop)
+            loop = loop.around
+        return found
+
+    def surely_passes(self, place: int, until: int, next_place: float) -> bool:
+        """Return whether each way to a place goes through another above it, and not through a third below."""
+        if bisect_right(self.labels, place) < bisect_right(self.labels, until):
+            return False
+        outer, inner = self.around(place), self.around(until)
+        more = len(inner) - len(outer)
+        if more < 0 or inner[more:] != outer:
+            return False
+        return all(loop.end <= next_place for loop in inner[:more])
 
     def may_miss(self, place: int, until: int) -> bool:
         """Return whether a way leads to a place without what stands at another above it."""
@@ -56,27 +103,18 @@ class FrameUse:
     """The values to which a routine sets ``$TOOL`` or ``$BASE``, and where first."""
 
     values: set[str] = field(default_factory=set)
-    order: list[tuple[int, str]] = field(default_factory=list)  # where each is set, and to what
-    nested: bool = False  # one is set inside a branch or a loop
+    order: list[tuple[int, str, Branches]] = field(default_factory=list)  # where each is set, and to what
     first: dict[Branches, int] = field(default_factory=dict)  # where first in which branches
     below: Marks = ()  # what the routine and those that it calls set, when all is read
     above: Marks = ()  # what is set around it
     reset_below: bool = False  # a routine that it calls resets it
+    set_by_called: bool = False  # a routine of its file that it calls sets one
 
     def take_value(self, place: int, value: str, branches: "Branches") -> None:
         """Note a value."""
         self.first.setdefault(branches, place)
         self.values.add(value)
-        self.order.append((place, value))
-        self.nested |= bool(branches)
-
-    def last_before(self, place: int) -> str | None:
-        """Return which number was set last above a place where all are set one after the other; else None."""
-        if self.nested or self.above:
-            return None
-        at = bisect_right(self.order, (place, "")) - 1
-        value = self.order[at][1] if at >= 0 else ""
-        return value if value.removeprefix(TURNED).isdigit() else None
+        self.order.append((place, value, branches))
 
     def value_in_force(self, *, said_before: bool) -> str | None:
         """Return what holds where it is set before or not: known only where the routine sets one thing."""
@@ -128,6 +166,14 @@ class KrlRoutine:
     resets: bool = False  # it sets both to what the controller begins with
     reset_from: int | None = None  # where it first does so outside of branches
     reset_at: list[int] = field(default_factory=list)  # where it does so, in the order of the text
+    calls_at: list[int] = field(default_factory=list)  # where it calls others, in the order of the text
+    triggers: bool = False  # it lets others run during its motions
+
+    def passed_until_here(self) -> int:
+        """Return a number that grows with each thing read after which another tool or base may hold."""
+        jumps = self.jumps
+        counted = len(self.tool.order) + len(self.base.order) + len(self.calls_at)
+        return counted + len(jumps.labels) + len(jumps.loops) + jumps.loops_ended
 
     def may_be_reset(self, use: FrameUse, place: int) -> bool:
         """Return whether nothing sets it between a reset and a place below, as the text goes."""
@@ -135,13 +181,29 @@ class KrlRoutine:
         if at < 0:
             return False
         reset = self.reset_at[at]
-        return all(value == RESET or not reset < where < place for where, value in use.order)
+        return all(value == RESET or not reset < where < place for where, value, _ in use.order)
 
-    def straight(self, use: FrameUse, place: int) -> str | None:
-        """Return the number that holds at a place where the routine runs from top to bottom and calls nothing."""
-        if self.calls or self.jumps.first is not None or self.jumps.jump_targets:
-            return None  # a LOOP comes back to what stands above a set
-        return use.last_before(place)
+    def straight(self, use: FrameUse, place: int, branches: Branches) -> tuple[str | None, bool]:
+        """Return what is set last on every way to a place, and whether other routines are called in between.
+
+        None where that is not certain, or no number of a table and not written out.
+        """
+        at = bisect_right(use.order, place, key=itemgetter(0)) - 1
+        if at < 0 or self.interrupted:
+            return None, False
+        where, value, inside = use.order[at]
+        is_known = value.removeprefix(TURNED).isdigit() or value.startswith(WRITTEN_OUT)
+        next_set = use.order[at + 1][0] if at + 1 < len(use.order) else inf
+        if not (
+            is_known
+            and branches[: len(inside)] == inside
+            and self.jumps.surely_passes(where, place, next_set)
+        ):
+            return None, False
+        called = self.triggers or bisect_right(self.calls_at, where) < bisect_right(self.calls_at, place)
+        if called and (use.set_by_called or use.reset_below):
+            return None, False
+        return value, called
 
 
 def reached_from(routines: Sequence[KrlRoutine]) -> None:
@@ -164,7 +226,8 @@ def reached_from(routines: Sequence[KrlRoutine]) -> None:
         routine.tool.reset_below = routine.base.reset_below = any(resets[number] for number in called)
     for uses in ([one.tool for one in routines], [one.base for one in routines]):
         below, above = reached_settings(reached, [use.values for use in uses])
-        for use, its_below, its_above in zip(uses, below, above, strict=True):
+        for use, its_below, its_above, called in zip(uses, below, above, reached, strict=True):
             use.below, use.above = its_below, its_above
+            use.set_by_called = any(below[number] for number in called)
     for routine, more in zip(routines, running, strict=True):
         routine.interrupted = any(routines[one].tool.below or routines[one].base.below for one in more)

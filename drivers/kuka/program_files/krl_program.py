@@ -143,12 +143,21 @@ class KrlProgram(KrlMotions):
             jumps.first = line.start if jumps.first is None else jumps.first
         elif word in patterns.JUMP_TARGETS or code.rstrip().endswith(":"):
             jumps.jump_targets.append(line.start)
+            if word in patterns.JUMP_TARGETS:
+                jumps.end_loop(line.start)
+            else:
+                jumps.labels.append(line.start)
             self.force.forget()
         elif word in patterns.LOOPS:
+            jumps.begin_loop(line.start)
             self.force.forget()
 
     def _take_branch(self, word: str, place: int) -> None:
         self.force.take_branch(word)
+        if word in ("WHILE", "FOR"):
+            self.points.routines[-1].jumps.begin_loop(place)
+        elif word in ("ENDWHILE", "ENDFOR"):
+            self.points.routines[-1].jumps.end_loop(place)
         if word not in ("IF", "SWITCH", "WHILE", "FOR"):
             self.branches = self.branches[:-1]
         if not word.startswith("END"):
