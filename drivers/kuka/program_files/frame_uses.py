@@ -4,7 +4,7 @@ from bisect import bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from math import inf
-from operator import attrgetter, itemgetter
+from operator import itemgetter
 from typing import TypeAlias
 
 from cellcal.drivers.programs.barred import (
@@ -18,6 +18,7 @@ from cellcal.drivers.programs.barred import (
 )
 from cellcal.drivers.programs.call_graph import Marks, reached_settings, with_interrupts
 from cellcal.drivers.programs.routine_calls import RoutineParameter
+from cellcal.drivers.programs.text_flow import TextFlow
 
 UNKNOWN = "?"
 WRITTEN_OUT = "$"  # before the numbers of one that stands in the text
@@ -37,15 +38,6 @@ BARRED = {
 Branches: TypeAlias = tuple[int, ...]  # the ifs, cases and loops that a place is inside, by where they begin
 
 
-@dataclass(eq=False)
-class KrlLoop:
-    """A LOOP, REPEAT, WHILE or FOR: its first line is reached from its last, too."""
-
-    begin: int
-    around: "KrlLoop | None"
-    end: float = inf
-
-
 @dataclass
 class RoutineJumps:
     """The jumps of a routine and where they land: what is set between may be jumped over."""
@@ -54,42 +46,7 @@ class RoutineJumps:
     jump_targets: list[int] = field(
         default_factory=list
     )  # labels, and ends of loops, in the order of the text
-    labels: list[int] = field(default_factory=list)  # of them, those of GOTO
-    loops: list["KrlLoop"] = field(default_factory=list)  # in the order of the text
-    loops_ended: int = 0
-    _open: "KrlLoop | None" = None
-
-    def begin_loop(self, place: int) -> None:
-        """Note that a loop begins."""
-        self._open = KrlLoop(place, self._open)
-        self.loops.append(self._open)
-
-    def end_loop(self, place: int) -> None:
-        """Note that the innermost loop ends."""
-        if self._open is not None:
-            self._open.end, self._open = place, self._open.around
-            self.loops_ended += 1
-
-    def around(self, place: int) -> list["KrlLoop"]:
-        """Return the loops around a place, the innermost first."""
-        at = bisect_right(self.loops, place, key=attrgetter("begin")) - 1
-        loop = self.loops[at] if at >= 0 else None
-        found = []
-        while loop is not None:
-            if place < loop.end:
-                found.append(loop)
-            loop = loop.around
-        return found
-
-    def surely_passes(self, place: int, until: int, next_place: float) -> bool:
-        """Return whether each way to a place goes through another above it, and not through a third below."""
-        if bisect_right(self.labels, place) < bisect_right(self.labels, until):
-            return False
-        outer, inner = self.around(place), self.around(until)
-        more = len(inner) - len(outer)
-        if more < 0 or inner[more:] != outer:
-            return False
-        return all(loop.end <= next_place for loop in inner[:more])
+    flow: TextFlow = field(default_factory=TextFlow)  # its loops and labels
 
     def may_miss(self, place: int, until: int) -> bool:
         """Return whether a way leads to a place without what stands at another above it."""
@@ -171,9 +128,9 @@ class KrlRoutine:
 
     def passed_until_here(self) -> int:
         """Return a number that grows with each thing read after which another tool or base may hold."""
-        jumps = self.jumps
+        flow = self.jumps.flow
         counted = len(self.tool.order) + len(self.base.order) + len(self.calls_at)
-        return counted + len(jumps.labels) + len(jumps.loops) + jumps.loops_ended
+        return counted + len(flow.labels) + len(flow.blocks) + flow.blocks_ended
 
     def may_be_reset(self, use: FrameUse, place: int) -> bool:
         """Return whether nothing sets it between a reset and a place below, as the text goes."""
@@ -197,7 +154,7 @@ class KrlRoutine:
         if not (
             is_known
             and branches[: len(inside)] == inside
-            and self.jumps.surely_passes(where, place, next_set)
+            and self.jumps.flow.surely_passes(where, place, next_set)
         ):
             return None, False
         called = self.triggers or bisect_right(self.calls_at, where) < bisect_right(self.calls_at, place)

@@ -144,20 +144,21 @@ class KrlProgram(KrlMotions):
         elif word in patterns.JUMP_TARGETS or code.rstrip().endswith(":"):
             jumps.jump_targets.append(line.start)
             if word in patterns.JUMP_TARGETS:
-                jumps.end_loop(line.start)
+                jumps.flow.end_block(line.start)
             else:
-                jumps.labels.append(line.start)
+                jumps.flow.labels.append(line.start)
             self.force.forget()
         elif word in patterns.LOOPS:
-            jumps.begin_loop(line.start)
+            jumps.flow.begin_block(line.start, repeats=True)
             self.force.forget()
 
     def _take_branch(self, word: str, place: int) -> None:
         self.force.take_branch(word)
+        flow = self.points.routines[-1].jumps.flow
         if word in ("WHILE", "FOR"):
-            self.points.routines[-1].jumps.begin_loop(place)
+            flow.begin_block(place, repeats=True)
         elif word in ("ENDWHILE", "ENDFOR"):
-            self.points.routines[-1].jumps.end_loop(place)
+            flow.end_block(place)
         if word not in ("IF", "SWITCH", "WHILE", "FOR"):
             self.branches = self.branches[:-1]
         if not word.startswith("END"):
