@@ -12,7 +12,7 @@ from random import Random
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from tests.programs.external.brands import BRANDS, KUKA_TURN
+from tests.programs.external.brands import BRANDS, KUKA_TURN, read_fanuc
 from tests.programs.external.hand_geometry import Array, arm, flange_of, pose
 
 TOOLS = (pose((0.01, -0.02, 0.11), (0.0, 0.2, 0.0)), pose((0.0, 0.03, 0.09), (0.1, 0.0, 0.3)))
@@ -70,6 +70,16 @@ class RandomProgram:
                 else Statement(kind, number % 2 if kind == "tool" else number, inside, other)
             )
         return tuple(found)
+
+    def sets(self, kind: str) -> bool:
+        """Return whether any routine has a statement of a kind."""
+        waiting = [one for routine in self.routines for one in routine]
+        while waiting:
+            one = waiting.pop()
+            waiting += [*one.inside, *one.other]
+            if one.kind == kind:
+                return True
+        return False
 
     def places_seen(self, ways: int) -> dict[int, set[tuple[int, int]]]:
         """Return by move the frames and tools that executions bring to it; -1 for what was there before."""
@@ -201,9 +211,75 @@ def _rapid_place(matrix: Array) -> str:
     return f"[[{x:.6f},{y:.6f},{z:.6f}],[{q0:.10f},{q1:.10f},{q2:.10f},{q3:.10f}]]"
 
 
+def write_fanuc(program: RandomProgram, targets: dict[int, Array]) -> dict[str, str]:
+    """Return the listings of a program as RoboDK's post-processor for R-30iA writes frames."""
+    files = {}
+    for number, routine in enumerate(program.routines):
+        labels = iter(range(1, 1000))
+        lines = [f"{at:4d}:{line} ;" for at, line in enumerate(_tp(routine, labels), start=1)]
+        records = "".join(_tp_record(one, targets[one]) for one in _moves_in(routine))
+        head = f'/PROG  R{number}\n/ATTR\nCOMMENT\t\t= "RoboDK sequence";\nDEFAULT_GROUP\t= 1,*,*,*,*;\n/MN\n'
+        files[f"r{number}.ls"] = head + "\n".join([*lines, "/POS", records + "/END", ""])
+    return files
+
+
+def _moves_in(block: Sequence[Statement]) -> list[int]:
+    found = []
+    for one in block:
+        found += [one.number] if one.kind == "move" else [*_moves_in(one.inside), *_moves_in(one.other)]
+    return found
+
+
+def _tp(block: Sequence[Statement], labels: Iterator[int]) -> Iterator[str]:
+    for at, one in enumerate(block):
+        inside, other = list(_tp(one.inside, labels)), list(_tp(one.other, labels))
+        if one.kind in ("frame", "tool"):
+            which, matrix = ("UFRAME", FRAMES) if one.kind == "frame" else ("UTOOL", TOOLS)
+            turn = Rotation.from_matrix(matrix[one.number][:3, :3]).as_euler("xyz", degrees=True)
+            numbers = [*(matrix[one.number][:3, 3] * 1e3), *turn]
+            yield from (f"  PR[9,{axis}]={value:.6f}" for axis, value in enumerate(numbers, start=1))
+            yield from (f"  {which}[9]=PR[9]", f"  {which}_NUM=9")
+        elif one.kind == "move":
+            yield f"L P[{one.number}] 100mm/sec FINE"
+        elif one.kind == "if":
+            first, second = next(labels), next(labels)
+            yield from [
+                f"  IF DI[1]=OFF,JMP LBL[{first}]",
+                *inside,
+                f"  JMP LBL[{second}]",
+                f"  LBL[{first}]",
+            ]
+            yield from [*other, f"  LBL[{second}]"]
+        elif one.kind == "loop" and at % 2:
+            yield from ["  FOR R[1]=1 TO R[2]", *inside, "  ENDFOR"]
+        elif one.kind == "loop":
+            first, second = next(labels), next(labels)
+            yield from [f"  LBL[{first}]", f"  IF DI[2]=OFF,JMP LBL[{second}]", *inside]
+            yield from [f"  JMP LBL[{first}]", f"  LBL[{second}]"]
+        elif one.kind == "skip":
+            label = next(labels)
+            yield from [f"  IF DI[3]=ON,JMP LBL[{label}]", *inside, f"  LBL[{label}]"]
+        else:
+            yield f"  CALL R{one.number}" if one.kind == "call" else "  DO[5]=ON"
+
+
+def _tp_record(number: int, matrix: Array) -> str:
+    x, y, z = matrix[:3, 3] * 1e3
+    w, p, r = Rotation.from_matrix(matrix[:3, :3]).as_euler("xyz", degrees=True)
+    return (
+        f"P[{number}]{{\n   GP1:\n    UF : 9, UT : 9,        CONFIG : 'N U T, 0, 0, 0',\n"
+        f"\tX = {x:.6f}  mm,\tY = {y:.6f}  mm,\tZ = {z:.6f}  mm,\n"
+        f"\tW = {w:.6f} deg,\tP = {p:.6f} deg,\tR = {r:.6f} deg\n}};\n"
+    )
+
+
 def read_targets(brand: str, text: str) -> dict[int, Array]:
     """Return the tips of the moves, by their numbers in comments."""
     found = {}
+    for number, record in re.findall(r"P\[(\d+)\]\{(.*?)\};", text, re.DOTALL):
+        (point,) = read_fanuc(f"P[{number}]{{{record}}};")
+        assert point.tip is not None
+        found[int(number)] = point.tip
     for line in text.splitlines():
         number = re.search(r"P(\d+);$", line)
         if number is None:
@@ -224,4 +300,5 @@ def read_targets(brand: str, text: str) -> dict[int, Array]:
 WRITERS: dict[str, Callable[[RandomProgram, dict[int, Array]], dict[str, str]]] = {
     "kuka": write_kuka,
     "abb": write_abb,
+    "fanuc": write_fanuc,
 }
