@@ -108,15 +108,19 @@ class RandomProgram:
                 for _ in range(self.random.randint(0, 3) if left[0] > 0 else 0):
                     yield from self._execute(one.inside, left)
 
+    def posture(self, brand: str, number: int) -> Array:
+        """Return the joints at a move [rad]."""
+        postures = BRANDS[brand].postures
+        step = np.array([0.3, -0.2, 0.4, 0.5, -0.3, 0.6]) * (number // 5)
+        return np.asarray(np.radians(np.array(postures[number % len(postures)]) + step))
+
     def targets(self, brand: str) -> dict[int, Array]:
         """Return the tip of each move in one of the frames that it may be in, at postures of the arm."""
-        spelling, seen = BRANDS[brand], self.places_seen(8)
+        seen = self.places_seen(8)
         found = {}
         for number in range(1, self.moves + 1):
-            joints = np.radians(spelling.postures[number % len(spelling.postures)])
-            joints = joints + np.radians([0.3, -0.2, 0.4, 0.5, -0.3, 0.6]) * (number // 5)
             frame, tool = min(seen.get(number, {(0, 0)}), key=lambda each: each[0] < 0)
-            flange = flange_of(arm(spelling.model), joints)
+            flange = flange_of(arm(BRANDS[brand].model), self.posture(brand, number))
             found[number] = np.linalg.inv(FRAMES[frame]) @ flange @ TOOLS[tool]
         return found
 
