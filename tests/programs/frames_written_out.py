@@ -21,6 +21,12 @@ FRAMES = (
     pose((0.1, 0.2, 0.05), (0.0, 0.0, -1.2)),
     pose((-0.2, 0.05, 0.3), (0.4, 0.1, 0.0)),
 )
+_UR = tuple(
+    (8.0 * k + 6, -80.0 + 4 * k, 96.0 - 3 * k, -100 - 5 * k, -85.0 - 3 * k, 10.0 + 4 * k) for k in range(5)
+)
+ARMS = {name: (one.model, one.postures) for name, one in BRANDS.items()} | {
+    "universal_robots": ("ur10e", _UR)
+}
 _MOST_STEPS = 60  # of one way through a program
 
 
@@ -110,7 +116,7 @@ class RandomProgram:
 
     def posture(self, brand: str, number: int) -> Array:
         """Return the joints at a move [rad]."""
-        postures = BRANDS[brand].postures
+        postures = ARMS[brand][1]
         step = np.array([0.3, -0.2, 0.4, 0.5, -0.3, 0.6]) * (number // 5)
         return np.asarray(np.radians(np.array(postures[number % len(postures)]) + step))
 
@@ -120,7 +126,7 @@ class RandomProgram:
         found = {}
         for number in range(1, self.moves + 1):
             frame, tool = min(seen.get(number, {(0, 0)}), key=lambda each: each[0] < 0)
-            flange = flange_of(arm(BRANDS[brand].model), self.posture(brand, number))
+            flange = flange_of(arm(ARMS[brand][0]), self.posture(brand, number))
             found[number] = np.linalg.inv(FRAMES[frame]) @ flange @ TOOLS[tool]
         return found
 
@@ -277,6 +283,49 @@ def _tp_record(number: int, matrix: Array) -> str:
     )
 
 
+def write_script(program: RandomProgram, targets: dict[int, Array]) -> dict[str, str]:
+    """Return the URScript of a program as RoboDK's post-processor writes frames."""
+    lines = ["def R0_main():", "global speed_ms = 0.250", f"global ref_frame = {_ur_pose(np.eye(4))}"]
+    for number, routine in enumerate(program.routines[1:], start=1):
+        lines += [f"def R{number}():", *_urscript(program, routine, targets), "end"]
+    return {
+        "r0.script": "\n".join(
+            [*lines, *_urscript(program, program.routines[0], targets), "end", "R0_main()", ""]
+        )
+    }
+
+
+def _urscript(program: RandomProgram, block: Sequence[Statement], targets: dict[int, Array]) -> Iterator[str]:
+    for at, one in enumerate(block):
+        inside = list(_urscript(program, one.inside, targets)) or ["sync()"]
+        if one.kind == "frame":
+            yield f"ref_frame = {_ur_pose(FRAMES[one.number])}"
+        elif one.kind == "tool":
+            yield f"set_tcp({_ur_pose(TOOLS[one.number])})"
+        elif one.kind == "move":
+            target = _ur_pose(targets[one.number])
+            yield f"movel(pose_trans(ref_frame,{target}),1.2,speed_ms,0,0.000) # P{one.number};"
+        elif one.kind == "if":
+            other = list(_urscript(program, one.other, targets))
+            yield from [
+                "if (get_standard_digital_in(1)):",
+                *inside,
+                *(["else:", *other] if other else []),
+                "end",
+            ]
+        elif one.kind == "loop":
+            yield from [f"while (get_standard_digital_in({at % 5})):", *inside, "end"]
+        elif one.kind == "skip":
+            yield from ["if (not get_standard_digital_in(3)):", *inside, "end"]
+        else:
+            yield f"R{one.number}()" if one.kind == "call" else "set_standard_digital_out(5, True)"
+
+
+def _ur_pose(matrix: Array) -> str:
+    numbers = [*matrix[:3, 3], *Rotation.from_matrix(matrix[:3, :3]).as_rotvec()]
+    return f"p[{', '.join(f'{value:.9f}' for value in numbers)}]"
+
+
 def read_targets(brand: str, text: str) -> dict[int, Array]:
     """Return the tips of the moves, by their numbers in comments."""
     found = {}
@@ -292,6 +341,9 @@ def read_targets(brand: str, text: str) -> dict[int, Array]:
             values = dict(re.findall(r"\b([XYZABC]) (-?[\d.]+)", line))
             x, y, z, a, b, c = (float(values[name]) for name in "XYZABC")
             turn = Rotation.from_euler("ZYX", [a, b, c], degrees=True)
+        elif brand == "universal_robots":
+            x, y, z, *rotvec = (float(one) for one in re.findall(r"-?\d+\.\d{9}", line))
+            x, y, z, turn = x * 1e3, y * 1e3, z * 1e3, Rotation.from_rotvec(rotvec)
         else:
             x, y, z, q0, q1, q2, q3 = (float(one) for one in re.findall(r"-?\d+\.\d+", line)[:7])
             turn = Rotation.from_quat([q1, q2, q3, q0])
@@ -305,4 +357,5 @@ WRITERS: dict[str, Callable[[RandomProgram, dict[int, Array]], dict[str, str]]] 
     "kuka": write_kuka,
     "abb": write_abb,
     "fanuc": write_fanuc,
+    "universal_robots": write_script,
 }
