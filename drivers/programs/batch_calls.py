@@ -57,7 +57,8 @@ class BatchCalls:
             return self._name_text(_MISSING_PROGRAM if value == _NOT_GIVEN else _CALLED, subject)
         above = [subject for (_, marks), has in effects if not has for value, subject in marks[number]
                  if value != _NOT_GIVEN]  # fmt: skip
-        if not above and not own.resets:
+        sets_all = all(has for _, has in effects)
+        if not above and not own.resets and not sets_all:
             above = [subject for _, subject in self._resets_around[1][number]]
         return self._name_text(_CALLER, above[0]) if above else ""
 

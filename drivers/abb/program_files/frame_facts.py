@@ -10,7 +10,7 @@ ToolAndFrame = tuple[str | None, str | None]  # tool, work object; None where it
 _BARRED_DIFFERENT = "the program uses it with different tools or work objects"
 BARRED_COMPUTED = "the program uses it with a tool or work object that is computed"
 _BARRED_SEVERAL = "its file declares several tools or work objects of one name"
-_BARRED_SET = "its tool or work object is set while the program runs"
+BARRED_SET = "its tool or work object is set while the program runs"
 
 
 class AgreedUse(NamedTuple):
@@ -51,7 +51,7 @@ class FrameFacts:
         if any(part is not None and part.lower() in self.several for use in uses for part in use):
             return _BARRED_SEVERAL
         if any(part is not None and part.lower() in self.set_while_running for use in uses for part in use):
-            return _BARRED_SET
+            return BARRED_SET
         if len(uses) > 1:
             return _BARRED_DIFFERENT
         tool, frame = next(iter(uses))
@@ -77,5 +77,5 @@ class FrameFacts:
         return (
             dict.fromkeys(self.moved, MOVED_BY_UNIT)
             | dict.fromkeys(self.seen_from_flange, SEEN_FROM_FLANGE)
-            | dict.fromkeys(self.set_while_running, _BARRED_SET)
+            | dict.fromkeys(self.set_while_running, BARRED_SET)
         )

@@ -4,6 +4,7 @@ import re
 from dataclasses import dataclass
 from math import nan
 
+from cellcal.calibration.geometry import Pose
 from cellcal.drivers.abb.program_files.literals import (
     AGGREGATES,
     NAME,
@@ -12,6 +13,7 @@ from cellcal.drivers.abb.program_files.literals import (
     after_blanks,
     decode_name,
 )
+from cellcal.drivers.abb.program_files.written_frames import written_work_object
 from cellcal.drivers.programs.shifts import UNREADABLE
 from cellcal.drivers.programs.spans import ProgramText
 
@@ -40,7 +42,8 @@ _ARGUMENT = re.compile(r'![^\n]*+|"(?:[^"\n]++|"")*+"?+|[\[\](){},;]|[^\[\](){},
 _HEAD = re.compile(rf"{W}({NAME}){W}(?:\{{([^{{}}]*+)\}})?+{W}(\()?+", re.ASCII)
 _PLAIN = re.compile(rf"{W}({NAME}){W}(?=\\|\Z)", re.ASCII)
 _OPTION = re.compile(  # of a whole instruction: brackets and what is in quotes or a comment are stepped over
-    rf'![^\n]*+|"(?:[^"\n]++|"")*+"?+|[\[({{]|[\])}}]|(?P<work_object>\\{W}WObj\b{W}(?::={W}(?P<named>{NAME}){W}(?=[\\,;]))?+)',
+    rf'![^\n]*+|"(?:[^"\n]++|"")*+"?+|[\[({{]|[\])}}]|(?P<work_object>'
+    rf"\\{W}WObj\b{W}(?::={W}(?:(?P<named>{NAME}){W}(?=[\\,;])|(?P<numbers>(?=\[))))?+)",
     re.ASCII | re.IGNORECASE,
 )
 _NEXT_STATEMENT = re.compile(
@@ -89,6 +92,7 @@ class MoveInstruction:
     tool: str | None
     frame: str | None
     end: int  # after its semicolon
+    frame_pose: Pose | None = None  # of a work object that it writes out
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,7 +115,7 @@ def read_instruction(source: ProgramText, word: str, place: int) -> MoveInstruct
     arguments, end = _split_arguments(source, place, axes=_is_axis_move(word))
     plain = [argument for argument in arguments if source.text[argument.start : argument.start + 1] != "\\"]
     plain_names = [argument for argument in plain if argument.literal is None]
-    frame, named_at = _work_object(source.text, place, end)
+    frame, named_at, pose = _work_object(source.text, place, end)
     with_frame = [argument for argument in plain_names if argument.start <= named_at < argument.end]
     of_tool = with_frame or plain_names[MOVES[word] :][:1] if len(plain_names) >= -MOVES[word] else []
     tool = _plain_name(source.text, of_tool[0]) if of_tool else None
@@ -122,7 +126,7 @@ def read_instruction(source: ProgramText, word: str, place: int) -> MoveInstruct
         if (k in named or argument.literal is not None)
         and (target := _target_of(source, word, k, argument)) is not None
     )
-    return MoveInstruction(word, targets, tool, frame, end)
+    return MoveInstruction(word, targets, tool, frame, end, pose)
 
 
 def _is_axis_move(word: str) -> bool:
@@ -193,16 +197,23 @@ def _match_literal(source: ProgramText, place: int, *, axes: bool) -> re.Match[s
         raise source.error_at(error.place, str(error), remedy="Correct it on the controller.") from None
 
 
-def _work_object(text: str, place: int, end: int) -> tuple[str | None, int]:
-    """Return the work object that an instruction names, and where (-1 for none: wobj0); None where it is computed."""
+def _work_object(text: str, place: int, end: int) -> tuple[str | None, int, Pose | None]:
+    """Return the work object of an instruction, where it is named (-1 for none: wobj0), and its pose if written out.
+
+    Its name is None where it is computed.
+    """
     if text.find("\\", place, end) < 0:
-        return "wobj0", -1
+        return "wobj0", -1, None
     depth = 0
     for found in _OPTION.finditer(text, place, end):
         if found["work_object"] and not depth:
-            return decode_name(found["named"]) if found["named"] else None, found.start()
+            if found["named"]:
+                return decode_name(found["named"]), found.start(), None
+            has_numbers = found["numbers"] is not None
+            name, pose = written_work_object(text, found.end()) if has_numbers else (None, None)
+            return name, found.start(), pose
         depth += (found[0] in ("[", "(", "{")) - (found[0] in ("]", ")", "}"))
-    return "wobj0", -1
+    return "wobj0", -1, None
 
 
 def _plain_name(text: str, argument: MoveArgument) -> str | None:

@@ -32,6 +32,7 @@ from cellcal.drivers.abb.program_files.motion_configuration import (
 )
 from cellcal.drivers.abb.program_files.rapid_called import NAMES
 from cellcal.drivers.abb.program_files.rapid_module import read_module
+from cellcal.drivers.abb.program_files.set_frames import marks_of_set_frames, without_frames_of_others
 from cellcal.drivers.abb.program_files.unchecked_configurations import ignores_configurations
 from cellcal.drivers.abb.program_files.written_numbers import (
     LEAST_LENGTH_DECIMALS,
@@ -92,6 +93,7 @@ class AbbFile:
     keys: tuple[str, ...]  # (N,) the targets' names as other modules write them
     used: frozenset[int]  # rows that moves of this file go to
     declared: frozenset[str]  # its own tools and work objects, in small letters
+    shown_frames: frozenset[str]  # those of them that it sets to numbers, and others may set, too
     brand: str = "abb"
 
     def to_bytes(self) -> bytes:
@@ -163,7 +165,7 @@ class AbbFile:
                 uses={
                     name: frozenset(frames_of_moves) for name, frames_of_moves in uses.external_uses.items()
                 },
-                doubtful=uses.facts.doubtful_frames(),
+                doubtful=uses.facts.doubtful_frames() | marks_of_set_frames(uses.facts, name),
                 tools=module.frames.public_poses(module.frames.tools),
                 bases=module.frames.public_poses(module.frames.bases),
                 local_tools=module.frames.local_poses(module.frames.tools),
@@ -179,6 +181,7 @@ class AbbFile:
             keys=tuple(uses.local_keys.get(row, found.names[row].lower()) for row in order.tolist()),
             used=frozenset(k for k, row in enumerate(order.tolist()) if uses.of_row.get(row)),
             declared=frozenset(module.frames.declared),
+            shown_frames=module.literal.shown_names(),
             name=module.name or PurePath(name).stem,
             positions=replace(
                 _with_configurations_that_count(
@@ -222,6 +225,7 @@ class AbbFile:
             for shift in measured_shifts(self.source, name, frames_in_other_files(uses))
         )
         positions = replace(positions, shifts=(*positions.shifts, *places, *measured))
+        positions = without_frames_of_others(positions, external_uses, self.shown_frames)
         positions = _with_agreed_tools(positions, external_uses, self.keys)
         positions = _without_other_robots(positions, external_uses.other_task)
         if is_of_unknown_robot(external_uses):

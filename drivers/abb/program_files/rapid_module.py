@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 
 from cellcal.calibration.message import make_message
@@ -24,6 +24,7 @@ from cellcal.drivers.abb.program_files.instructions import (
     MoveTarget,
     read_instruction,
 )
+from cellcal.drivers.abb.program_files.literal_frames import LiteralFrames, find_literal_frames
 from cellcal.drivers.abb.program_files.literals import (
     AGGREGATES,
     NAME,
@@ -97,6 +98,7 @@ class RapidModule(RapidDeclarations):
     set_names: set[str] = field(default_factory=set)  # what is assigned as a whole
     parameters: RoutineParameters = field(default_factory=RoutineParameters)
     written: WrittenTargets = field(default_factory=lambda: WrittenTargets.without_rows(0))
+    literal: LiteralFrames = field(default_factory=LiteralFrames)
 
     def read_module(self) -> None:
         """Take the whole text.
@@ -132,7 +134,10 @@ class RapidModule(RapidDeclarations):
         if found["name"] is None:
             frame = found["frame"] or "wobj0"
             self.moves = True
-            self.uses.note_use(found["to"], found["tool"], frame)
+            tool = found["tool"]
+            if self.literal:
+                tool, frame = self._with_numbers(found.start("a_move"), tool, frame)
+            self.uses.note_use(found["to"], tool, frame)
             if self.displaced:
                 self._note_move(found.start("a_move"), found["to"], -1, frame)
             return True
@@ -142,6 +147,15 @@ class RapidModule(RapidDeclarations):
         self.local, local = False, self.local
         self.uses.declare_target(found["name"], row, local=local)
         return True
+
+    def _with_numbers(self, place: int, tool: str | None, frame: str | None) -> tuple[str | None, str | None]:
+        """Return the tool and work object of a move, with their numbers where the module surely sets them so."""
+        scope, hidden = self.uses.scope, self.uses.parameters
+        of_tool, of_frame = (
+            name if name is None or (scope, name.lower()) in hidden else self.literal.name_at(place, name)
+            for name in (tool, frame)
+        )
+        return of_tool, of_frame
 
     def _remark_inside(self, place: int, end: int) -> None:
         """Remark a position in a statement that is not read: in a record, a call, an array of another kind."""
@@ -175,6 +189,8 @@ class RapidModule(RapidDeclarations):
                 text = _COPY_TEXT if place in self.copies else _ASSIGNED_TEXT
                 self.found.add_remark(place, "computed", make_message(text, name))
         self.frames.drop_ambiguous()
+        self.frames.tools |= self.literal.tools
+        self.frames.bases |= self.literal.bases
         self._take_written_arguments()
         self._pass_targets()
         self.uses.resolve_uses(self.found)
@@ -277,6 +293,11 @@ class RapidModule(RapidDeclarations):
         if _ASSIGNED.match(self.found.source.text, end):
             return end
         instruction = read_instruction(self.found.source, word, end)
+        if instruction.frame_pose is not None and instruction.frame is not None:
+            self.frames.bases[self.uses.spell_name(instruction.frame)] = instruction.frame_pose
+        if self.literal:
+            tool, frame = self._with_numbers(start, instruction.tool, instruction.frame)
+            instruction = replace(instruction, tool=tool, frame=frame)
         self.moves = True
         for part, target in enumerate(instruction.targets):
             self._moved_to(instruction, part, target, start)
@@ -357,6 +378,7 @@ def read_module(source: ProgramText) -> RapidModule:
     found, uses = RapidPositions(source), TargetUses()
     frames, shifts = DeclaredFrames(found, uses), FoundShifts(Displacements(source.text))
     module = RapidModule(found, uses, frames, shifts)
+    module.literal = find_literal_frames(source.text)
     module.displaced = USED.search(source.text) is not None
     module.read_module()
     module.finish_reading()

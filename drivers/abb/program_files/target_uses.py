@@ -9,6 +9,7 @@ from cellcal.drivers.abb.program_files.collected_positions import RapidPositions
 from cellcal.drivers.abb.program_files.declared_targets import DeclaredTargets
 from cellcal.drivers.abb.program_files.frame_facts import BARRED_COMPUTED, AgreedUse, FrameFacts, ToolAndFrame
 from cellcal.drivers.abb.program_files.measured_places import is_measured
+from cellcal.drivers.abb.program_files.written_frames import NUMBERS
 from cellcal.drivers.programs.barred import MOVED_BY_UNIT, ONLY_SEEN_THERE, SEEN_FROM_FLANGE
 from cellcal.drivers.programs.conditions import ConditionalBar, ProjectNeed
 from cellcal.drivers.programs.file_declarations import COPIED, MoveFrames
@@ -70,7 +71,7 @@ class TargetUses(DeclaredTargets):
         """Return a use for other files, which do not see all tools and work objects of this one."""
         if not (tool and frame):
             return ParameterUse(tool, frame, BARRED_COMPUTED)
-        is_local = {tool.lower(), frame.lower()} & self.local_frames
+        is_local = {tool.lower(), frame.lower()} & self.local_frames or NUMBERS in f"{tool}{frame}"
         return ParameterUse(tool, frame, ONLY_SEEN_THERE if is_local else "")
 
     def note_use(self, name: str, tool: str | None, frame: str | None) -> None:

@@ -4,7 +4,7 @@ Positions with UF : F or UT : F stand in the frame or tool that is chosen when t
 """
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import PurePath
 
@@ -120,6 +120,16 @@ def frames_set(file: str, name: str, data: bytes) -> dict[str, str]:
     }
 
 
+def mark_of_setter(file: str, name: str) -> dict[str, str]:
+    """Return what a program that sets any frame or tool says of itself to those beside it."""
+    return {f"{_setters(file)} {name}": make_message(_SET_BY, name)}
+
+
+def setters_beside(file: str, marks: BatchReasons) -> Sequence[str]:
+    """Return the programs of a file's folder that set any frame or tool."""
+    return marks.rests_behind(_setters(file))
+
+
 def without_set_frames(positions: Positions, file: str, set_by_whom: Mapping[str, str]) -> Positions:
     """Return positions of which those are left whose frame or tool a program sets: the cell has another."""
     barred = dict(positions.barred)
@@ -157,6 +167,10 @@ def with_frames_of_people(positions: Positions, file: str, name: str, marks: Bat
         if number in (frame, _UNKNOWN) and maker != name
     ]  # fmt: skip
     return replace(positions, shifts=(*positions.shifts, *found)) if found else positions
+
+
+def _setters(file: str) -> str:
+    return f"{PurePath(file).parent} setter"
 
 
 def _alone(file: str) -> str:

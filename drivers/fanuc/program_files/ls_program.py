@@ -26,12 +26,15 @@ from cellcal.drivers.fanuc.program_files.ls_fixed import ListingBody
 from cellcal.drivers.fanuc.program_files.ls_frames import (
     frames_made_alone,
     frames_set,
+    mark_of_setter,
     routine_effects_of,
     rows_without_frames,
+    setters_beside,
     with_chosen_frames,
     with_frames_of_people,
     without_set_frames,
 )
+from cellcal.drivers.fanuc.program_files.ls_literal_frames import WrittenFrames, written_frames
 from cellcal.drivers.fanuc.program_files.ls_missing_places import missing_places
 from cellcal.drivers.fanuc.program_files.ls_motions import bar_standing_tools, with_motions
 from cellcal.drivers.fanuc.program_files.ls_positions import positions_of
@@ -91,6 +94,7 @@ class LsProgram:
         if rows_without_frames(found):
             found = self._with_chosen(found)
         doubtful = frames_set(self.file, self.name, self._place.data)
+        found = self._written_frames.rename(found) if doubtful else found
         if self.external_uses is not None and self.external_uses.doubtful:
             found = with_frames_of_people(found, self.file, self.name.upper(), self.external_uses.doubtful)
             doubtful = {**self.external_uses.doubtful, **doubtful}
@@ -113,8 +117,17 @@ class LsProgram:
 
     @property
     def frames(self) -> ProgramFrames:
-        """Return nothing: a listing names its frames by number, the controller keeps them."""
-        return ProgramFrames()
+        """Return the frames that the program sets to numbers; others it names, and the controller keeps them."""
+        return self._written_frames.frames
+
+    @cached_property
+    def _written_frames(self) -> WrittenFrames:
+        uses = self.external_uses
+        setters = () if uses is None else setters_beside(self.file, uses.doubtful)
+        others_set = any(name != self.name.upper() for name in setters)
+        if self._conveyor_match is not None or (uses is not None and uses.running):
+            return WrittenFrames()
+        return written_frames(self._read_positions[0], self._place.data, others_set=others_set)
 
     @property
     def declarations(self) -> FileDeclarations:
@@ -179,6 +192,7 @@ def declarations_of(file: str, data: bytes) -> FileDeclarations:
     name = found[1].decode("cp437").upper() if found else ""
     routines, doubtful = {name: routine_effects_of(data)}, frames_set(file, name, data)
     alone = frames_made_alone(file, name, doubtful)
+    doubtful |= mark_of_setter(file, name) if doubtful else {}
     return FileDeclarations(
         PurePath(file).stem, routines=routines, doubtful=doubtful, made_alone=alone, flat=True
     )

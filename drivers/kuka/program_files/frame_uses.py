@@ -3,6 +3,8 @@
 from bisect import bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from math import inf
+from operator import itemgetter
 from typing import TypeAlias
 
 from cellcal.drivers.programs.barred import (
@@ -16,6 +18,7 @@ from cellcal.drivers.programs.barred import (
 )
 from cellcal.drivers.programs.call_graph import Marks, reached_settings, with_interrupts
 from cellcal.drivers.programs.routine_calls import RoutineParameter
+from cellcal.drivers.programs.text_flow import TextFlow
 
 UNKNOWN = "?"
 WRITTEN_OUT = "$"  # before the numbers of one that stands in the text
@@ -43,6 +46,7 @@ class RoutineJumps:
     jump_targets: list[int] = field(
         default_factory=list
     )  # labels, and ends of loops, in the order of the text
+    flow: TextFlow = field(default_factory=TextFlow)  # its loops and labels
 
     def may_miss(self, place: int, until: int) -> bool:
         """Return whether a way leads to a place without what stands at another above it."""
@@ -56,27 +60,18 @@ class FrameUse:
     """The values to which a routine sets ``$TOOL`` or ``$BASE``, and where first."""
 
     values: set[str] = field(default_factory=set)
-    order: list[tuple[int, str]] = field(default_factory=list)  # where each is set, and to what
-    nested: bool = False  # one is set inside a branch or a loop
+    order: list[tuple[int, str, Branches]] = field(default_factory=list)  # where each is set, and to what
     first: dict[Branches, int] = field(default_factory=dict)  # where first in which branches
     below: Marks = ()  # what the routine and those that it calls set, when all is read
     above: Marks = ()  # what is set around it
     reset_below: bool = False  # a routine that it calls resets it
+    set_by_called: bool = False  # a routine of its file that it calls sets one
 
     def take_value(self, place: int, value: str, branches: "Branches") -> None:
         """Note a value."""
         self.first.setdefault(branches, place)
         self.values.add(value)
-        self.order.append((place, value))
-        self.nested |= bool(branches)
-
-    def last_before(self, place: int) -> str | None:
-        """Return which number was set last above a place where all are set one after the other; else None."""
-        if self.nested or self.above:
-            return None
-        at = bisect_right(self.order, (place, "")) - 1
-        value = self.order[at][1] if at >= 0 else ""
-        return value if value.removeprefix(TURNED).isdigit() else None
+        self.order.append((place, value, branches))
 
     def value_in_force(self, *, said_before: bool) -> str | None:
         """Return what holds where it is set before or not: known only where the routine sets one thing."""
@@ -128,6 +123,14 @@ class KrlRoutine:
     resets: bool = False  # it sets both to what the controller begins with
     reset_from: int | None = None  # where it first does so outside of branches
     reset_at: list[int] = field(default_factory=list)  # where it does so, in the order of the text
+    calls_at: list[int] = field(default_factory=list)  # where it calls others, in the order of the text
+    triggers: bool = False  # it lets others run during its motions
+
+    def passed_until_here(self) -> int:
+        """Return a number that grows with each thing read after which another tool or base may hold."""
+        flow = self.jumps.flow
+        counted = len(self.tool.order) + len(self.base.order) + len(self.calls_at)
+        return counted + len(flow.labels) + len(flow.blocks) + flow.blocks_ended
 
     def may_be_reset(self, use: FrameUse, place: int) -> bool:
         """Return whether nothing sets it between a reset and a place below, as the text goes."""
@@ -135,13 +138,29 @@ class KrlRoutine:
         if at < 0:
             return False
         reset = self.reset_at[at]
-        return all(value == RESET or not reset < where < place for where, value in use.order)
+        return all(value == RESET or not reset < where < place for where, value, _ in use.order)
 
-    def straight(self, use: FrameUse, place: int) -> str | None:
-        """Return the number that holds at a place where the routine runs from top to bottom and calls nothing."""
-        if self.calls or self.jumps.first is not None or self.jumps.jump_targets:
-            return None  # a LOOP comes back to what stands above a set
-        return use.last_before(place)
+    def straight(self, use: FrameUse, place: int, branches: Branches) -> tuple[str | None, bool]:
+        """Return what is set last on every way to a place, and whether other routines are called in between.
+
+        None where that is not certain, or no number of a table and not written out.
+        """
+        at = bisect_right(use.order, place, key=itemgetter(0)) - 1
+        if at < 0 or self.interrupted:
+            return None, False
+        where, value, inside = use.order[at]
+        is_known = value.removeprefix(TURNED).isdigit() or value.startswith(WRITTEN_OUT)
+        next_set = use.order[at + 1][0] if at + 1 < len(use.order) else inf
+        if not (
+            is_known
+            and branches[: len(inside)] == inside
+            and self.jumps.flow.surely_passes(where, place, next_set)
+        ):
+            return None, False
+        called = self.triggers or bisect_right(self.calls_at, where) < bisect_right(self.calls_at, place)
+        if called and (use.set_by_called or use.reset_below):
+            return None, False
+        return value, called
 
 
 def reached_from(routines: Sequence[KrlRoutine]) -> None:
@@ -164,7 +183,8 @@ def reached_from(routines: Sequence[KrlRoutine]) -> None:
         routine.tool.reset_below = routine.base.reset_below = any(resets[number] for number in called)
     for uses in ([one.tool for one in routines], [one.base for one in routines]):
         below, above = reached_settings(reached, [use.values for use in uses])
-        for use, its_below, its_above in zip(uses, below, above, strict=True):
+        for use, its_below, its_above, called in zip(uses, below, above, reached, strict=True):
             use.below, use.above = its_below, its_above
+            use.set_by_called = any(below[number] for number in called)
     for routine, more in zip(routines, running, strict=True):
         routine.interrupted = any(routines[one].tool.below or routines[one].base.below for one in more)

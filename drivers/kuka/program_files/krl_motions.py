@@ -192,6 +192,8 @@ class KrlMotions:
         self._take_arguments(code, line)
         if names:  # it may move, and what it sets stays
             self.force.forget()
+            self.points.routines[-1].calls_at.append(line.start)
+            self.points.routines[-1].triggers |= patterns.TRIGGER.match(code) is not None
         for name in sorted(names):
             if name.startswith(patterns.SENSOR):
                 self.found.add_remark(line.start, "vision", make_message(patterns.FOUND, name))

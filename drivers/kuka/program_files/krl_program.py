@@ -143,12 +143,22 @@ class KrlProgram(KrlMotions):
             jumps.first = line.start if jumps.first is None else jumps.first
         elif word in patterns.JUMP_TARGETS or code.rstrip().endswith(":"):
             jumps.jump_targets.append(line.start)
+            if word in patterns.JUMP_TARGETS:
+                jumps.flow.end_block(line.start)
+            else:
+                jumps.flow.labels.append(line.start)
             self.force.forget()
         elif word in patterns.LOOPS:
+            jumps.flow.begin_block(line.start, repeats=True)
             self.force.forget()
 
     def _take_branch(self, word: str, place: int) -> None:
         self.force.take_branch(word)
+        flow = self.points.routines[-1].jumps.flow
+        if word in ("WHILE", "FOR"):
+            flow.begin_block(place, repeats=True)
+        elif word in ("ENDWHILE", "ENDFOR"):
+            flow.end_block(place)
         if word not in ("IF", "SWITCH", "WHILE", "FOR"):
             self.branches = self.branches[:-1]
         if not word.startswith("END"):

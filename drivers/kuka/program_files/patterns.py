@@ -12,6 +12,7 @@ CALLS = re.compile(rf"(?<![\w.$])([A-Za-z_]\w*+){B}*+\(", re.ASCII)  # in condit
 INTERRUPT = re.compile(  # what it declares, whether also for callers, and the routine that runs then
     rf"{B}*+(GLOBAL{B}++)?+INTERRUPT{B}++DECL\b[^\n]*\bDO{B}++([A-Za-z_]\w*+)", re.ASCII | re.IGNORECASE
 )
+TRIGGER = re.compile(rf"{B}*+TRIGGER\b", re.IGNORECASE)  # what it calls runs during the motions below
 FRAME_DATA_SET = re.compile(rf"{B}*+FDAT_ACT{B}*+={B}*+(\w++)", re.ASCII | re.IGNORECASE)
 FRAME_PASSED = re.compile(
     rf"{B}*+\$(TOOL|BASE|ROBROOT|WORLD|ERSYSROOT){B}*+(?:\.{B}*+\w++{B}*+)?+", re.IGNORECASE

@@ -17,6 +17,7 @@ from cellcal.drivers.kuka.program_files.frame_uses import (
     KrlRoutine,
     reached_from,
 )
+from cellcal.drivers.kuka.program_files.stretches import Now, Stretches
 from cellcal.drivers.programs.barred import OVERWRITTEN, TURNED_BASE
 from cellcal.drivers.programs.conditions import ConditionalBar, ProjectNeed
 from cellcal.drivers.programs.file_declarations import (
@@ -31,7 +32,6 @@ from cellcal.drivers.programs.routine_calls import ParameterUse, RoutineCall
 
 FRAME_DATA = "FDAT "  # before the name of a point's frame data, which stands in the data list
 EXTERNAL_TOOL = "the program works with an external tool ($IPO_MODE)"
-Now = tuple[str | None, str | None]  # the tool and the base that hold where a routine runs straight on
 _ANYWHERE = -1  # in place of a routine
 _MOST_COPIES = 100  # of one point, beyond which copies of copies are not looked for
 _MOST_USES = 1000  # of one name that are told apart; with more it is left
@@ -81,6 +81,8 @@ class PointUses:
     moved_as_taught: set[str] = field(default_factory=set)  # names of moves with the frame data of that name
     deciding: dict[str, tuple[MoveFrames, ...]] = field(default_factory=dict)  # by name
     known_held: dict[tuple[int, str, bool, bool, bool, Now], MoveFrames] = field(default_factory=dict)
+    stretches: Stretches = field(default_factory=Stretches)
+    scopes: dict[int, str] = field(default_factory=dict)  # by row: what is around the moves to it, for files
 
     def note_use(self, key: str, place: int, branches: Branches, why: str, data: str = "") -> None:
         """Note a move to a named point, and its frame data or why its tool and base are not the routine's."""
@@ -88,7 +90,7 @@ class PointUses:
         uses_of_key = self.uses.setdefault(key, {})
         # The first move of a branch is the one that the least is set before.
         if len(uses_of_key) < _MOST_USES:
-            frames_set = len(self.routines[routine].tool.order) + len(self.routines[routine].base.order)
+            frames_set = self.routines[routine].passed_until_here()
             uses_of_key.setdefault(
                 (routine, branches, why, frames_set, data),
                 PointMove(-1, routine, place, branches, why, data),
@@ -105,6 +107,7 @@ class PointUses:
                 continue
             move_frames = self.frames_of_move(used, joints=self.found.kinds[used.row] != CARTESIAN)
             self.found.tools[used.row], self.found.user_frames[used.row] = move_frames.tool, move_frames.frame
+            self.scopes[used.row] = move_frames.routine
             if move_frames.why:
                 self._bar_row(used.row, move_frames.why)
         for row, name in enumerate(self.found.names):
@@ -114,9 +117,10 @@ class PointUses:
     def _settle_named(self, row: int, name: str) -> None:
         """Give a point that a statement sets the tool and base of the moves to it."""
         key = name.upper()
+        names = {key, array_name_of(key), f"{array_name_of(key)}[]"}
         frames_of_moves = {
             move_frames if data_of(move_frames) == "" else MoveFrames(None, None, BARRED["computed"])
-            for one in {key, array_name_of(key), f"{array_name_of(key)}[]"}
+            for one in names
             for move_frames in self._deciding_uses(one)
         }
         frames_of_moves = {
@@ -145,6 +149,15 @@ class PointUses:
             return
         move_frames = next(iter(frames_of_moves))
         self.found.tools[row], self.found.user_frames[row] = move_frames[:2]
+        stretches = {
+            each.routine
+            for one in names
+            for each in self.frames_of_uses(one)
+            if each.routine in self.stretches
+        }
+        self.scopes |= dict.fromkeys([row] if stretches else (), min(stretches, default=""))
+        if len(stretches) > 1 and any(map(self.stretches.calls_others, stretches)):
+            self.found.barred[row] = BARRED["called"]
         if move_frames.why:
             self._bar_row(row, move_frames.why)
 
@@ -157,7 +170,7 @@ class PointUses:
     def _deciding_uses(self, name: str) -> tuple[MoveFrames, ...]:
         """Return of all uses of a name those that decide: an array's thousands count for each of its elements."""
         if name not in self.deciding:
-            some = {self.frames_of_move(used, joints=False) for used in self.uses.get(name, {}).values()}
+            some = self.frames_of_uses(name)
             first: dict[object, MoveFrames] = {}
             for move_frames in sorted(some, key=str):
                 is_known = move_frames.why in ("", TURNED_BASE)
@@ -167,6 +180,10 @@ class PointUses:
             self.deciding[name] = (*whys, *frames[:2])
         return self.deciding[name]
 
+    def frames_of_uses(self, name: str) -> set[MoveFrames]:
+        """Return the tools and bases of all moves to a name."""
+        return {self.frames_of_move(used, joints=False) for used in self.uses.get(name, {}).values()}
+
     def frames_of_move(self, used: PointMove, *, joints: bool) -> MoveFrames:
         """Return the tool and base of a move as far as this file says."""
         routine = self.routines[used.routine]
@@ -174,18 +191,23 @@ class PointUses:
             return MoveFrames(f"{FRAME_DATA}{used.data}", f"{FRAME_DATA}{used.data}")
         tool_said = routine.tool.surely_before(used.place, used.branches, routine.jumps)
         base_said = routine.base.surely_before(used.place, used.branches, routine.jumps)
-        now = routine.straight(routine.tool, used.place), routine.straight(routine.base, used.place)
+        tool_now, calls_since_tool = routine.straight(routine.tool, used.place, used.branches)
+        base_now, calls_since_base = routine.straight(routine.base, used.place, used.branches)
+        now = tool_now, base_now, calls_since_tool or calls_since_base
         key = (used.routine, used.why, tool_said, base_said, joints, now)
         if key not in self.known_held:
-            self.known_held[key] = self._frames_in_routine(
+            found = self._frames_in_routine(
                 routine, used.why, now, tool_said=tool_said, base_said=base_said, joints=joints
+            )
+            self.known_held[key] = (
+                found if found.why else found._replace(routine=self.stretches.name_of(routine, now))
             )
         return self.known_held[key]
 
     def _frames_in_routine(
         self, routine: KrlRoutine, why: str, now: Now, *, tool_said: bool, base_said: bool, joints: bool
     ) -> MoveFrames:
-        tool_now, base_now = now
+        tool_now, base_now, _ = now
         why = why or ("" if tool_now else routine.tool.barred_reason(said_before=tool_said))
         if not joints:
             why = why or ("" if base_now else routine.base.barred_reason(said_before=base_said))
@@ -336,18 +358,7 @@ class PointUses:
 
     def routine_effects(self) -> dict[str, RoutineEffects]:
         """Return what routines set, for the files that call them."""
-        return {
-            routine.name: RoutineEffects(
-                frozenset(routine.tool.values),
-                frozenset(routine.base.values),
-                frozenset(routine.calls),
-                routine.shown,
-                routine.resets,
-                handlers=frozenset(routine.handlers),
-                shown_handlers=frozenset(routine.shown_handlers),
-            )
-            for routine in self.routines
-        }
+        return self.stretches.effects_with(self.routines)
 
     def to_frames(self) -> ProgramFrames:
         """Return ``$BASE`` and ``$TOOL`` as the program writes them, as numbers."""

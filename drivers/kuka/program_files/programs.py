@@ -258,7 +258,7 @@ def _read_src(source: ProgramText) -> _Read:
         copies=copies_of_file(points),
         capitals=True,
     )
-    routines = {used.row: points.routines[used.routine].name for used in points.rows}
+    routines = points.scopes
     return (
         points.found,
         points.to_frames(),

@@ -19,6 +19,7 @@ from cellcal.drivers.universal_robots.program_files.script_arguments import Pass
 from cellcal.drivers.universal_robots.program_files.script_calls import NUMBER_TAKERS
 from cellcal.drivers.universal_robots.program_files.script_frames import settle_assigned_frames
 from cellcal.drivers.universal_robots.program_files.script_numbers import LARGEST_RAD, without_comments
+from cellcal.drivers.universal_robots.program_files.script_set_frames import settle_set_frames
 from cellcal.drivers.universal_robots.program_files.script_text import ScriptLiteral, ScriptStatements
 
 BASE = "base"
@@ -70,11 +71,14 @@ class PositionFinder:
     """Sorts the literals of a program."""
 
     def __init__(self, found: ScriptStatements, text: str) -> None:
+        parameters = {word for one in _PARAMETERS.finditer(text) for word in re.findall(r"\w+", one[1])}
+        changed = found.assigned.keys() | {one.name for one in found.elements} | parameters
+        settle_set_frames(found, text, frozenset(changed))
         self.moves_to = settle_assigned_frames(found, text)  # literals that another name stands for in moves
         self.found = found
         self.lines = LineNumbers(text)
         self.functions = frozenset(_FUNCTION.findall(text))  # of the script itself
-        self.parameters = {word for one in _PARAMETERS.finditer(text) for word in re.findall(r"\w+", one[1])}
+        self.parameters = parameters
         self.in_parts = frozenset(one.name for one in found.elements)
         self.literals_by_name: dict[str, list[ScriptLiteral]] = {}
         for literal in found.literals:

@@ -105,6 +105,18 @@ class ScriptScopes:
         again = self._start_of_repetition(block_number, shared=variable[0] == GLOBAL)
         return ranges if again is None else (*ranges, (again, self._end_of_statement(min(assigned[0], at))))
 
+    def surely_passes(self, place: int, until: int, next_place: float) -> bool:
+        """Return whether each way to an offset goes through another above it in its function, and no third below."""
+        number, outer = self._block_at(until), self._block_at(place)
+        if self._blocks[number].function != self._blocks[outer].function:
+            return False
+        while number and number != outer:
+            block = self._blocks[number]
+            if block.word in _LOOPS and next_place < block.end:
+                return False
+            number = block.around
+        return number == outer
+
     def _end_of_statement(self, start: int) -> int:
         deep = 0
         for sign in _SIGN.finditer(self.text, start, start + _LONGEST_STATEMENT):

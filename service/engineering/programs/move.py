@@ -14,12 +14,17 @@ from cellcal.calibration.programs.transfer import TransferFrames
 from cellcal.drivers.programs.brands import ConfigurationRule
 from cellcal.service.engineering.programs.expected_accuracy import Expectation
 from cellcal.service.engineering.programs.joint_points import UNDECIDED, JointPoints
+from cellcal.service.engineering.programs.named_entries import is_written_out, name_without_numbers
 from cellcal.service.engineering.programs.program_transfer import ProgramTransfer
 from cellcal.service.engineering.programs.project import Project
 from cellcal.service.engineering.programs.robot_makes import RobotMake, make_of
 from cellcal.service.engineering.programs.transfer_route import FramePair, OneCellRoute
 
 _POSE = 6  # joints that follow every change
+
+_SET_TO_NUMBERS = (
+    "its program sets {frame} to numbers of its own: state the change in the robot's base, without --frame"
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,7 +58,10 @@ class MoveRoute(OneCellRoute):
             return self.joints == "move"
         named = frame if frame is not None else self.project.default_frame
         if self.frame is not None and named != self.frame:
-            return False
+            sets_it = (
+                named is not None and is_written_out(named) and name_without_numbers(named) == self.frame
+            )
+            return make_message(_SET_TO_NUMBERS, frame=self.frame) if sets_it else False
         if bare_joints and self.joints is None:
             return UNDECIDED
         return True

@@ -9,6 +9,20 @@ from cellcal.drivers.programs.positions import ProgramFile
 Entry = TypeVar("Entry")
 CASELESS = frozenset(("abb", "kuka"))  # brands whose languages take a name in any case
 
+_NUMBERS = ("={", "=[")  # before the numbers to which a program sets a tool or frame itself
+
+
+def is_written_out(name: str) -> bool:
+    """Return whether a name holds the numbers to which its program sets a tool or frame."""
+    return any(sign in name for sign in _NUMBERS)
+
+
+def name_without_numbers(name: str) -> str:
+    """Return the name of a tool or frame as the controller knows it."""
+    for sign in _NUMBERS:
+        name = name.partition(sign)[0]
+    return name
+
 
 def entry_named(entries: Mapping[str, Entry], name: str, brand: str) -> Entry | None:
     """Return the entry of a name; a language that ignores case finds it in any case."""

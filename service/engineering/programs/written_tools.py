@@ -15,7 +15,7 @@ from cellcal.calibration.geometry import Array
 from cellcal.calibration.message import make_message
 from cellcal.calibration.programs.transfer import same_place
 from cellcal.drivers.programs.positions import ProgramFile
-from cellcal.service.engineering.programs.named_entries import brought_frames, entry_named
+from cellcal.service.engineering.programs.named_entries import brought_frames, entry_named, is_written_out
 from cellcal.service.engineering.programs.program_points import ProgramPoints
 from cellcal.service.engineering.programs.project import Project
 from cellcal.service.engineering.programs.project_poses import ProjectTool
@@ -23,7 +23,6 @@ from cellcal.service.engineering.programs.result import LEFT, PointFinding, Prog
 
 ALIKE_M, ALIKE_RAD = 1e-5, np.radians(0.01)  # what a pendant shows of one pose and another
 _WITHOUT_TOOL_NAMES = frozenset(("universal_robots",))  # brands whose programs write poses in place of names
-_WRITTEN_OUT = "$"  # KUKA: before $TOOL, which is no name of the controller's table
 
 
 def tool_at(project: Project, home: Project, brand: str, name: str, flange_tip: Array) -> ProjectTool | None:
@@ -48,7 +47,7 @@ def ambiguous_tool(project: Project, home: Project, program: ProgramFile, name: 
         return ""
     names = _names_at(project, home, program.brand, name, flange_tip)
     tips = [project.tools[each].real for each in names]
-    sets_it = program.frames.sets_tools or name.startswith(_WRITTEN_OUT)
+    sets_it = program.frames.sets_tools or is_written_out(name)
     if names and not sets_it and _are_apart(project.tools[names[0]].entered, flange_tip):
         return make_message(
             "the tool that the program was saved with ({tool}) is {name} in its own cell, which {project} has at "
@@ -112,7 +111,7 @@ def _written_pose(project: Project, program: ProgramFile, name: str | None, *, a
 
 def _names_at(project: Project, home: Project, brand: str, name: str, flange_tip: Array) -> list[str]:
     """Return which tools a written pose may be: those that have it in the program's own cell, else in this one."""
-    if brand not in _WITHOUT_TOOL_NAMES and not name.startswith(_WRITTEN_OUT):
+    if brand not in _WITHOUT_TOOL_NAMES and not is_written_out(name):
         return []
     at_home = _alike_in(home, flange_tip)
     return [each for each in at_home if each in project.tools] or _alike_in(project, flange_tip)

@@ -13,6 +13,7 @@ import numpy as np
 from cellcal.calibration.geometry import Array, homogeneous_matrix, inverse_transform
 from cellcal.calibration.message import make_message
 from cellcal.drivers.programs.conditions import AxisUnit, ExternalColumn
+from cellcal.service.engineering.programs.named_entries import name_without_numbers
 
 ANY_FRAME = "*"  # a positioner carries the work of all points
 _SPACING = re.compile(r"[\s:,_]+")
@@ -211,6 +212,7 @@ def _lists_frame(frames: Sequence[str], frame: str | None, *, caseless: bool) ->
         return True
     if frame is None:
         return False
+    frame = name_without_numbers(frame)
     if caseless:
         return frame.lower() in {each.lower() for each in frames}
     return frame in frames

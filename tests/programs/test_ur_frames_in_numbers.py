@@ -1,0 +1,45 @@
+"""Frames that a URScript sets to numbers one after the other, as RoboDK writes them."""
+
+import pytest
+
+from cellcal.drivers.program_registry import read_program
+from cellcal.drivers.programs.positions import CARTESIAN
+
+HEAD = "def Prog1():\n  global ref_frame = p[0,0,0,0,0,0]\n"
+MOVE = "  movel(pose_trans(ref_frame,p[0.1, 0.1, 0.2, 3.141593, 0.0, 0.0]),1.2,0.25,0,0.000)\n"
+FIRST, SECOND = (f"  ref_frame = p[{x}, -0.2, 0.1, 0.0, 0.0, 0.5]\n" for x in (0.4, 0.3))
+
+
+def places(*lines: str) -> list[float]:
+    """Return where the frames of the poses that moves go to are along x [m]."""
+    program = read_program("r.script", (HEAD + "".join(lines) + "end\nProg1()\n").encode())
+    positions = program.positions
+    return [
+        program.frames.base_frame[positions.user_frames[row] or ""].position_m[0]
+        for row, kind in enumerate(positions.kinds)
+        if kind == CARTESIAN and row not in positions.barred
+    ]
+
+
+def test_each_pose_stands_in_the_numbers_above_its_move() -> None:
+    assert places(FIRST, MOVE, "  if x:\n", MOVE, "  end\n", SECOND, MOVE) == [0.4, 0.4, 0.3]
+    assert places(FIRST, MOVE, FIRST, MOVE) == [0.4, 0.4]
+    assert places("  while x:\n", FIRST, MOVE, "  end\n") == [0.4]
+
+
+@pytest.mark.parametrize(
+    "lines",
+    [
+        (FIRST, "  if x:\n", SECOND, "  end\n", MOVE),
+        (FIRST, "  while x:\n", MOVE, SECOND, "  end\n"),
+        ("  def other():\n", SECOND, "  end\n", FIRST, "  other()\n", MOVE),
+        ("  thread other():\n    sync()\n  end\n", FIRST, MOVE),
+        (FIRST, "  ref_frame[0] = 0.5\n", MOVE),
+        (FIRST, "  ref_frame = get_target_tcp_pose()\n", MOVE),
+        (FIRST, "  movel(ref_frame, 1.2, 0.25)\n", MOVE),
+    ],
+    ids=["branch", "loop", "function", "thread", "element", "computed", "gone_to"],
+)
+def test_where_it_is_not_certain_no_pose_stands_in_it(lines: tuple[str, ...]) -> None:
+    assert 0.4 not in places(*lines)
+    assert 0.3 not in places(*lines)
