@@ -18,6 +18,7 @@ from cellcal.calibration.errors import CellError
 from cellcal.calibration.message import limit_to_line, make_message
 
 __all__ = [
+    "LOOK_FIRST",
     "BusyError",
     "CellError",
     "DeviceError",
@@ -31,6 +32,7 @@ __all__ = [
 ]
 
 
+LOOK_FIRST = "Look at the robot first: it should have stopped. Use the emergency stop if it has not."
 _MOST_OF_ANSWER = 1000  # characters of what a device sent, in a text for a person
 
 

@@ -20,7 +20,7 @@ CATALOGUE_INDEX = (
     ProcedureEntry("mastering_recovery", "Mastering recovery", 9),
     ProcedureEntry("mastering_undo", "Undo of a written mastering", 1),
     ProcedureEntry("position_record", "Position record of an ABB, Yaskawa or KUKA", 1),
-    ProcedureEntry("position_cure", "Bring a lost position back at the pendant", 1),
+    ProcedureEntry("position_cure", "Bring a lost position back at the pendant", 2),
     ProcedureEntry("six_point_tcp", "Tool frame from six points", 3),
     ProcedureEntry("three_point_frame", "User frame from three points", 3),
     ProcedureEntry("probed_frame", "User frame from a corner felt by a touch probe", 1),

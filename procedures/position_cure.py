@@ -31,6 +31,7 @@ from cellcal.procedures.recovery.pendant_cures import (
     make_ready,
     see_none_lost,
 )
+from cellcal.procedures.recovery.position_log import LogPlace, note_log_place, refuse_lost_since
 from cellcal.procedures.recovery.recovery_campaign import (
     RecoveryCampaign,
     confirm_elsewhere,
@@ -137,6 +138,9 @@ async def _measure(
     bench = run.with_devices(with_shown_motors)
     state: MotorState = await bench.step("read the motors", read_motors)
     await bench.ensure("the encoders kept their position", check_same_epoch, state.epoch)
+    is_later_entry = bench.is_replaying
+    place: LogPlace = await bench.step("note the place in the log", note_log_place)
+    await bench.ensure("no position was lost since", refuse_lost_since, place, is_later_entry)
     rules = MasteringRecoverySpec(
         exchanged_axes=tuple(cure.axis + 1 for cure in cures if cure.zero == "new"),
         first_captures=spec.first_captures,
@@ -196,7 +200,12 @@ def _outline_phases(spec: PositionCureSpec) -> tuple[Phase, ...]:
             Phase("near the record's pose"),
             Phase("read the position data"),
         ),
-        *(Phase("read the motors"), Phase("plan the first poses"), Phase("accept the plan")),
+        *(
+            Phase("read the motors"),
+            Phase("note the place in the log"),
+            Phase("plan the first poses"),
+            Phase("accept the plan"),
+        ),
         Phase("go to capture", spec.first_captures, adaptive=True),
         Phase("capture", spec.first_captures, adaptive=True),
         Phase("judge the captures", 1, adaptive=True),
@@ -224,7 +233,7 @@ def _forecast_run(spec: PositionCureSpec, knowledge: Knowledge) -> Forecast:
 DEFINITION = ProcedureDefinition(
     name="position_cure",
     title="Bring a lost position back at the pendant",
-    version=1,
+    version=2,
     procedure=position_cure,
     spec_type=PositionCureSpec,
     needs=("position_cure", "drive_data", "model", "gauge", "gauge_setup"),

@@ -106,6 +106,7 @@ class _RunState:
     done: int = 0
     attempts: dict[str, int] = field(default_factory=dict)
     cleared: bool = False
+    stop_unconfirmed: bool = False  # the last step failed, and the robot has not said that it stands
 
 
 class Run:
@@ -126,15 +127,24 @@ class Run:
         announce: Callable[[StepProgress], None] = ignore_progress,
         gate: PauseGate | None = None,
     ) -> None:
-        past = past or RunHistory()
-        self._state = _RunState(cell, ledger, past, expected, announce, gate or PauseGate())
-        self._state.attempts.update(past.attempts)
-        self._adapt_cell: Callable[[Cell], Cell] = _keep_cell
+        self._state = _RunState(cell, ledger, past or RunHistory(), expected, announce, gate or PauseGate())
+        self._state.attempts.update(self._state.past.attempts)
+        self._adapt_cell: Callable[[Cell], Cell] = lambda cell: cell
 
     @property
     def is_jogged_by_hand(self) -> bool:
         """Whether a person turns the axes of a robot that does not know where it is; the cell file says so."""
         return self._adapt_cell(self._state.cell).is_jogged_by_hand
+
+    @property
+    def is_replaying(self) -> bool:
+        """Whether the next step was done in an entry before this one."""
+        return self._state.done < len(self._state.past.findings)
+
+    @property
+    def is_stop_unconfirmed(self) -> bool:
+        """Whether the last step failed and the robot has not confirmed that it stands."""
+        return self._state.stop_unconfirmed
 
     def with_devices(self, change: Callable[[Cell], Cell]) -> "Run":
         """Return the same run whose steps get another view of the cell, such as other motors of the robot."""
@@ -239,7 +249,7 @@ class Run:
 
     async def _answer_step(self, task: StepTask) -> Any:
         state = self._state
-        replayed = state.done < len(state.past.findings)
+        replayed = self.is_replaying
         if replayed:
             finding = state.past.findings[state.done]
             _refuse_mismatch(finding, task)
@@ -280,24 +290,21 @@ class Run:
             state.ledger.record(task.kind, body | {"value": stored}, key=f"{name}/{attempt}/{task.kind}")
         except BaseException as error:
             state.cell.motion.approved = False
-            stopped = await self._stop_robot()
-            self._record_failure(body, error, stopped)
+            state.stop_unconfirmed = not await self._stop_robot()
+            self._record_failure(body, error)
             raise_if_cancelled()  # it came while the robot was being stopped: nothing is tried again
             raise
+        state.stop_unconfirmed = False
         return stored
 
-    def _record_failure(self, body: Mapping[str, Any], error: BaseException, stopped: bool) -> None:
+    def _record_failure(self, body: Mapping[str, Any], error: BaseException) -> None:
         error_body = {
             "error": type(error).__name__,
             "code": error.code if isinstance(error, CellError) else "",
             "message": str(error),
         }
-        fact = {
-            "step": body["step"],
-            "attempt": body["attempt"],
-            "effect": body["effect"],
-            "stopped": stopped,
-        }
+        what = {key: body[key] for key in ("step", "attempt", "effect")}
+        fact = what | {"stopped": not self._state.stop_unconfirmed}
         self._announce_progress("failed", str(body["step"]), message=str(error) or type(error).__name__)
         try:
             key = f"{body['step']}/{body['attempt']}/{EventKind.FAILED}"
@@ -372,10 +379,6 @@ class Run:
         if task is not None:
             progress = replace(progress, does=task.activity_name, page=task.page, goal_rad=task.goal_rad)
         state.announce(progress)
-
-
-def _keep_cell(cell: Cell) -> Cell:
-    return cell
 
 
 def _refuse_mismatch(finding: Finding, task: StepTask) -> None:

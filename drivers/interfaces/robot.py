@@ -192,7 +192,8 @@ class ShownExternalAxis:
     """Where an axis beside the arm stands, such as a rail or a positioner."""
 
     name: str  # as the maker counts it: E1, eax_a
-    shown: float  # mm or deg: which of them, the link does not tell
+    shown: float  # mm, deg or pulses: which of them, the link does not tell
+    wanders: float = 0.02  # by so much its reading may differ while the axis stands
 
 
 @dataclass(frozen=True, slots=True)

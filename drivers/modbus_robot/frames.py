@@ -8,7 +8,7 @@ from cellcal.calibration.geometry import Pose, homogeneous_matrix
 from cellcal.calibration.message import make_message
 from cellcal.calibration.orientation import rotation_from, values_from
 from cellcal.drivers.errors import RefusedError
-from cellcal.drivers.interfaces import ActiveFrames
+from cellcal.drivers.interfaces import ActiveFrames, ShownExternalAxis
 from cellcal.drivers.modbus_robot.register_client import RegisterBlock, RegisterClient
 from cellcal.drivers.wire.frame_readback import frames_agree
 
@@ -71,7 +71,9 @@ async def flange_pose(panel: RegisterClient, position: RegisterBlock) -> Pose:
 
 
 async def active_frames(panel: RegisterClient, position: RegisterBlock) -> ActiveFrames:
-    """Return the numbers that are active, and the tool behind its number. No payload is assigned."""
+    """Return what is active and where further axes of the group stand. No payload or second group is assigned."""
     user, tool = position.integer_of("user_number"), position.integer_of("tool_number")
     flange_tool = await read_frame(panel, "tool", tool) if tool else Pose((0.0, 0.0, 0.0))
-    return ActiveFrames(tool, flange_tool, user)
+    places = enumerate(position.numbers_of("external"), 1)
+    external_axes = tuple(ShownExternalAxis(f"E{axis}", shown) for axis, shown in places)
+    return ActiveFrames(tool, flange_tool, user, external_axes=external_axes)

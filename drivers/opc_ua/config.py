@@ -76,6 +76,7 @@ class OpcUaConfig(BaseModel):
             moves_joints=False,
             moves_slowly=False,
             tells_flange_pose=False,
+            tells_active_frames=True,
             tells_mode=True,
             tells_speed_override=True,
         )

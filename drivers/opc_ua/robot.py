@@ -22,12 +22,14 @@ from cellcal.drivers.errors import (
     WrongDeviceError,
 )
 from cellcal.drivers.interfaces import (
+    ActiveFrames,
     Condition,
     Identity,
     JointReading,
     Joints,
     Readiness,
     RobotCapabilities,
+    ShownExternalAxis,
 )
 from cellcal.drivers.opc_ua.axis_units import unit_of_axis
 from cellcal.drivers.opc_ua.node_values import (
@@ -85,7 +87,10 @@ class OpcUaOptions:
 
 
 class OpcUaRobot:
-    """Robot, KnowsMode and KnowsSpeedOverride. Positions are polled: each reading is one request for all axes."""
+    """Robot, KnowsActiveFrames, KnowsMode and KnowsSpeedOverride.
+
+    Positions are polled: each reading is one request for all axes.
+    """
 
     def __init__(self, link: ServerLink, options: OpcUaOptions) -> None:
         self._link, self._options = link, options
@@ -161,6 +166,17 @@ class OpcUaRobot:
             self.name,
             "OPC UA for Robotics does not show where the flange is.",
             remedy="Choose a link of the maker's own for what needs the pose; see deploy/controller_setup.",
+        )
+
+    async def active_frames(self) -> ActiveFrames:
+        """Return where the axes beside the arm stand; tool, frame and payload are not shown by OPC 40010-1."""
+        async with self._deadline("reading the external axes"):
+            nodes, values = await self._read(lambda nodes: [axis.position for axis in nodes.external])
+        return ActiveFrames(
+            external_axes=tuple(
+                ShownExternalAxis(axis.name, read_float(self.name, f"{axis.name} ActualPosition", value))
+                for axis, value in zip(nodes.external, values, strict=True)
+            )
         )
 
     async def controller_mode(self) -> str:

@@ -9,6 +9,7 @@ from cellcal.calibration.message import make_message
 from cellcal.drivers.errors import RefusedError
 from cellcal.drivers.opc_ua.axis_units import order_axes
 from cellcal.drivers.opc_ua.node_search import FoundChild, NodeSearch
+from cellcal.drivers.opc_ua.node_values import check_value_count, read_integer
 from cellcal.drivers.opc_ua.server_link import ServerLink
 
 DI = "http://opcfoundation.org/UA/DI/"
@@ -16,6 +17,7 @@ ROBOTICS = "http://opcfoundation.org/UA/Robotics/"
 _DEVICE_SET = 5001  # Opc.Ua.Di.NodeSet2.xml
 _SYSTEM_TYPE, _DEVICE_TYPE, _AXIS_TYPE, _SAFETY_TYPE = 1002, 1004, 16601, 1013  # Opc.Ua.Robotics.NodeSet2.xml
 _CONTROLLER_TYPE, _SOFTWARE_TYPE = 1003, 15106
+_OTHER_MACHINE = 0  # MotionDeviceCategoryEnumeration: positioners, rails; 1 to 6 are robots
 _MAKER = "Ask the maker of the controller for a server that follows OPC 40010-1 in full."
 PLATE = ("Manufacturer", "Model", "ProductCode", "SerialNumber")
 
@@ -40,6 +42,14 @@ class AxisNodes:
 
 
 @dataclass(frozen=True, slots=True)
+class ExternalAxisNode:
+    """The position of an axis beside the arm, in the server's own unit."""
+
+    name: str
+    position: ua.NodeId
+
+
+@dataclass(frozen=True, slots=True)
 class SafetyNodes:
     """One safety state."""
 
@@ -57,6 +67,9 @@ class RobotNodes:
     session_number: int
     device_name: str
     axes: tuple[AxisNodes, ...]
+    external: tuple[
+        ExternalAxisNode, ...
+    ]  # further axes of the device, and axes of devices that are no robots
     plate: tuple[ua.NodeId, ...]  # in the order of PLATE
     safety: tuple[SafetyNodes, ...]  # empty where the server shows none of them whole
     speed_override: ua.NodeId | None
@@ -91,7 +104,8 @@ class RobotFinder:
             namespaces=self._namespaces,
             session_number=session_number,
             device_name=device_name,
-            axes=await self._find_axes(device, device_name),
+            axes=(axes := await self._find_axes(device, device_name)),
+            external=await self._find_external(system, device, {axis.name for axis in axes}),
             plate=tuple(node_id for node_id in plate if node_id is not None),
             safety=await self._find_safety(system),
             speed_override=override[0],
@@ -134,6 +148,37 @@ class RobotFinder:
             name = next(each for each in names if by_name[each] == start)
             found.append(self._require(node_id, f"{device_name}/{name}/{path[-1].Name}"))
         return tuple(AxisNodes(name, *found[3 * k : 3 * k + 3]) for k, name in enumerate(names))
+
+    async def _find_external(
+        self, system: ua.NodeId, device: ua.NodeId, of_arm: set[str]
+    ) -> tuple[ExternalAxisNode, ...]:
+        """Return the axes beside the arm; another robot of the server moves as it likes, and is none of them."""
+        found: list[tuple[str, ua.NodeId]] = []
+        for one in await self._members(system, "MotionDevices", _DEVICE_TYPE):
+            if one.node_id != device and not await self._is_no_robot(one.node_id):
+                continue
+            beside = await self._members(one.node_id, "Axes", _AXIS_TYPE)
+            found += [
+                (f"{one.name}/{axis.name}", axis.node_id)
+                for axis in beside
+                if one.node_id != device or axis.name not in of_arm
+            ]
+        path = [self._di_name("ParameterSet"), self._name("ActualPosition")]
+        ends = await self._search.follow([(axis, path) for _, axis in found])
+        return tuple(
+            ExternalAxisNode(name, end) for (name, _), end in zip(found, ends, strict=True) if end is not None
+        )
+
+    async def _is_no_robot(self, device: ua.NodeId) -> bool:
+        """Return whether a motion device says of itself that it is another kind of machine."""
+        node = (await self._search.follow([(device, [self._name("MotionDeviceCategory")])]))[0]
+        if node is None:
+            return False
+        values = await self._link.ask(
+            lambda session: session.read_attributes([node], ua.AttributeIds.Value), "the category of a device"
+        )
+        check_value_count(self._link.device, values, 1)
+        return read_integer(self._link.device, "MotionDeviceCategory", values[0]) == _OTHER_MACHINE
 
     async def _find_safety(self, system: ua.NodeId) -> tuple[SafetyNodes, ...]:
         members = ("OperationalMode", "EmergencyStop", "ProtectiveStop")

@@ -13,6 +13,7 @@ from cellcal.calibration.mastering.position_record import ShownValue
 from cellcal.calibration.message import make_message
 from cellcal.calibration.orientation import rotation_from
 from cellcal.drivers.errors import (
+    LOOK_FIRST,
     DeviceError,
     DeviceTimeoutError,
     RefusedError,
@@ -43,7 +44,6 @@ _log = logging.getLogger(__name__)
 STILL_S = 0.1
 _MOST_M, _MOST_RAD = 20.0, 20.0  # of a place with its tool; of a rotation vector, which is below a turn
 _WATCHDOG_S = 1.5  # longer than any watchdog_hz of the cell file
-LOOK_FIRST = "Look at the robot first: it should have stopped. Use the emergency stop if it has not."
 READ_ONLY_CAPABILITIES = RobotCapabilities(
     axes=6,
     moves_joints=False,

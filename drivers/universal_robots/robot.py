@@ -10,6 +10,7 @@ from dataclasses import replace
 
 from cellcal.calibration.message import make_message
 from cellcal.drivers.errors import (
+    LOOK_FIRST,
     BusyError,
     DeviceError,
     DeviceTimeoutError,
@@ -34,7 +35,6 @@ from cellcal.drivers.universal_robots.motion import (
     path_deviation_rad,
 )
 from cellcal.drivers.universal_robots.reading_robot import (
-    LOOK_FIRST,
     READ_ONLY_CAPABILITIES,
     STILL_S,
     ReadingUniversalRobot,

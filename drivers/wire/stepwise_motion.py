@@ -16,8 +16,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from cellcal.calibration.geometry import Array
-from cellcal.calibration.message import make_message
-from cellcal.drivers.errors import DeviceError, MotionStoppedError, RefusedError
+from cellcal.calibration.message import join_messages, make_message
+from cellcal.drivers.errors import LOOK_FIRST, DeviceError, MotionStoppedError, RefusedError
 from cellcal.drivers.interfaces import Condition, Joints, Readiness
 from cellcal.drivers.wire.busy import refuse_second_action
 from cellcal.drivers.wire.cancellation import run_to_end
@@ -26,7 +26,6 @@ from cellcal.drivers.wire.deadline import answer_deadline
 _LOG = logging.getLogger(__name__)
 _POLL_S = 0.01
 _APART_S = 0.03  # controllers renew their joints each 4 to 24 ms: nearer readings are of one cycle
-_LOOK = "Look at the robot first: it should have stopped. Use the emergency stop if it has not."
 IsFinished = Callable[[], Awaitable[bool]]
 
 
@@ -221,7 +220,7 @@ class StepwiseMotion(ABC):
         try:
             await self._halt_and_wait()
         except DeviceError as error:
-            error.remedy = f"{_LOOK} {error.remedy}".strip()
+            error.remedy = join_messages(" ", filter(None, (LOOK_FIRST, error.remedy)))
             raise
         finally:
             if self._stop_ordered:

@@ -27,6 +27,7 @@ from cellcal.drivers.interfaces import (
     PositionCure,
     PositionHistory,
     RobotCapabilities,
+    ShownExternalAxis,
 )
 from cellcal.drivers.wire.possible_values import check_joints
 from cellcal.drivers.wire.serial_number import describe_second_robot, describe_untold_serial
@@ -38,9 +39,12 @@ from cellcal.drivers.yaskawa.hses_link import HsesLink
 from cellcal.drivers.yaskawa.motion import PulseScale, hold_order, move_order, speed_share
 from cellcal.drivers.yaskawa.state import (
     AXES,
+    StationGroup,
+    find_station_groups,
     read_alarms,
     read_cartesian,
     read_pulses,
+    read_station_axes,
     read_status,
     read_system,
 )
@@ -81,6 +85,7 @@ class YaskawaRobot(StepwiseMotion):
     def __init__(self, link: HsesLink, files: HsesLink, options: YaskawaOptions) -> None:
         super().__init__(link.device, options.motion)
         self._link, self._files, self._options = link, files, options
+        self._stations: tuple[StationGroup, ...] | None = None  # not looked for yet
 
     @property
     def capabilities(self) -> RobotCapabilities:
@@ -153,7 +158,10 @@ class YaskawaRobot(StepwiseMotion):
         async with self._answer_deadline("reading the active tool"):
             tip = await read_cartesian(self._link)
             tool = await self._read_tool(tip.tool_number)
-        return ActiveFrames(tip.tool_number, tool.flange_tool, tip.user_frame_number, tool.mass_kg)
+            external_axes = await self._read_external_axes()
+        return ActiveFrames(
+            tip.tool_number, tool.flange_tool, tip.user_frame_number, tool.mass_kg, external_axes
+        )
 
     async def controller_mode(self) -> str:
         async with self._answer_deadline("reading the mode"):
@@ -247,6 +255,13 @@ class YaskawaRobot(StepwiseMotion):
             return ()
         values = read_absolute_data(content.decode("ascii", "replace"))
         return values if len(values) == AXES else ()
+
+    async def _read_external_axes(self) -> tuple[ShownExternalAxis, ...]:
+        if self._stations is None:
+            self._stations = await find_station_groups(self._link)
+        return tuple(
+            [axis for group in self._stations for axis in await read_station_axes(self._link, group)]
+        )
 
     async def _read_tool(self, number: int) -> ToolData:
         text = (await self._files.read_file(_TOOL_FILE)).decode("ascii", "replace")

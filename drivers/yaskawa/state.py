@@ -4,7 +4,8 @@ import struct
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from cellcal.drivers.errors import WireProtocolError
+from cellcal.drivers.errors import RefusedError, WireProtocolError
+from cellcal.drivers.interfaces import ShownExternalAxis
 from cellcal.drivers.wire.link_errors import unreadable_answer_error
 from cellcal.drivers.yaskawa.hses_frames import HsesRequest
 from cellcal.drivers.yaskawa.hses_link import HsesLink
@@ -15,6 +16,7 @@ _READ_ALL, _ALARMS, _LOGGED = 0x01, 4, 100
 MARKED = 8  # alarms by which a place of the history is known: a clock that starts anew repeats itself
 _PULSE_TYPE = 0
 _ALARM = struct.Struct("<III16s32s")
+_STATION_DITHER_PULSES = 20.0  # of axes that servos hold; some hundredths of a millimetre or degree
 _POSITION = struct.Struct("<5I8i")
 
 
@@ -91,6 +93,15 @@ class PulsePosition:
 
 
 @dataclass(frozen=True, slots=True)
+class StationGroup:
+    """A group of axes beside the robot, and under which instance of command 0x75 its pulses are."""
+
+    name: str
+    instance: int
+    axes: int
+
+
+@dataclass(frozen=True, slots=True)
 class CartesianPosition:
     """Command 0x75, instance 101: the tool's tip in the robot's base."""
 
@@ -98,6 +109,9 @@ class CartesianPosition:
     rotation_deg: tuple[float, float, float]  # Rx, Ry, Rz; the rotation is Rz Ry Rx
     tool_number: int
     user_frame_number: int
+
+
+_STATION_GROUPS = (StationGroup("B1", 11, 3), *(StationGroup(f"S{k}", 20 + k, 6) for k in range(1, 4)))
 
 
 async def read_status(link: HsesLink) -> ControllerStatus:
@@ -158,6 +172,31 @@ async def read_pulses(link: HsesLink) -> PulsePosition:
     if kind != _PULSE_TYPE:
         raise _unreadable(link, f"a position of type {kind} came where pulses were asked for", data)
     return PulsePosition(tuple(axes[:AXES]), tool, data.hex())
+
+
+async def read_station_axes(link: HsesLink, group: StationGroup) -> tuple[ShownExternalAxis, ...]:
+    """Read the pulses of a base axis group or of a station."""
+    data = await link.ask(HsesRequest(0x75, group.instance, 0, _READ_ALL))
+    kind, _, _, _, _, *axes = _unpack_position(link, data)
+    if kind != _PULSE_TYPE:
+        raise _unreadable(link, f"a position of type {kind} came where pulses were asked for", data)
+    pulses = enumerate(axes[: group.axes], 1)
+    return tuple(
+        ShownExternalAxis(f"{group.name} axis {axis}", float(value), wanders=_STATION_DITHER_PULSES)
+        for axis, value in pulses
+    )
+
+
+async def find_station_groups(link: HsesLink) -> tuple[StationGroup, ...]:
+    """Return the groups of axes beside robot 1 whose pulses the controller tells."""
+    found = []
+    for group in _STATION_GROUPS:
+        try:
+            await read_station_axes(link, group)
+        except (RefusedError, WireProtocolError):  # it has none, or tells it in another form
+            continue
+        found.append(group)
+    return tuple(found)
 
 
 async def read_cartesian(link: HsesLink) -> CartesianPosition:

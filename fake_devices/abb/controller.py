@@ -15,12 +15,11 @@ Not modelled
 import datetime
 import math
 from collections.abc import Callable, Mapping
-from pathlib import Path
 
 import numpy as np
 
 from cellcal.fake_devices.abb.files import FileFolder
-from cellcal.fake_devices.abb.program import NO_AXIS, SOURCES, CellcalServer
+from cellcal.fake_devices.abb.program import NO_AXIS, CellcalServer, RapidPrograms
 from cellcal.fake_devices.arm import SimulatedArm
 from cellcal.fake_devices.kinematics import Array
 from cellcal.fake_devices.program_text.expressions import Value
@@ -44,9 +43,7 @@ class AbbController:
         serial: str,
         real_s: Callable[[], float],
         counters: ShownJoints,
-        *,
-        sources: Path = SOURCES,
-        instructions_per_cycle: int = 500,
+        sources: RapidPrograms | None = None,
     ) -> None:
         self.arm, self.serial, self.counters, self.real_s = arm, serial, counters, real_s
         arm.convert_to_shown = counters.to_shown_joints
@@ -60,7 +57,7 @@ class AbbController:
         self.timer_factor = 1.0  # timers run so many times slower, for machines that have other work
         self.log: list[tuple[int, int, str, str]] = []  # code, type, time, title
         self.files = FileFolder()
-        self.server = CellcalServer(self, sources, instructions_per_cycle)
+        self.server = CellcalServer(self, sources or RapidPrograms())
 
     # RAPID data
 

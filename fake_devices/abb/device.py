@@ -21,6 +21,7 @@ from cellcal.fake_devices.abb.http_port import LINK_FAULTS, HttpPort
 from cellcal.fake_devices.abb.omnicore_resources import OmnicoreResources
 from cellcal.fake_devices.abb.omnicore_server import OmnicorePort
 from cellcal.fake_devices.abb.position_stream import encode_robot_message
+from cellcal.fake_devices.abb.program import RapidPrograms
 from cellcal.fake_devices.abb.resources import ResourceTable
 from cellcal.fake_devices.abb.server import ServicePort
 from cellcal.fake_devices.device import JsonObject
@@ -43,7 +44,9 @@ class FakeAbbRobot(NetworkedRobot):
         arm = world.add_arm(name, str(table["model"]))
         counters = ShownJoints(arm, ratios_of(table, 6), world.make_rng(name, "counters"))
         serial = str(table.get("serial", "0"))
-        self.controller = AbbController(arm, serial, world.clock.real_now_s, counters)
+        self.controller = AbbController(
+            arm, serial, world.clock.real_now_s, counters, RapidPrograms(with_stream="egm" in table)
+        )
         self.controller.timer_factor = world.watchdog_factor
         faults = LinkFaults({kind: {} for kind in (*LINK_FAULTS, *STREAM_FAULTS)}, world.clock.real_now_s)
         self.server = self._make_server(table, faults)
@@ -88,7 +91,7 @@ class FakeAbbRobot(NetworkedRobot):
         try:
             while True:
                 self.controller.run_program()
-                if self.controller.program_runs:
+                if self.controller.program_runs and self.controller.server.task.streams:
                     self._stream.send_joints(self.controller.arm.controller_joints_rad.tolist())
                 await asyncio.sleep(_CYCLE_REAL_S)
         finally:

@@ -1,7 +1,8 @@
 """CellcalServer in the fake controller: it obeys the text of the module that ships.
 
 Imitates
-    A controller with CellcalServer in T_ROB1, program pointer at main, started.
+    A controller with CellcalServer in T_ROB1, program pointer at main, started; where the cell file names a stream,
+    with CellcalStream beside it.
 Source
     deploy/controller_setup/abb; fake_devices.rapid_programs for what the instructions mean.
 Modelled
@@ -13,13 +14,21 @@ Not modelled
     events are not the maker's.
 """
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from cellcal.fake_devices.program_text.expressions import ProgramTextError, Value
-from cellcal.fake_devices.rapid_programs.source import fits, parse_value, read_module, write_value
+from cellcal.fake_devices.rapid_programs.source import (
+    ExecutedModule,
+    fits,
+    parse_value,
+    read_module,
+    read_module_with_stream,
+    write_value,
+)
 from cellcal.fake_devices.rapid_programs.tasks import MotionTask
 
 if TYPE_CHECKING:
@@ -32,15 +41,31 @@ _BRAKING_RAD_S2 = 8.0
 _ROUNDING_RAD = 1e-6  # a limit in single-precision degrees is still the limit
 
 
+@dataclass(frozen=True)
+class RapidPrograms:
+    """Where the modules are, whether main starts a stream, and how fast they are executed."""
+
+    folder: Path = SOURCES
+    with_stream: bool = False
+    instructions_per_cycle: int = 500
+
+    def read_modules(self) -> ExecutedModule:
+        """Read what is loaded into the task."""
+        server = self.folder / "CellcalServer.mod"
+        return (
+            read_module_with_stream(server, self.folder / "CellcalStream.mod")
+            if self.with_stream
+            else read_module(server)
+        )
+
+
 class CellcalServer:
     """The module, executed."""
 
-    def __init__(
-        self, controller: "AbbController", folder: Path = SOURCES, instructions_per_cycle: int = 500
-    ) -> None:
+    def __init__(self, controller: "AbbController", sources: RapidPrograms) -> None:
         self._c = controller
-        self._module = read_module(folder / "CellcalServer.mod")
-        self.task = MotionTask(self._module, self, instructions_per_cycle)
+        self._module = sources.read_modules()
+        self.task = MotionTask(self._module, self, sources.instructions_per_cycle)
         self.restart()
 
     def restart(self) -> None:

@@ -9,7 +9,7 @@ Modelled
     emergency stop, teach pendant, override, alarms. The sequence number lives on over an initialisation, as it was
     measured on a CRX (airo-fanuc), unlike the manual.
 Not modelled
-    Cartesian moves, CNT, register packets, ASCII packets, groups.
+    Cartesian moves, CNT, register packets, ASCII packets, groups but for the joints of a second one.
 """
 
 from collections import deque
@@ -26,8 +26,11 @@ QUEUE = 8
 _ACCELERATION_RAD_S2 = 4.0
 _BRAKING_RAD_S2 = 8.0
 _ERROR_BASE = 2_556_928
-(SERVO_OFF, PENDANT_ON, NOT_RUNNING, UNKNOWN, VALUE, HELD, QUEUE_FULL, SEQUENCE, TOOL_NUMBER, FRAME_NUMBER, STATE) = (
-    7, 8, 9, 20, 21, 24, 28, 29, 2, 3, 15,
+(
+    SERVO_OFF, PENDANT_ON, NOT_RUNNING, UNKNOWN, VALUE, HELD, QUEUE_FULL, SEQUENCE, TOOL_NUMBER, FRAME_NUMBER, STATE,
+    GROUP,
+) = (
+    7, 8, 9, 20, 21, 24, 28, 29, 2, 3, 15, 39,
 )  # fmt: skip
 
 
@@ -62,6 +65,8 @@ class RmiController:
         self.tools = [[0.0] * 6 for _ in range(FRAMES)]
         self.tools[0], self.tools[1] = [10.0, -5.0, 180.0, 0.0, 10.0, 0.0], [0.0, 0.0, 95.0, 0.0, 0.0, 30.0]
         self.frames = [[0.0] * 6 for _ in range(FRAMES)]
+        self.external = [0.0, 0.0, 0.0]  # J7 to J9 of group 1 [mm or deg]
+        self.second_group: list[float] | None = None  # its joints [deg]; None where there is none
         self.alarm_texts: list[str] = []
         self.motion_runs = self.is_paused = self.is_held = False
         self.next_sequence_id = 1

@@ -47,6 +47,7 @@ class FakeFanucRmiRobot(NetworkedRobot):
             "alarm": lambda p: c.raise_alarm(str(p.pop("text", "SRVO-062 BZAL alarm (Group:1 Axis:3)"))),
             "clear_alarms": lambda _: c.clear_alarms(),
             "sequence_restarts": lambda p: self._restart_sequence(bool(p.pop("on", True))),
+            "external_moved": self._move_external_axis,
             "hang_up": lambda _: self.server.drop_connection(),
         }
 
@@ -79,6 +80,17 @@ class FakeFanucRmiRobot(NetworkedRobot):
 
     def _restart_sequence(self, on: bool) -> None:
         self.controller.restarts_sequence = on
+
+    def _move_external_axis(self, parameters: dict[str, Any]) -> None:
+        """Drive an axis beside the arm, as a person may: E1 to E3 of group 1, or one of a second group."""
+        group, axis = int(parameters.pop("group", 1)), int(parameters.pop("axis", 1))
+        value, c = float(parameters.pop("value")), self.controller
+        if group != 1 and c.second_group is None:
+            c.second_group = [0.0, 0.0]
+        places = c.external if group == 1 or c.second_group is None else c.second_group
+        if not 1 <= axis <= len(places):
+            raise ValueError(f"the axes of group {group} are 1 to {len(places)}")
+        places[axis - 1] = value
 
     def _switch_tool(self, parameters: dict[str, Any]) -> None:
         c = self.controller

@@ -20,6 +20,7 @@ import numpy as np
 from cellcal.fake_devices.fanuc_rmi.controller import (
     FRAME_NUMBER,
     FRAMES,
+    GROUP,
     TOOL_NUMBER,
     UNKNOWN,
     VALUE,
@@ -47,10 +48,7 @@ class PacketTable:
             "FRC_Reset": lambda _: self._do(c.reset),
             "FRC_GetStatus": lambda _: self._status(),
             "FRC_ReadError": self._read_errors,
-            "FRC_ReadJointAngles": lambda _: {
-                "TimeTag": 0,
-                "JointAngle": {f"J{k}": value for k, value in enumerate(self._nine(c.shown_joints_deg()), 1)},
-            },
+            "FRC_ReadJointAngles": self._read_joints,
             "FRC_ReadCartesianPosition": lambda _: self._position(),
             "FRC_GetUFrameUTool": lambda _: {"UFrameNumber": c.frame_number, "UToolNumber": c.tool_number},
             "FRC_SetUFrameUTool": self._select,
@@ -119,10 +117,22 @@ class PacketTable:
             "ErrorData": ""
         }
 
+    def _read_joints(self, fields: Fields) -> Fields:
+        """Return the joints of a group; nine, whatever the arm has."""
+        group = int(_number(fields, "Group", 1.0))
+        further = self._c.second_group if group == 2 else None
+        if group != 1 and further is None:
+            raise RmiRefusal(GROUP)
+        joints = [*self._c.shown_joints_deg(), *self._c.external] if further is None else self._nine(further)
+        named = {f"J{k}": value for k, value in enumerate(joints, 1)}
+        return {"TimeTag": 0, "JointAngle": named, "Group": group}
+
     def _position(self) -> Fields:
         values, frame, tool = self._c.shown_position()
         turns = {"Front": 1, "Up": 1, "Left": 0, "Flip": 0, "Turn4": 0, "Turn5": 0, "Turn6": 0}
-        position = dict(zip(_KEYS, values, strict=True)) | {"Ext1": 0.0, "Ext2": 0.0, "Ext3": 0.0}
+        position = dict(zip(_KEYS, values, strict=True)) | {
+            f"Ext{k}": value for k, value in enumerate(self._c.external, 1)
+        }
         configuration = {"UToolNumber": tool, "UFrameNumber": frame, **turns}
         return {"TimeTag": 0, "Configuration": configuration, "Position": position}
 

@@ -6,7 +6,8 @@ Source
     KUKA KSS 8.x, programming in KRL; deploy/controller_setup/kuka.
 Modelled
     DEF, DECL INT, assignment, IF, FOR, LOOP, WAIT FOR, WAIT SEC, PTP, BAS with #INITMOV and #TOOL, INTERRUPT DECL,
-    ON and OFF, BRAKE, RESUME, RETURN, calls without arguments; GLOBAL variables of the kinds INT, BOOL and E6AXIS.
+    ON and OFF, BRAKE, RESUME, RETURN, HALT, calls without arguments, RSI_CREATE with a file and TRUE, RSI_ON with
+    #RELATIVE; GLOBAL variables of the kinds INT, BOOL and E6AXIS.
 Not modelled
     Every other statement: a source with it is refused with file and line.
 """
@@ -86,6 +87,25 @@ def parse_source(file: str, text: str) -> KrlSource:
     if not routines:
         raise ProgramTextError(f"{file} holds no DEF")
     return KrlSource(file, routines)
+
+
+def read_source_with_sensor(path: Path, sensor: Path) -> KrlSource:
+    """Read a .SRC with the lines of another that switch a sensor on, put together as the set-up page says.
+
+    The lines from RSI_CREATE to the last ENDIF stand behind the first motion, with their declarations.
+    """
+    lines, added = (
+        path.read_text(encoding="ascii").splitlines(),
+        sensor.read_text(encoding="ascii").splitlines(),
+    )
+    words = [line.strip().upper() for line in added]
+    first = next(k for k, word in enumerate(words) if "RSI_CREATE(" in word)
+    last = len(words) - 1 - words[::-1].index("ENDIF")
+    behind = next(k for k, line in enumerate(lines) if line.strip().upper() == "PTP $AXIS_ACT")
+    head = next(k for k, line in enumerate(lines) if line.strip().upper().startswith("DEF "))
+    declared = [line for line, word in zip(added, words, strict=True) if word.startswith("DECL ")]
+    both = [*lines[: head + 1], *declared, *lines[head + 1 : behind + 1], *added[first : last + 1]]
+    return parse_source(path.name, "\n".join([*both, *lines[behind + 1 :]]))
 
 
 def read_lines(path: Path) -> KrlSource:
@@ -175,6 +195,14 @@ def _read_interrupt(_reader: _Reader, number: int, found: re.Match[str]) -> KrlS
     return KrlStatement("declare", number, _expression(found[2]), name=found[3].upper(), number=int(found[1]))
 
 
+def _read_sensor_context(_reader: _Reader, number: int, found: re.Match[str]) -> KrlStatement:
+    counted = parse_reference(found[3], KRL)
+    numbered = KrlStatement("number", number, target=counted)  # which context it is
+    return KrlStatement(
+        "rsi_create", number, target=parse_reference(found[1], KRL), name=found[2], body=(numbered,)
+    )
+
+
 def _read_assignment(_reader: _Reader, number: int, found: re.Match[str]) -> KrlStatement:
     return KrlStatement("assign", number, _expression(found[2]), parse_reference(found[1], KRL))
 
@@ -182,7 +210,18 @@ def _read_assignment(_reader: _Reader, number: int, found: re.Match[str]) -> Krl
 _FORMS: dict[re.Pattern[str], Callable[[_Reader, int, re.Match[str]], KrlStatement]] = {
     re.compile(pattern, re.IGNORECASE): make
     for pattern, make in (
-        (r"DECL\s+INT\s+([A-Z_]\w*)\Z", lambda _r, n, m: KrlStatement("local", n, name=m[1].upper())),
+        (
+            r"DECL\s+INT\s+([A-Z_]\w*(?:\s*,\s*[A-Z_]\w*)*)\Z",
+            lambda _r, n, m: KrlStatement("local", n, name=m[1].upper()),
+        ),
+        (
+            r"([A-Z_]\w*)\s*=\s*RSI_CREATE\(\"([^\"]+)\"\s*,\s*([A-Z_]\w*)\s*,\s*TRUE\)\Z",
+            _read_sensor_context,
+        ),
+        (
+            r"([A-Z_]\w*)\s*=\s*RSI_ON\(#RELATIVE\)\Z",
+            lambda _r, n, m: KrlStatement("rsi_on", n, target=parse_reference(m[1], KRL)),
+        ),
         (r"INTERRUPT\s+DECL\s+(\d+)\s+WHEN\s+(.*)\s+DO\s+([A-Z_]\w*)\s*\(\s*\)\Z", _read_interrupt),
         (r"INTERRUPT\s+(ON|OFF)\s+(\d+)\Z", lambda _r, n, m: KrlStatement(m[1].lower(), n, number=int(m[2]))),
         (r"BAS\s*\(\s*#INITMOV\s*,\s*0\s*\)\Z", lambda _r, n, _m: KrlStatement("initmov", n)),
@@ -196,7 +235,7 @@ _FORMS: dict[re.Pattern[str], Callable[[_Reader, int, re.Match[str]], KrlStateme
             lambda r, n, m: KrlStatement("if", n, _expression(m[1]), body=r.read_body("ENDIF")),
         ),
         (r"FOR\s+([A-Z_]\w*)\s*=\s*(\d+)\s+TO\s+(\d+)\Z", _read_for),
-        (r"(BRAKE|RESUME|RETURN)\Z", lambda _r, n, m: KrlStatement(m[1].lower(), n)),
+        (r"(BRAKE|RESUME|RETURN|HALT)\Z", lambda _r, n, m: KrlStatement(m[1].lower(), n)),
         (_CALLED.pattern, lambda _r, n, m: KrlStatement("call", n, name=m[1].upper())),
         (_ASSIGNED.pattern, _read_assignment),
     )

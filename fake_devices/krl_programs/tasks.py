@@ -10,7 +10,8 @@ Modelled
     The main run goes on ahead of up to three motions, until WAIT or a variable of the robot's present state. An
     interrupt fires where its condition changes from FALSE to TRUE while it is on, between two statements; RESUME
     drops all motions and goes on behind the call that stands in the routine where the interrupt was declared, and is
-    an error where the advance run is in that routine itself. STOP pauses; START goes on with the same motion.
+    an error where the advance run is in that routine itself. STOP pauses; START goes on with the same motion. HALT
+    pauses behind the motions before it. A sensor context ends where the program is selected anew or cancelled.
 Not modelled
     Approximated motion, priorities of several interrupts, single step, times of statements. **Not known**: whether a
     condition that becomes TRUE while the program is stopped fires after START. The worse case is played: it does not.
@@ -26,6 +27,7 @@ from cellcal.fake_devices.program_text.lines import locate_problem
 
 ADVANCE = 3  # motions that are planned ahead after BAS(#INITMOV,0)
 FREE, RESET, ACTIVE, STOPPED, ENDED = "#P_FREE", "#P_RESET", "#P_ACTIVE", "#P_STOP", "#P_END"
+SENSOR_OK, SENSOR_ERROR = 0, 1  # RSIOK and another answer
 _PRESENT_STATE = frozenset(("$AXIS_ACT", "$POS_ACT"))  # reading one of them stops the advance run
 Run = Generator[None, None, None]  # ends a cycle with each yield
 
@@ -44,6 +46,9 @@ class KrlMachine(Protocol):
     def is_standing(self) -> bool: ...
     def initialise_motion(self) -> None: ...
     def select_tool(self, number: int) -> None: ...
+    def create_sensor_context(self, file: str) -> bool: ...
+    def start_sensor(self) -> bool: ...
+    def end_sensor(self) -> None: ...
 
 
 class _ReturnSignal(Exception):  # noqa: N818  no error
@@ -66,6 +71,8 @@ class _Frame:
     own: dict[str, Value] = field(default_factory=dict)
 
     def read(self, name: str, index: int | None, member: str) -> Value:
+        if name == "RSIOK":
+            return SENSOR_OK
         value = self.own[name] if name in self.own else self.machine.read_variable(name, index, member)
         if value is None:
             raise ProgramTextError(f"{name}{'.' if member else ''}{member} has no value")
@@ -112,6 +119,7 @@ class RobotInterpreter:
     def select_program(self) -> None:
         """Select the program, or reset it: START begins at its first line."""
         self._give_up_motions()
+        self._machine.end_sensor()
         self._main, self._called, self._interrupts = self._run_routine(self._source.main), None, {}
         self.state = RESET
 
@@ -135,6 +143,7 @@ class RobotInterpreter:
         """Deselect the program."""
         self.stop_program()
         self._give_up_motions()
+        self._machine.end_sensor()
         self.state = FREE
 
     # running
@@ -208,6 +217,8 @@ class RobotInterpreter:
             try:
                 if statement.kind in _WAITING:
                     yield from _WAITING[statement.kind](self, statement, frame)
+                elif statement.kind.startswith("rsi_"):
+                    self._answer_sensor(statement, frame)
                 else:
                     yield from self._stop_advance(statement.expression)
                     self._act(statement, frame)
@@ -220,7 +231,7 @@ class RobotInterpreter:
             raise _SIGNALS[statement.kind]()
         match statement.kind:
             case "local":
-                frame.own[statement.name] = None
+                frame.own |= dict.fromkeys(name.strip() for name in statement.name.split(","))
             case "assign":
                 _assign(statement, frame)
             case "declare":
@@ -232,6 +243,21 @@ class RobotInterpreter:
                 self._machine.initialise_motion()
             case "tool":
                 self._machine.select_tool(int(_value(statement, frame)))
+
+    def _answer_sensor(self, statement: KrlStatement, frame: _Frame) -> None:
+        """Create or start a sensor context; its number, and whether it was done, go into variables."""
+        if statement.kind == "rsi_create":
+            is_done = self._machine.create_sensor_context(statement.name)
+            _store(statement.body[0], frame, 1)
+        else:
+            is_done = self._machine.start_sensor()
+        _store(statement, frame, SENSOR_OK if is_done else SENSOR_ERROR)
+
+    def _halt(self, _statement: KrlStatement, _frame: _Frame) -> Run:
+        while self._motions:
+            yield
+        self.stop_program()
+        yield
 
     def _switch_interrupt(self, statement: KrlStatement) -> None:
         if statement.number not in self._interrupts:
@@ -310,6 +336,7 @@ _WAITING: dict[str, Callable[[RobotInterpreter, KrlStatement, _Frame], Run]] = {
     "wait sec": RobotInterpreter._wait_seconds,  # noqa: SLF001
     "ptp": RobotInterpreter._move,  # noqa: SLF001
     "brake": RobotInterpreter._brake,  # noqa: SLF001
+    "halt": RobotInterpreter._halt,  # noqa: SLF001
 }
 
 
@@ -330,7 +357,11 @@ def _run_submit_body(file: str, body: Sequence[KrlStatement], frame: _Frame) -> 
 
 
 def _assign(statement: KrlStatement, frame: _Frame) -> None:
-    value, target = _value(statement, frame), statement.target
+    _store(statement, frame, _value(statement, frame))
+
+
+def _store(statement: KrlStatement, frame: _Frame, value: Value) -> None:
+    target = statement.target
     assert target is not None
     if target.name in frame.own:
         frame.own[target.name] = value

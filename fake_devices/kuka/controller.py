@@ -14,13 +14,12 @@ Not modelled
 
 import math
 from collections.abc import Callable
-from pathlib import Path
 
 import numpy as np
 
 from cellcal.fake_devices.arm import SimulatedArm
 from cellcal.fake_devices.kinematics import Array, invert_pose, matrix_from_xyzwpr, wpr_from_matrix
-from cellcal.fake_devices.kuka.program import SOURCES, CellcalPrograms
+from cellcal.fake_devices.kuka.program import CellcalPrograms, KrlPrograms
 from cellcal.fake_devices.shown_joints import ShownJoints
 
 FRAMES = 16
@@ -35,9 +34,7 @@ class KukaController:
         names: tuple[str, str],
         real_s: Callable[[], float],
         zeros: ShownJoints,
-        *,
-        sources: Path = SOURCES,
-        statements_per_cycle: int = 500,
+        sources: KrlPrograms | None = None,
     ) -> None:
         self.arm, self.zeros, self.real_s = arm, zeros, real_s
         self.serial, self.title = names
@@ -55,7 +52,7 @@ class KukaController:
         self.load_kg = self.loads_kg[0]  # $LOAD
         self.external = [0.0] * 6  # E1 to E6 [mm or deg]
         self.timer_factor = 1.0  # timers run so many times slower, for machines that have other work
-        self.programs = CellcalPrograms(self, sources, statements_per_cycle)
+        self.programs = CellcalPrograms(self, sources or KrlPrograms())
 
     # what it shows
 

@@ -21,6 +21,7 @@ from cellcal.fake_devices.joint_stream import STREAM_FAULTS, JointSender
 from cellcal.fake_devices.keep_running import keep_running
 from cellcal.fake_devices.krl_programs.tasks import ACTIVE
 from cellcal.fake_devices.kuka.controller import FRAMES, KukaController
+from cellcal.fake_devices.kuka.program import BOTH, CELLCAL, KrlPrograms
 from cellcal.fake_devices.kuka.sensor_stream import encode_robot_datagram
 from cellcal.fake_devices.kuka.server import LINK_FAULTS, ProxyPort
 from cellcal.fake_devices.kuka.variables import VariableTable
@@ -42,7 +43,8 @@ class FakeKukaRobot(NetworkedRobot):
         title = arm.model.name.removeprefix("kuka_").upper()
         zeros = ShownJoints(arm, ratios_of(table, 6), world.make_rng(name, "zeros"))
         names = (str(table.get("serial", "0")), title)
-        self.controller = KukaController(arm, names, world.clock.real_now_s, zeros)
+        sources = KrlPrograms(program=BOTH if "rsi" in table else CELLCAL)
+        self.controller = KukaController(arm, names, world.clock.real_now_s, zeros, sources)
         self.controller.timer_factor = world.watchdog_factor
         faults = LinkFaults({kind: {} for kind in (*LINK_FAULTS, *STREAM_FAULTS)}, world.clock.real_now_s)
         host, port = str(table.get("address", "127.0.0.1")), int(table.get("port", 7000))
@@ -84,7 +86,8 @@ class FakeKukaRobot(NetworkedRobot):
         try:
             while True:
                 self.controller.run_programs()
-                if self.controller.programs.robot.state == ACTIVE:
+                programs = self.controller.programs
+                if programs.sensor_runs and programs.robot.state == ACTIVE:
                     self._stream.send_joints(self.controller.arm.controller_joints_rad.tolist())
                 await asyncio.sleep(_CYCLE_REAL_S)
         finally:

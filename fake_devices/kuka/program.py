@@ -1,8 +1,8 @@
 """CELLCAL and its part of the submit interpreter in the fake controller: it obeys the text of the sources that ship.
 
 Imitates
-    A KUKA controller that runs them: CELLCAL.SRC as the selected program, CELLCAL_SPS.SRC within SPS.SUB,
-    CELLCAL_GLOBALS.DAT within $CONFIG.DAT.
+    A KUKA controller that runs them: CELLCAL.SRC, CELLCAL_RSI.SRC or both put together as the selected program,
+    CELLCAL_SPS.SRC within SPS.SUB, CELLCAL_GLOBALS.DAT within $CONFIG.DAT.
 Source
     deploy/controller_setup/kuka; fake_devices.krl_programs for what the statements mean.
 Modelled
@@ -14,6 +14,7 @@ Not modelled
 """
 
 import struct
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -21,10 +22,12 @@ import numpy as np
 
 from cellcal.fake_devices.krl_programs.source import (
     AXIS_MEMBERS,
+    KrlSource,
     parse_axes,
     read_globals,
     read_lines,
     read_source,
+    read_source_with_sensor,
 )
 from cellcal.fake_devices.krl_programs.tasks import RobotInterpreter, run_submit_lines
 from cellcal.fake_devices.program_text.expressions import ProgramTextError, Value
@@ -41,13 +44,29 @@ _ROUNDING_RAD = 1e-6  # a limit in single-precision degrees is still the limit
 _LARGEST = 2**31
 
 
+CELLCAL, SENSOR, BOTH = "CELLCAL", "CELLCAL_RSI", "CELLCAL with the lines of CELLCAL_RSI"
+
+
+@dataclass(frozen=True)
+class KrlPrograms:
+    """Where the sources are, which one is selected, and how fast it is executed."""
+
+    folder: Path = SOURCES
+    program: str = CELLCAL
+    statements_per_cycle: int = 500
+
+    def read_program(self) -> KrlSource:
+        """Read the program that is selected."""
+        if self.program == BOTH:
+            return read_source_with_sensor(self.folder / f"{CELLCAL}.SRC", self.folder / f"{SENSOR}.SRC")
+        return read_source(self.folder / f"{self.program}.SRC")
+
+
 class CellcalPrograms:
     """The sources, executed, and their variables."""
 
-    def __init__(
-        self, controller: "KukaController", folder: Path = SOURCES, statements_per_cycle: int = 500
-    ) -> None:
-        self._c = controller
+    def __init__(self, controller: "KukaController", sources: KrlPrograms) -> None:
+        self._c, folder = controller, sources.folder
         declared = read_globals(folder / "CELLCAL_GLOBALS.DAT")
         self._kinds = {name: variable.kind for name, variable in declared.items()}
         self._values: dict[str, Value] = {name: variable.value for name, variable in declared.items()}
@@ -55,7 +74,9 @@ class CellcalPrograms:
         self._speeds = dict.fromkeys(range(1, 7), 100)
         self._cycles = 0
         self._submit = read_lines(folder / "CELLCAL_SPS.SRC")
-        self.robot = RobotInterpreter(read_source(folder / "CELLCAL.SRC"), self, statements_per_cycle)
+        self.context_files = {"CELLCAL_RSI.rsi"}  # of the controller; made in WorkVisual
+        self._has_context = self.sensor_runs = False
+        self.robot = RobotInterpreter(sources.read_program(), self, sources.statements_per_cycle)
         self.restart()
 
     # what a person does
@@ -165,6 +186,21 @@ class CellcalPrograms:
         if index is None or not 1 <= index <= highest:
             raise ProgramTextError(f"{name} has no element {index}")
         return index
+
+    # the sensor interface
+
+    def create_sensor_context(self, file: str) -> bool:
+        if self._has_context or file not in self.context_files:
+            return False
+        self._has_context = True
+        return True
+
+    def start_sensor(self) -> bool:
+        self.sensor_runs = self._has_context
+        return self.sensor_runs
+
+    def end_sensor(self) -> None:
+        self._has_context = self.sensor_runs = False
 
     # what moves the arm
 

@@ -63,6 +63,7 @@ class ModbusRobotController:
         self.tools = [list(FIRST_TOOL), *([0.0] * 6 for _ in range(TOOLS - 1))]
         self.frames = [[0.0] * 6 for _ in range(FRAMES)]
         self.tool_number, self.frame_number = 1, 0
+        self.external = [0.0, 0.0, 0.0]  # E1 to E3 [mm or deg]
         arm.convert_to_shown = lambda joints: joints - self.joint_offset()
         self.program: CellcalProgram | TpProgram = TpProgram(self) if runs_listings else CellcalProgram(self)
 

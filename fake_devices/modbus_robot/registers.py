@@ -71,10 +71,10 @@ def blocks_of(controller: ModbusRobotController) -> list[RegisterAssignment]:
 def _position_words(controller: ModbusRobotController) -> Words:
     controller.catch_up()
     joints = controller.shown_joints()
-    words = float_words([*controller.user_tip(), 0.0, 0.0, 0.0])
+    words = float_words([*controller.user_tip(), *controller.external])
     flange = controller.arm.believed_flange(joints)[0]
     words += [int(joints[4] > 0.0), 0, 1, int(flange[0, 3] >= 0.0), 0, 0, 0, int(controller.is_mastered)]
-    words += float_words([*(float(angle) for angle in np.degrees(joints)), 0.0, 0.0, 0.0])
+    words += float_words([*(float(angle) for angle in np.degrees(joints)), *controller.external])
     return [*words, 1, controller.frame_number, controller.tool_number, 0, 0, 0]
 
 

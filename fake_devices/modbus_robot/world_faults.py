@@ -64,6 +64,7 @@ class WorldFaults:
             "partial_write": self._partial_write,
             "select": self._select_at_pendant,
             "tool_switched": self._tool_switched,
+            "external_moved": self._move_external_axis,
             "early_stop": self._early_stop,
             "start_program": self._start_program,
             "abort_program": self._abort_program,
@@ -259,6 +260,13 @@ class WorldFaults:
             self._controller.select_tool(int(parameters.pop("tool")))
         if "frame" in parameters:
             self._controller.select_frame(int(parameters.pop("frame")))
+
+    def _move_external_axis(self, parameters: dict[str, Any]) -> None:
+        """Drive a rail or positioner, as a person may; it is there at once."""
+        axis = int(parameters.pop("axis", 1))
+        if not 1 <= axis <= len(self._controller.external):
+            raise ValueError("the external axes are 1 to 3")
+        self._controller.external[axis - 1] = float(parameters.pop("value"))
 
     def _tool_switched(self, parameters: dict[str, Any]) -> None:
         """Select another tool at the pendant: ``number``, or the next one."""

@@ -147,15 +147,18 @@ class FakeOpcUaRobot(NetworkedRobot):
         self.server.restart(self._build_table(self._faults))
 
 
-_LAYOUT_KEYS = frozenset(("devices", "axis_names", "units", "absent", "has_vendor_types", "namespaces"))
+_LAYOUT_KEYS = frozenset(
+    ("devices", "machines", "axis_names", "units", "absent", "has_vendor_types", "namespaces")
+)
 
 
 def _changed(layout: RobotLayout, changes: Mapping[str, Any]) -> RobotLayout:
     lists: dict[str, Any] = {
         key: tuple(value) if isinstance(value, list) else value for key, value in changes.items()
     }
-    if "absent" in lists:
-        lists["absent"] = frozenset(lists["absent"])
+    for key in ("absent", "machines"):
+        if key in lists:
+            lists[key] = frozenset(lists[key])
     return replace(layout, **lists)
 
 

@@ -43,6 +43,7 @@ _DEVICE_SET = 5001
 _FOLDER, _BASE_OBJECT, _VARIABLE, _PROPERTY, _ANALOG = 61, 58, 63, 68, 17497
 _UNITS = {"deg": (17476, "deg"), "rad": (4405297, "rad"), "mm": (5066068, "mm"), "inch": (4804168, "in")}
 _ROTARY, _LINEAR = 1, 3
+_OTHER_MACHINE, _ARTICULATED = 0, 1  # MotionDeviceCategory
 
 ValueFault = Callable[[str, ua.DataValue], ua.DataValue]
 
@@ -58,6 +59,7 @@ class RobotLayout:
     absent: frozenset[str] = field(default_factory=frozenset)  # paths below a device or system, "Axes/Axis_3"
     has_vendor_types: bool = True
     references_per_answer: int = 3
+    machines: frozenset[str] = frozenset()  # devices that are no robots: rails, positioners
 
 
 class SpaceBuilder:
@@ -195,6 +197,10 @@ class SpaceBuilder:
         plate = self._controller.plate
         serial = plate.serial if is_first else f"{plate.serial}-{name}"
         self._add_plate(path, NamePlate(plate.manufacturer, plate.model, plate.product_code, serial))
+        category = _OTHER_MACHINE if name in self._layout.machines else _ARTICULATED
+        self._add_property(
+            path, ROBOTICS, "MotionDeviceCategory", lambda: ua.Variant(category, ua.VariantType.Int32)
+        )
         self._add_folder(path, "Axes")
         self._add_object_below(path, DI, "ParameterSet", ua.NodeId(_BASE_OBJECT))
         self._add_variable(f"{path}/ParameterSet", ROBOTICS, "SpeedOverride", _VARIABLE, self._read_override)
@@ -224,7 +230,8 @@ class SpaceBuilder:
         self._add_object_below(path, DI, "ParameterSet", ua.NodeId(_BASE_OBJECT))
 
         def read_position() -> ua.Variant:
-            value = self._controller.shown_joint(axis, unit) if is_first else 0.0
+            is_of_arm = is_first and axis < len(self._controller.arm.joints_rad)
+            value = self._controller.shown_joint(axis, unit) if is_of_arm else 0.0
             return ua.Variant(value, ua.VariantType.Double)
 
         self._add_variable(f"{path}/ParameterSet", ROBOTICS, "ActualPosition", _ANALOG, read_position)

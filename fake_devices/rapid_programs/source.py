@@ -1,4 +1,4 @@
-r"""Modules of RAPID: data, routines and their instructions, for exactly the instructions that CellcalServer uses.
+r"""Modules of RAPID: data, routines, and exactly the instructions that CellcalServer and CellcalStream use.
 
 Imitates
     Loading of a module into a task of an ABB controller.
@@ -8,14 +8,15 @@ Source
 Modelled
     PERS and VAR of the kinds num, intnum, jointtarget and tooldata; PROC, TRAP, assignment, IF, WHILE, WaitUntil with
     \PollRate, MoveAbsJ with \NoEOffs, \T, fine and \WObj, CONNECT, IDelete, ITimer, StopMove, ClearPath,
-    StartMove, ExitCycle, calls without arguments.
+    StartMove, ExitCycle, WaitTime, EGMReset, EGMGetId, EGMSetupUC of ROB_1 for joints, EGMStreamStart, calls without
+    arguments.
 Not modelled
     Every other instruction: a module with it is refused with file and line.
 """
 
 import re
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from cellcal.fake_devices.program_text.expressions import (
@@ -29,7 +30,7 @@ from cellcal.fake_devices.program_text.expressions import (
 )
 from cellcal.fake_devices.program_text.lines import SourceLines
 
-KINDS = ("num", "intnum", "jointtarget", "tooldata")
+KINDS = ("num", "intnum", "jointtarget", "tooldata", "egmident")
 _DATA = re.compile(rf"(PERS|VAR)\s+({'|'.join(KINDS)})\s+(\w+)(?:\s*:=\s*(.*?))?\s*;\Z", re.IGNORECASE)
 _MOVE = re.compile(
     r"MoveAbsJ\s+(\w+)\s+\\NoEOffs\s*,\s*v100\s+\\T\s*:=\s*(\w+)\s*,\s*fine\s*,\s*(\w+)\s+\\WObj\s*:=\s*wobj0\Z",
@@ -38,6 +39,7 @@ _MOVE = re.compile(
 _FIRST = {
     "num": 0.0,
     "intnum": 0.0,
+    "egmident": 0.0,
     "jointtarget": [[0.0] * 6, [0.0] * 6],
     "tooldata": None,
 }
@@ -97,6 +99,15 @@ def parse_module(file: str, text: str) -> ExecutedModule:
         _read_declaration(reader, module, number, line)
 
 
+def read_module_with_stream(path: Path, stream: Path) -> ExecutedModule:
+    """Read a module with that of a stream, which its main calls before the loop, as the set-up page says."""
+    lines = path.read_text(encoding="ascii").splitlines()
+    loop = next(k for k, line in enumerate(lines) if line.strip().upper() == "WHILE TRUE DO")
+    module = parse_module(path.name, "\n".join(["", *lines[:loop], "    StartCellcalStream;", *lines[loop:]]))
+    beside = read_module(stream)
+    return replace(module, data=module.data | beside.data, procedures=module.procedures | beside.procedures)
+
+
 def _read_declaration(reader: "_Reader", module: ExecutedModule, number: int, line: str) -> None:
     declared = _DATA.match(line)
     procedure = re.fullmatch(r"PROC\s+(\w+)\s*\(\s*\)", line, re.IGNORECASE)
@@ -149,7 +160,7 @@ def write_value(value: Value) -> str:
 
 def fits(kind: str, value: Value) -> bool:
     """Return whether a value is of a kind of data."""
-    if kind in ("num", "intnum"):
+    if kind in ("num", "intnum", "egmident"):
         return isinstance(value, float)
     if kind == "jointtarget":
         return _has_shape(value, [6, 6])
@@ -240,6 +251,19 @@ _INSTRUCTIONS: dict[re.Pattern[str], Callable[[int, re.Match[str]], RapidInstruc
         (
             r"ITimer\s+(.+),\s*(\w+)",
             lambda n, m: RapidInstruction("timer", n, _expression(m[1]), names=(m[2].upper(),)),
+        ),
+        (r"WaitTime\s+(.*)", lambda n, m: RapidInstruction("pause", n, _expression(m[1]))),
+        (
+            r"(EGMReset|EGMGetId)\s+(\w+)",
+            lambda n, m: RapidInstruction(m[1].lower(), n, names=(m[2].upper(),)),
+        ),
+        (
+            r"EGMSetupUC\s+ROB_1\s*,\s*(\w+)\s*,\s*\"default\"\s*,\s*\"(\w+)\"\s+\\Joint",
+            lambda n, m: RapidInstruction("egmsetupuc", n, names=(m[1].upper(), m[2])),
+        ),
+        (
+            r"EGMStreamStart\s+(\w+)\s+\\SampleRate\s*:=\s*4",
+            lambda n, m: RapidInstruction("egmstreamstart", n, names=(m[1].upper(),)),
         ),
         (r"(StopMove|ClearPath|StartMove|ExitCycle)", lambda n, m: RapidInstruction(m[1].lower(), n)),
         (

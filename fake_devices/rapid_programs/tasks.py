@@ -9,11 +9,12 @@ Modelled
     fine: the instruction ends when the arm stands. A timer of ITimer; what it calls while a trap runs waits in a
     queue. StopMove brakes, ClearPath drops the motion of a stopped path, StartMove goes on with what the path holds.
     ExitCycle ends the trap and sets the program pointer to main: VAR keep their values. Program pointer to main by a
-    person: VAR get their first values.
+    person: VAR get their first values. A stream needs an identity (four at most) that is set up.
 Not modelled
     The program pointer ahead of the arm (every motion ends with fine), several tasks, \Single timers. **Not known**:
     whether interrupts that were ordered outlive ExitCycle (here they do, and a second CONNECT of one is an error);
-    whether a timer goes on while the program is stopped (here it does not).
+    whether a timer goes on while the program is stopped (here it does not); whether identities outlive the program
+    pointer at main (here they do not) and EGMReset takes one that was never given (here it does).
 """
 
 import struct
@@ -26,6 +27,7 @@ from cellcal.fake_devices.rapid_programs.source import ExecutedModule, RapidInst
 
 Run = Generator[None, None, None]  # ends a cycle with each yield
 _SHORTEST_TIMER_S = 0.1
+_MOST_IDENTITIES = 4
 _MEMBERS = {"jointtarget": ("ROBAX", "EXTAX")}
 
 
@@ -59,6 +61,8 @@ class MotionTask:
         self._connected: dict[str, str] = {}  # trap by intnum
         self._timers: dict[str, tuple[float, float]] = {}  # period and next time by intnum
         self._queued: list[str] = []
+        self._identities: dict[float, str] = {}  # of streams: the device that each is set up for
+        self.streams = False
         self._trap: Run | None = None
         self._motion: tuple[Value, float, str] | None = None
         self._is_path_stopped = self._is_under_way = False
@@ -80,6 +84,7 @@ class MotionTask:
             if not datum.is_persistent:
                 self.data[name] = datum.first
         self._connected, self._timers, self._queued = {}, {}, []
+        self._identities, self.streams = {}, False
         self._enter_main()
         self._clear_path()
 
@@ -181,7 +186,34 @@ class MotionTask:
         while self._motion is not None:
             yield
 
+    def _pause(self, instruction: RapidInstruction) -> Run:
+        due_s = self._now_s + float(self._value(instruction))
+        while self._now_s < due_s:
+            yield
+
     # instructions that take none
+
+    def _end_stream(self, instruction: RapidInstruction) -> None:
+        if self._identities.pop(self.data[instruction.names[0]], None) is not None:
+            self.streams = False
+
+    def _give_identity(self, instruction: RapidInstruction) -> None:
+        free = [number for number in range(1, _MOST_IDENTITIES + 1) if number not in self._identities]
+        if not free:
+            raise ProgramTextError("no identity of a stream is free")
+        self._identities[float(free[0])] = ""
+        self.data[instruction.names[0]] = float(free[0])
+
+    def _set_up_stream(self, instruction: RapidInstruction) -> None:
+        name, device = instruction.names
+        if self.data[name] not in self._identities:
+            raise ProgramTextError(f"{name} was not given by EGMGetId")
+        self._identities[self.data[name]] = device
+
+    def _start_stream(self, instruction: RapidInstruction) -> None:
+        if not self._identities.get(self.data[instruction.names[0]]):
+            raise ProgramTextError(f"{instruction.names[0]} is not set up")
+        self.streams = True
 
     def _assign(self, instruction: RapidInstruction) -> None:
         target = instruction.target
@@ -290,6 +322,7 @@ _LASTING: dict[str, Callable[[MotionTask, RapidInstruction], Run]] = {
     "if": MotionTask._decide,  # noqa: SLF001
     "wait": MotionTask._wait,  # noqa: SLF001
     "move": MotionTask._move,  # noqa: SLF001
+    "pause": MotionTask._pause,  # noqa: SLF001
 }
 _ACTIONS: dict[str, Callable[[MotionTask, RapidInstruction], None]] = {
     "assign": MotionTask._assign,  # noqa: SLF001
@@ -300,4 +333,8 @@ _ACTIONS: dict[str, Callable[[MotionTask, RapidInstruction], None]] = {
     "clearpath": MotionTask._drop_path,  # noqa: SLF001
     "startmove": MotionTask._start_move,  # noqa: SLF001
     "exitcycle": MotionTask._exit_cycle,  # noqa: SLF001
+    "egmreset": MotionTask._end_stream,  # noqa: SLF001
+    "egmgetid": MotionTask._give_identity,  # noqa: SLF001
+    "egmsetupuc": MotionTask._set_up_stream,  # noqa: SLF001
+    "egmstreamstart": MotionTask._start_stream,  # noqa: SLF001
 }

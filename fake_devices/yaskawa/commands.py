@@ -122,6 +122,9 @@ class CommandTable:
         c = self._c
         if request.instance == 1:
             return struct.pack("<5I8i", 0, 0, c.tool_number, 0, 0, *c.pulses(), 0, 0)
+        if request.instance in c.stations:
+            axes = c.stations[request.instance]
+            return struct.pack("<5I8i", 0, 0, 0, 0, 0, *axes, *(0,) * (8 - len(axes)))
         if request.instance != 101:
             raise CommandRefusal(_NO_INSTANCE)
         pose = c.base_tip()

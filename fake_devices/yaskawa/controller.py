@@ -8,7 +8,7 @@ Modelled
     Modes, holds, servo power, emergency stop, alarms with their history, moves by pulses, tools, byte and
     double variables, home positions that are lost with the encoder battery.
 Not modelled
-    Jobs, interpolation other than axis by axis, stations, a second robot.
+    Jobs, interpolation other than axis by axis, stations that move, a second robot.
 """
 
 import datetime
@@ -48,6 +48,9 @@ class YaskawaController:
         self.emergency_stop = False
         self.is_jogged = False  # the last motion was made at the pendant: no word of the status tells of it
         self.has_second_robot = False
+        self.stations: dict[
+            int, list[int]
+        ] = {}  # pulses of base axes (11) and stations (21, ...) by instance
         self.alarms: list[tuple[int, int, str, str]] = []  # code, data, time, text
         self.history: list[tuple[int, int, str, str]] = []
         self.tool_number, self.user_frame = 1, 0

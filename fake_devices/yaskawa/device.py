@@ -58,6 +58,7 @@ class FakeYaskawaRobot(NetworkedRobot):
             "make_home": lambda p: c.make_home(parse_axes(p.pop("axis", "S"), AXES)[0]),
             "confirm_positions": lambda _: c.confirm_positions(),
             "second_robot": lambda p: setattr(c, "has_second_robot", bool(p.pop("there", True))),
+            "external_moved": self._move_external_axis,
             "jog_by_hand": self._jog_by_hand,
         }
 
@@ -83,6 +84,13 @@ class FakeYaskawaRobot(NetworkedRobot):
     def _switch_tool(self, parameters: dict[str, Any]) -> None:
         c = self.controller
         c.tool_number = int(parameters.pop("number", (c.tool_number + 1) % len(c.tools)))
+
+    def _move_external_axis(self, parameters: dict[str, Any]) -> None:
+        """Drive an axis of B1 or S1 to pulses, as a person may; the group is there from then on."""
+        group, axis = str(parameters.pop("group", "B1")), int(parameters.pop("axis", 1))
+        instance = {"B": 10, "S": 20}[group[:1]] + int(group[1:])
+        pulses = self.controller.stations.setdefault(instance, [0] * (3 if group[:1] == "B" else 6))
+        pulses[axis - 1] = int(parameters.pop("pulses"))
 
     def _reset_by_hand(self) -> None:
         self.controller.reset_alarms()

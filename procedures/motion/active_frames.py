@@ -17,7 +17,6 @@ from cellcal.procedures.run import ProcedureError
 WRITTEN_M = 5e-6  # controllers keep frames as float32 millimetres and degrees
 WRITTEN_RAD = 5e-6
 PAYLOAD_KG = 1e-3  # what a pendant shows
-EXTERNAL_SHOWN = 0.02  # mm or deg: more than the reading of a standing axis wanders
 _NO_FRAME_REPORT = "Whether {what} was changed on the controller during the run: this robot does not tell it."
 
 
@@ -193,7 +192,7 @@ def _external_changes(
             ),
         )
         for axis in now or ()
-        if axis.name in before and abs(axis.shown - before[axis.name]) > EXTERNAL_SHOWN
+        if axis.name in before and abs(axis.shown - before[axis.name]) > axis.wanders
     )
 
 

@@ -30,9 +30,11 @@ def first_uncertainty(room: MotionBounds, axes: int, *, is_measured: bool) -> Tu
 def uncertainty_after(recovery: TurnRecovery, guess: tuple[int, ...], before: Turns) -> Turns:
     """Return the doubt that captures leave [turns]: how far off they find the guess, and how surely.
 
-    Captures that do not fit their best explanation take no doubt away.
+    Captures that do not fit their best explanation take no doubt away, nor do so few that anything would fit them.
     """
-    if recovery.mode == "geometry" or recovery.chi_square > chi_square_limit(recovery.degrees_of_freedom):
+    if recovery.mode == "geometry" or recovery.degrees_of_freedom < 1:
+        return before
+    if recovery.chi_square > chi_square_limit(recovery.degrees_of_freedom):
         return before
     uncertain_turns = np.abs(np.subtract(recovery.offset_turns, guess)) + SURE_SIGMAS * np.array(
         recovery.sigma_turns

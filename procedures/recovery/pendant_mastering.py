@@ -3,6 +3,8 @@
 A FANUC takes its six counts in the data entry of Master/Cal, and RES_PCA there; no program and no wire writes them.
 """
 
+import contextlib
+
 from cellcal.calibration.mastering.counts import DriveTrain
 from cellcal.calibration.message import make_message
 from cellcal.drivers.errors import RefusedError
@@ -60,9 +62,10 @@ class PendantMastering:
         Raises
         ------
         RefusedError
-            It does not hold them after several tries.
+            It does not hold them after several tries. A robot that was not mastered before is asked to be left so:
+            counts that are typed wrongly are a mastering all the same.
         """
-        found = await self._robot.read_mastering()
+        before = found = await self._robot.read_mastering()
         wrong_text = ""
         for _ in range(TRIES):
             await self._operator.confirm(_typing_page(goal, found.counts_at_zero, wrong_text))
@@ -70,6 +73,9 @@ class PendantMastering:
             if found == MasteringData(goal, mastered=True):
                 return found
             wrong_text = _wrong_text(goal, found)
+        if found.mastered and not before.mastered:
+            with contextlib.suppress(RefusedError):  # what was typed wrongly says more than a no to this
+                await self._operator.confirm(CLEAR_MASTERED)
         raise RefusedError(
             self._robot.name,
             make_message("the mastering was not typed as asked: {wrong_text}", wrong_text=wrong_text.strip()),

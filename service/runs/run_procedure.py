@@ -15,7 +15,7 @@ from pydantic_core import to_jsonable_python
 from cellcal.calibration.errors import CellError
 from cellcal.calibration.message import join_messages, make_message
 from cellcal.calibration.message_table import MESSAGES, with_messages
-from cellcal.drivers.errors import DeviceError
+from cellcal.drivers.errors import LOOK_FIRST, DeviceError
 from cellcal.drivers.interfaces import Answer, GuidesPerson, Instruction, Operator, Question
 from cellcal.procedures.catalogue import definition_named
 from cellcal.procedures.cell import Cell, DeviceCertificate, Fingerprint, MotionApproval, read_fingerprint
@@ -187,13 +187,10 @@ class _RunExecution:
         try:
             result = await self._entry.procedure(run, spec)
         except CellError as error:
-            failed = failed_outcome(self._run_id, self._entry.name, error)
-            return self._end_run(
-                replace(failed, remedy=_join_sentences(await self._roll_back(), failed.remedy))
-            )
+            return await self._end_early(run, failed_outcome(self._run_id, self._entry.name, error))
         except asyncio.CancelledError:
             ended = RunOutcome(self._run_id, self._entry.name, RunVerdict.CANCELLED, reason="cancelled")
-            self._end_run(replace(ended, remedy=await self._roll_back()))
+            await self._end_early(run, ended)
             raise
         except Exception:
             await self._roll_back()
@@ -201,6 +198,12 @@ class _RunExecution:
         judgement = self._judge_result(spec, result)
         passed = RunOutcome(self._run_id, self._entry.name, RunVerdict.PASSED, result, judgement=judgement)
         return self._end_run(passed, spec)
+
+    async def _end_early(self, run: Run, outcome: RunOutcome) -> RunOutcome:
+        """End without a result; what a person does first is to look at a robot that may not stand."""
+        look = LOOK_FIRST if run.is_stop_unconfirmed and LOOK_FIRST not in outcome.remedy else ""
+        remedy = _join_sentences(look, await self._roll_back(), outcome.remedy)
+        return self._end_run(replace(outcome, remedy=remedy))
 
     async def _roll_back(self) -> str:
         """Undo what the run wrote and did not get to confirm; return what to tell of it."""

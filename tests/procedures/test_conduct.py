@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from cellcal.drivers.errors import MotionStoppedError
+from cellcal.drivers.errors import LOOK_FIRST, MotionStoppedError, UnreachableError
 from cellcal.procedures.progress import StepProgress
 from cellcal.procedures.run import NeedsUnmetError, ReplayMismatchError
 from cellcal.procedures.run_history import EventKind
@@ -76,6 +76,38 @@ async def test_a_declined_run_is_resumed_without_touching_again(journal: Journal
     assert outcome.verdict is RunVerdict.PASSED
     assert made.technician.instructions == ["pointer_is_mounted", "accept_frame", "may_move"]
     assert RunStore(journal).find_run(run_id).state == "passed"
+
+
+@pytest.mark.parametrize(("answers", "begins"), [(False, LOOK_FIRST), (True, "Check the cable.")])
+async def test_a_link_lost_in_mid_move_ends_with_what_is_not_known_of_the_arm(
+    journal: Journal, monkeypatch: pytest.MonkeyPatch, answers: bool, begins: str
+) -> None:
+    made = recording_scene()
+
+    lost = UnreachableError("arm", "the connection was lost.", remedy="Check the cable.")
+
+    async def cannot_stop() -> None:
+        raise lost
+
+    def in_mid_move(count: int) -> None:
+        if count == 3:
+            raise lost
+
+    made.arm.midway = in_mid_move
+    made.technician.refuses = {"retry"}
+    if not answers:
+        monkeypatch.setattr(made.arm, "stop", cannot_stop)
+    outcome = await run_procedure(made.cell, "mastering_record", made.spec, journal, how=HOW)
+    assert (outcome.verdict, outcome.code) == (RunVerdict.CELL_FAILED, "device.unreachable")
+    assert outcome.remedy.startswith(begins)
+    assert outcome.remedy.endswith("Check the cable.")
+    monkeypatch.undo()
+    made.arm.midway, made.technician.refuses = None, set()
+    moves = len(made.arm.moves)
+    again = await resume_procedure(made.cell, outcome.run_id, journal, how=HOW)
+    assert again.verdict is RunVerdict.PASSED
+    assert "may_move" in made.technician.instructions  # a person has looked before it moves
+    assert len(made.arm.moves) > moves
 
 
 async def test_a_redo_touches_again_from_that_step(journal: Journal) -> None:

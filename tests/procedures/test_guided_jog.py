@@ -193,6 +193,22 @@ async def test_a_count_that_stays_mistyped_is_refused() -> None:
     assert hands.instructions == ["type_mastering"] * TYPED_TRIES
 
 
+async def test_counts_that_stay_mistyped_are_no_mastering_of_a_robot_that_had_none() -> None:
+    arm, hands = IdealArm(), ScriptedTechnician()
+    arm.data = MasteringData(ZERO, mastered=False)
+    goal = tuple(zero + COUNTS for zero in ZERO)
+    hands.does["type_mastering"] = lambda: setattr(arm, "data", MasteringData(ZERO, mastered=True))
+    hands.does["clear_mastered_by_hand"] = lambda: setattr(arm, "data", replace(arm.data, mastered=False))
+    for refuses in (set(), {"clear_mastered_by_hand"}):
+        hands.refuses = refuses
+        hands.instructions.clear()
+        with pytest.raises(RefusedError, match="J1 reads"):
+            await PendantMastering(arm, hands).write_mastering(goal)
+        assert hands.instructions == [*["type_mastering"] * TYPED_TRIES, "clear_mastered_by_hand"]
+        assert arm.data.mastered is bool(refuses)
+        arm.data = MasteringData(ZERO, mastered=False)
+
+
 async def test_right_counts_without_mastering_are_not_enough() -> None:
     arm, hands = IdealArm(), ScriptedTechnician()
     arm.data = MasteringData(ZERO, mastered=False)

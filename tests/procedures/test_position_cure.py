@@ -12,7 +12,7 @@ import pytest
 from cellcal.calibration.errors import CalibrationError
 from cellcal.calibration.mastering.position_record import ArmPositionRecord, ShownValue, drive_of_ratios
 from cellcal.calibration.uncertainty import Verdict
-from cellcal.drivers.interfaces import Answer, Instruction, PositionCure
+from cellcal.drivers.interfaces import Alarm, Answer, Instruction, PositionCure, PositionHistory
 from cellcal.procedures.catalogue import CATALOGUE
 from cellcal.procedures.cell import MotionLevel
 from cellcal.procedures.position_cure import PositionCureSpec, position_cure
@@ -26,10 +26,10 @@ from cellcal.procedures.recovery.pendant_cures import (
     bring_back_axis,
     cure_instruction,
 )
-from cellcal.procedures.run import RefusalError, Run
+from cellcal.procedures.run import DeclinedError, RefusalError, Run
 from cellcal.procedures.verdict import ProcedureVerdict
 from tests.procedures.ideal_devices import ScriptedTechnician
-from tests.procedures.memory_ledgers import MemoryLedger
+from tests.procedures.memory_ledgers import CrashError, MemoryLedger, MortalLedger
 from tests.procedures.procedure_scenes import ProcedureScene, healthy_scene
 from tests.procedures.shown_arm import ShownArm, cure_scene
 
@@ -108,6 +108,45 @@ def test_a_zero_that_was_made_anew_may_differ_from_that_of_the_record() -> None:
     )
     assert changed_constants(record, changed, renewed=(4,)) == ("cal_offset of axis 2: 1.5, now 9.9",)
     assert changed_constants(record, ()) == ()
+
+
+@pytest.mark.parametrize(
+    ("keeps", "alarms", "is_whole", "ends"),
+    [
+        (True, (), True, ""),
+        (
+            True,
+            (Alarm("20032", "Rev. counter not updated"),),
+            True,
+            "was lost while this run was interrupted: 20032",
+        ),
+        (True, (), False, "declined"),
+        (False, (), True, "declined"),
+    ],
+)
+async def test_a_loss_between_two_entries_of_a_run_is_no_reason_to_go_on(
+    monkeypatch: pytest.MonkeyPatch, keeps: bool, alarms: tuple[Alarm, ...], is_whole: bool, ends: str
+) -> None:
+    made, facts = await cure_scene(), cast(list[Any], [])
+    shows = replace(made.arm.capabilities, keeps_position_history=keeps)
+    monkeypatch.setattr(ShownArm, "capabilities", shows)
+
+    async def position_history(since: tuple[str, ...]) -> PositionHistory:
+        return PositionHistory(alarms if since else (), ("newest",), is_whole=is_whole)
+
+    monkeypatch.setattr(made.arm, "position_history", position_history, raising=False)
+    with pytest.raises(CrashError):
+        await position_cure(Run(made.cell, MortalLedger(facts, 40, stored=True)), made.spec)
+    assert "position_kept" not in made.technician.instructions
+    ledger = MemoryLedger(facts)
+    made.technician.refuses = {"position_kept"} if ends else set()
+    resumed = position_cure(Run(made.cell, ledger, ledger.past()), made.spec)
+    if ends:
+        with pytest.raises((RefusalError, DeclinedError), match=ends):
+            await resumed
+    else:
+        assert verdict_on_cure(made.spec.limit_rad, await resumed).overall_decision is Verdict.PASS
+    assert ("position_kept" in made.technician.instructions) is (ends == "declined")
 
 
 async def test_an_axis_that_stays_lost_is_asked_for_again_and_then_given_up() -> None:

@@ -1,6 +1,8 @@
 """While joints are in doubt, distances grow by what no turn within the doubt exceeds, and no more than it takes."""
 
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import cast
 
 import numpy as np
 import pytest
@@ -8,6 +10,7 @@ import pytest
 from cellcal.calibration.arm.kinematics import RobotModel, load_model
 from cellcal.calibration.geometry import homogeneous_matrix
 from cellcal.calibration.mastering.counts import DriveTrain
+from cellcal.calibration.mastering.turn_recovery import TurnRecovery
 from cellcal.calibration.motion.cell_shapes import (
     BoxObstacle,
     CellShape,
@@ -20,7 +23,12 @@ from cellcal.calibration.motion.motion_check import MotionLimits, WirePath, chec
 from cellcal.calibration.motion.motion_quantities import body_points, workspace_excess
 from cellcal.calibration.motion.position_uncertainty import AxisUncertainty, PositionUncertainty
 from cellcal.procedures.motion.plans import MotionBounds
-from cellcal.procedures.motion.turn_uncertainty import HALF_TURN, first_uncertainty, posture_uncertainty
+from cellcal.procedures.motion.turn_uncertainty import (
+    HALF_TURN,
+    first_uncertainty,
+    posture_uncertainty,
+    uncertainty_after,
+)
 
 ARMS = ("fanuc_m6ib", "ur10e", "abb_irb120")
 BOX = ((-9.0, -9.0, -9.0), (9.0, 9.0, 9.0))
@@ -116,3 +124,22 @@ def test_motors_seen_healthy_are_in_doubt_by_half_a_turn_and_the_others_by_all_t
     doubt = posture_uncertainty(drive, (2.0, 2.0))
     assert doubt.bodies_rad == pytest.approx((0.2, 0.04 + 0.2))
     assert doubt.wire_rad == pytest.approx((0.05, 0.01 + 0.05))
+
+
+@pytest.mark.parametrize(
+    ("degrees_of_freedom", "chi_square", "mode", "is_less"),
+    [(6, 4.0, "turns", True), (6, 60.0, "turns", False), (6, 4.0, "geometry", False), (0, 0.0, "turns", False),
+     (-1, 0.0, "turns", False)],
+)  # fmt: skip
+def test_captures_take_doubt_away_only_where_they_could_have_contradicted(
+    degrees_of_freedom: int, chi_square: float, mode: str, is_less: bool
+) -> None:
+    found = SimpleNamespace(
+        mode=mode,
+        degrees_of_freedom=degrees_of_freedom,
+        chi_square=chi_square,
+        offset_turns=(0.0, 0.1),
+        sigma_turns=(0.01, 0.01),
+    )
+    left = uncertainty_after(cast(TurnRecovery, found), (0, 0), (2.0, 2.0))
+    assert left == (pytest.approx((0.04, 0.14)) if is_less else (2.0, 2.0))

@@ -63,5 +63,5 @@ def test_the_first_screen_of_check_shows_it(tmp_path: Path, capsys: pytest.Captu
     with run_fakes(tmp_path, TP_CELL) as (path, _):
         assert run_command_line(["check", str(path)]) == 0
     text = " ".join(capsys.readouterr().err.split())
-    assert "fanuc: 0 of 8 abilities are confirmed on a robot." in text
+    assert "fanuc: 0 of 9 abilities are confirmed on a robot." in text
     assert "confirmed by an" in text

@@ -41,7 +41,7 @@ def test_check_shows_what_stands_behind_each_ability_and_what_was_not_compared(
         table = " ".join(capsys.readouterr().err.split())
         assert run_command_line(["check", str(path), "--json"]) == 0
         text = capsys.readouterr().out
-    assert "any_maker: 0 of 8 abilities are confirmed on a robot." in table
+    assert "any_maker: 0 of 9 abilities are confirmed on a robot." in table
     assert "Example Robotics ER-16 ER-16/2.0, serial ER-230817, MotionWare 2.7.1." in text
     assert "the joints were not compared with the model" in text
 

@@ -20,6 +20,7 @@ class FanucRmiConfig(StepwiseRobotConfig):
     driver: Literal["fanuc_rmi"]
     port: int = Field(default=16001, ge=1, le=65535)
     serial: str = Field(min_length=1)  # of the type plate: this link does not tell it
+    second_group: bool = False  # a positioner or rail: its axes are compared between captures, too
     stuck_s: float = Field(default=3.0, gt=0, le=60)
 
     @property
@@ -43,7 +44,7 @@ class FanucRmiConfig(StepwiseRobotConfig):
 
         link = RmiLink(self.name, self.address, self.port, deadline_s=self.telegram_deadline_s)
         motion = self.stepwise_options(AXES)
-        options = RmiOptions(self.serial, self.model, motion)
+        options = RmiOptions(self.serial, self.model, motion, self.second_group)
         robot = FanucRmiRobot(link, options)
         async with connection_to(robot):
             yield robot

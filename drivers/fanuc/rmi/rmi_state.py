@@ -13,12 +13,13 @@ from cellcal.calibration.message import make_message
 from cellcal.calibration.orientation import rotation_from, values_from
 from cellcal.drivers.errors import WireProtocolError
 from cellcal.drivers.fanuc.rmi.rmi_link import Packet, RmiLink
-from cellcal.drivers.interfaces import Alarm, AlarmKind, Condition, Readiness
+from cellcal.drivers.interfaces import Alarm, AlarmKind, Condition, Readiness, ShownExternalAxis
 from cellcal.drivers.wire.link_errors import unreadable_answer_error
 from cellcal.drivers.wire.possible_values import check_joints, check_pose
 from cellcal.drivers.wire.tables import code_table
 
 AXES = 6
+_MOST_AXES, _SECOND_GROUP = 9, 2
 _FRAME_KEYS = ("X", "Y", "Z", "W", "P", "R")
 _ALARM_CODE = re.compile(r"\b(SRVO)-(\d{3})\b\s*(.*)", re.DOTALL)
 _ALARM_AXIS = re.compile(r"A(?:xis)?\s*:\s*(\d+)", re.IGNORECASE)
@@ -67,6 +68,30 @@ async def read_joint_angles(link: RmiLink) -> tuple[tuple[float, ...], Packet]:
         raise _unreadable(link, "there are no joint angles")
     joints = tuple(math.radians(_number(link, angles, f"J{axis}")) for axis in range(1, AXES + 1))
     return check_joints(link.device, joints), reply
+
+
+async def read_external_axes(link: RmiLink, *, in_group_2: bool) -> tuple[ShownExternalAxis, ...]:
+    """Return where the further axes of group 1 stand, and those of group 2 where the controller has one.
+
+    A controller of six axes tells nine as well, the last three as zero.
+    """
+    found = _axes_beside(link, await link.send_command("FRC_ReadJointAngles"), "E", AXES)
+    if in_group_2:
+        reply = await link.send_command("FRC_ReadJointAngles", Group=_SECOND_GROUP)
+        if reply.get("Group") != _SECOND_GROUP:
+            raise _unreadable(link, "it is of another motion group")
+        found += _axes_beside(link, reply, "group 2 J", 0)
+    return found
+
+
+def _axes_beside(link: RmiLink, reply: Packet, name: str, first: int) -> tuple[ShownExternalAxis, ...]:
+    angles = reply.get("JointAngle", reply.get("JointAngles"))
+    if not isinstance(angles, Mapping):
+        raise _unreadable(link, "there are no joint angles")
+    told = [axis for axis in range(first + 1, _MOST_AXES + 1) if f"J{axis}" in angles]
+    return tuple(
+        ShownExternalAxis(f"{name}{axis - first}", _number(link, angles, f"J{axis}")) for axis in told
+    )
 
 
 async def read_pose(link: RmiLink) -> tuple[Pose, int, int]:

@@ -18,6 +18,7 @@ from cellcal.drivers.fanuc.rmi.rmi_state import (
     condition_of,
     read_active_numbers,
     read_alarm_texts,
+    read_external_axes,
     read_frame,
     read_joint_angles,
     read_pose,
@@ -58,6 +59,7 @@ class RmiOptions:
     serial: str
     model: str
     motion: StepwiseOptions
+    has_second_group: bool
 
 
 class FanucRmiRobot(StepwiseMotion):
@@ -123,7 +125,8 @@ class FanucRmiRobot(StepwiseMotion):
         async with self._confirmed_answers("reading the active tool"):
             user, tool = await read_active_numbers(self._link)
             flange_tool = await read_frame(self._link, "UTool", tool) if tool else Pose((0.0, 0.0, 0.0))
-        return ActiveFrames(tool, flange_tool, user)
+            external_axes = await read_external_axes(self._link, in_group_2=self._options.has_second_group)
+        return ActiveFrames(tool, flange_tool, user, external_axes=external_axes)
 
     async def controller_mode(self) -> str:
         status = await self._read_status("reading the mode")
