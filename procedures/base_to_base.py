@@ -288,6 +288,7 @@ DEFINITION = ProcedureDefinition(
     procedure=base_to_base,
     spec_type=BaseToBaseSpec,
     needs=(),
+    needs_position=False,
     outline=_outline_phases,
     results_to_store=_results_to_store,
     verdict=_make_verdict,

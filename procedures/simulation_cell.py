@@ -389,6 +389,7 @@ DEFINITION = ProcedureDefinition(
     procedure=simulation_cell,
     spec_type=SimulationCell,
     needs=(),
+    needs_position=False,
     outline=_outline_phases,
     results_to_store=_results_to_store,
     verdict=verdict_on_part,

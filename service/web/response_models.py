@@ -300,6 +300,7 @@ class ProcedureSeen(ResponseShape):
     for_other_controllers: Annotated[
         bool, Field(description="this robot's controller has another procedure for it")
     ]
+    needs_position: Annotated[bool, Field(description="it refuses a robot that has lost its position")]
     settings: Annotated[dict[str, Any], Field(description="JSON schema of the settings")]
 
 

@@ -580,6 +580,7 @@ export interface ProcedureSeen {
   when: string;
   minutes: number[];
   for_other_controllers: boolean;
+  needs_position: boolean;
   settings: Record<string, unknown>;
   messages?: TextMessages;
 }
