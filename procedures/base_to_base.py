@@ -289,6 +289,7 @@ DEFINITION = ProcedureDefinition(
     spec_type=BaseToBaseSpec,
     needs=(),
     needs_position=False,
+    commands_motion=False,
     outline=_outline_phases,
     results_to_store=_results_to_store,
     verdict=_make_verdict,

@@ -390,6 +390,7 @@ DEFINITION = ProcedureDefinition(
     spec_type=SimulationCell,
     needs=(),
     needs_position=False,
+    commands_motion=False,
     outline=_outline_phases,
     results_to_store=_results_to_store,
     verdict=verdict_on_part,

@@ -581,6 +581,7 @@ export interface ProcedureSeen {
   minutes: number[];
   for_other_controllers: boolean;
   needs_position: boolean;
+  commands_motion: boolean;
   settings: Record<string, unknown>;
   messages?: TextMessages;
 }
