@@ -238,7 +238,9 @@ def _copy_database(source: Path, copy: Path) -> None:
             target.execute("PRAGMA journal_mode=DELETE")  # one file, whole in itself
     except sqlite3.Error as error:
         raise BackupError(
-            make_message("{source} cannot be copied: {error}.", source=source, error=error), remedy="Look at its disk.", code="store.io"
+            make_message("{source} cannot be copied: {error}.", source=source, error=error),
+            remedy="Look at its disk.",
+            code="store.io",
         ) from error
 
 

@@ -75,8 +75,10 @@ class SessionControl:
         ElsewhereError
             A third seat is asking already.
         """
-        if self._holder is None or holder.id == self._holder.id or holder.name == self._holder.name:
+        if self._holder is None or self._holder.id == holder.id:
             self._holder, self._asking = holder, None
+        elif self._holder.name == holder.name:
+            self._holder = holder  # who asks meanwhile is answered there
         elif self._asking is None:
             self._asking = (holder, self.clock())
         elif self._asking[0].id != holder.id:

@@ -340,7 +340,7 @@ def store_twice(config: CellConfig) -> None:
         nominal_sha256="0" * 64,
         made_at="2026-01-01T00:00:00+00:00",
         made_by="anna",
-        source="robot_calibration",
+        source=f"identification: cell_7.csv, sha256 {'ab' * 32}",
         values=(ParameterValue("J1 offset", "rad", 0.001, 0.0001), ParameterValue("J2 offset", "rad", 0.002)),
     )
     sets = ParameterSets(config.path.parent / "parameter_sets")
@@ -369,6 +369,8 @@ async def test_parameter_sets_and_what_changed_between_them(tmp_path: Path) -> N
             await client.get("/api/parameters/none"),
             await client.get("/api/parameters/diff"),
         ]
+    template = "identification: {file}, sha256 {sha256}"  # the set's own file holds English alone
+    assert {message["template"] for each in listed for message in each["messages"].values()} == {template}
     assert [(each["version"], each["made_by"]) for each in listed] == [(1, "anna"), (2, "bert")]
     (change,) = changed["changes"]
     assert (change["name"], change["before"], change["after"]) == ("J1 offset", 0.001, 0.0015)

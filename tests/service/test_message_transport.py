@@ -86,7 +86,10 @@ def test_chinese_sentences_that_are_only_filled_in_end_with_its_own_stop(templat
 def test_a_chinese_part_that_begins_with_a_mark_has_no_space_before_it() -> None:
     part = make_message(" with {other}", other="J2 d")
     text = make_message("{parameter} cannot be told{partner}", parameter="J1 d", partner=part)
-    table = {"{parameter} cannot be told{partner}": "无法确定 {parameter}{partner}", "with {other}": "，连同 {other}"}  # noqa: RUF001
+    table = {
+        "{parameter} cannot be told{partner}": "无法确定 {parameter}{partner}",
+        "with {other}": "，连同 {other}",
+    }  # noqa: RUF001
     assert Translations("zh", table).translate(text) == "无法确定 J1 d，连同 J2 d"  # noqa: RUF001
 
 
