@@ -40,6 +40,7 @@ from cellcal.service.translation import Locale, Translations, writes_commas
 from cellcal.service.web import history
 from cellcal.service.web.dependencies import Person, person_of
 from cellcal.service.web.error_responses import respond_to_error
+from cellcal.service.web.response_models import MessageJsonResponse
 from tests.procedures.certified_runs import cell_config, run_in
 from tests.procedures.procedure_scenes import user_frame_scene
 from tests.service.printed_documents import HtmlText, PdfReader, squeeze_text, verify_paper
@@ -304,7 +305,7 @@ def test_check_poses_are_distinguished_from_fitted_ones() -> None:
 @asynccontextmanager
 async def viewer_client(config: CellConfig) -> AsyncIterator[httpx.AsyncClient]:
     """Open the routes to a viewer: they allow reading only."""
-    app = FastAPI()
+    app = FastAPI(default_response_class=MessageJsonResponse)
     app.include_router(history.router, prefix="/api")
     app.add_exception_handler(CellError, respond_to_error)
     app.dependency_overrides[person_of] = lambda: Person("vera", "viewer")

@@ -200,7 +200,10 @@ async def test_a_run_that_settings_did_not_let_begin_names_them_as_the_form_does
     page_viewer: PageViewer,
 ) -> None:
     async with page_viewer.open_page("#/procedure/six_point_tcp", locale="es") as page:
-        await page.get_by_test_id("start").click()
+        await expect(
+            page.get_by_test_id("start")
+        ).to_be_disabled()  # another client may start it nevertheless
+        await page_viewer.send_order(op="start", procedure="six_point_tcp", settings={}, hold_to_move=False)
         reason = page.get_by_test_id("reason")
         await expect(reason).to_contain_text("Número de la herramienta")
         outcome = page.get_by_test_id("outcome")
