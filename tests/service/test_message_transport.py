@@ -88,9 +88,9 @@ def test_a_chinese_part_that_begins_with_a_mark_has_no_space_before_it() -> None
     text = make_message("{parameter} cannot be told{partner}", parameter="J1 d", partner=part)
     table = {
         "{parameter} cannot be told{partner}": "无法确定 {parameter}{partner}",
-        "with {other}": "，连同 {other}",
-    }  # noqa: RUF001
-    assert Translations("zh", table).translate(text) == "无法确定 J1 d，连同 J2 d"  # noqa: RUF001
+        "with {other}": "\uff0c连同 {other}",
+    }
+    assert Translations("zh", table).translate(text) == "无法确定 J1 d\uff0c连同 J2 d"
 
 
 @pytest.mark.parametrize("axes", ["1, 2, 3", "axes 1, 2, 3", "2"])
