@@ -383,6 +383,7 @@ DEFINITION = ProcedureDefinition(
     procedure=frame_offset,
     spec_type=FrameOffset,
     needs=("writes_user_frame",),
+    commands_motion=False,
     outline=_outline_phases,
     results_to_store=_results_to_store,
     verdict=_make_verdict,

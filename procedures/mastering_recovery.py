@@ -294,6 +294,7 @@ DEFINITION = ProcedureDefinition(
     outline=_outline_phases,
     results_to_store=_results_to_store,
     epoch_may_change=True,
+    needs_position=False,
     verdict=_make_verdict,
     forecast=_forecast_run,
 )

@@ -238,6 +238,7 @@ DEFINITION = ProcedureDefinition(
     spec_type=MasteringUndo,
     needs=("writes_mastering", "model"),
     wants=("backup",),
+    needs_position=False,
     outline=_outline_phases,
     results_to_store=_results_to_store,
     verdict=_make_verdict,

@@ -241,6 +241,7 @@ DEFINITION = ProcedureDefinition(
     outline=_outline_phases,
     results_to_store=_results_to_store,
     epoch_may_change=True,
+    needs_position=False,
     verdict=lambda spec, result: verdict_on_cure(spec.limit_rad, result),
     forecast=_forecast_run,
 )

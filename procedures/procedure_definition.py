@@ -62,6 +62,8 @@ class ProcedureDefinition:
     outline: Callable[[Any], tuple[Phase, ...]]
     results_to_store: Callable[[Any, Any], StoredResult | tuple[StoredResult, ...] | None]  # spec, result
     epoch_may_change: bool = False  # it expects a lost position; it checks the epoch itself
+    needs_position: bool = True  # it refuses a robot that has lost its position
+    commands_motion: bool = True  # else a person moves the arm, or it stands still
     wants: tuple[str, ...] = ()  # what its steps will refuse without; told beforehand in lists and dry runs
     verdict: Callable[[Any, Any], ProcedureVerdict] | None = (
         None  # spec, result: what it claims and what it does not

@@ -360,6 +360,7 @@ DEFINITION = ProcedureDefinition(
     procedure=six_point_tcp,
     spec_type=SixPointTcp,
     needs=("writes_tool_frame",),
+    commands_motion=False,
     outline=_outline_phases,
     results_to_store=_results_to_store,
     verdict=_make_verdict,

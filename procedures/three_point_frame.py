@@ -313,6 +313,7 @@ DEFINITION = ProcedureDefinition(
     procedure=three_point_frame,
     spec_type=ThreePointFrame,
     needs=("writes_user_frame",),
+    commands_motion=False,
     outline=_outline_phases,
     results_to_store=_results_to_store,
     verdict=_make_verdict,

@@ -31,6 +31,7 @@ _KINDS = ("procedures", "settings", "refusals")
 _COMMA = ("de", "es")
 _UNITS = ("", "%", "mm", "m", "deg", "rad")  # what may stand behind the number of an argument
 _PUNCTUATION = frozenset(" .,;:\n")
+_CHINESE_MARKS = tuple("，；：、。（")  # noqa: RUF001 - Chinese
 _LIST = "; "
 _NAMES = ", "  # between the names of a list
 
@@ -157,6 +158,8 @@ def _is_name(text: str) -> bool:
 def _with_spaces_of(english: str, translated: str) -> str:
     """Return a translation with the spaces around the English text, which may be a part of another."""
     before, after = len(english) - len(english.lstrip()), len(english) - len(english.rstrip())
+    if translated.strip()[:1] in _CHINESE_MARKS:  # which have no space before them
+        before = 0
     return english[:before] + translated.strip() + (english[-after:] if after else "")
 
 

@@ -126,7 +126,11 @@ def content_of(config: CellConfig, journal: Journal, run_id: str) -> dict[str, A
     damage = journal.verify_chain()
     if damage is not None:
         raise CertificateError(
-            f"the journal is damaged after event {damage.after_seq}: {damage.reason}. Nothing is certified from it.",
+            make_message(
+                "the journal is damaged after event {events}: {flaw}. Nothing is certified from it.",
+                events=damage.after_seq,
+                flaw=damage.reason,
+            ),
             remedy="Restore a backup of data_dir.",
             code="store.damaged",
         )

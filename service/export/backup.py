@@ -65,7 +65,7 @@ def back_up(config: CellConfig, target: Path, passphrase: str | None = None) -> 
     data_dir = config.cell.data_dir
     if not journal_path(config).exists():
         raise BackupError(
-            f"{data_dir} holds no journal: there is nothing to keep.",
+            make_message("{data_dir} holds no journal: there is nothing to keep.", data_dir=data_dir),
             remedy="See data_dir of the cell file.",
             code="usage",
         )
@@ -114,7 +114,11 @@ def refuse_damaged_certificates(folder: Path) -> int:
         checked = check_document(raw) if isinstance(raw, bytes) else raw
         if checked.finding is not CheckFinding.INTACT:
             raise BackupError(
-                f"{path.name} is no certificate as it was signed: {checked.sentence}",
+                make_message(
+                    "{file} is no certificate as it was signed: {finding}",
+                    file=path.name,
+                    finding=checked.sentence,
+                ),
                 remedy="Find out who changed it. Move it away: `cellcal certificate` makes it anew from the journal.",
                 code="store.damaged",
             )
@@ -169,8 +173,12 @@ def _head_of(copy: Path) -> tuple[int, str]:
     events, head, flaw = journal_flaw(copy)
     if flaw:
         raise BackupError(
-            f"the journal is damaged after event {events}: {flaw}. It is not backed up, or a good backup might make "
-            "room for it.",
+            make_message(
+                "the journal is damaged after event {events}: {flaw}. It is not backed up, or a good backup might "
+                "make room for it.",
+                events=events,
+                flaw=flaw,
+            ),
             remedy="Copy the whole data_dir by hand, then restore the last backup.",
             code="store.damaged",
         )
@@ -230,7 +238,9 @@ def _copy_database(source: Path, copy: Path) -> None:
             target.execute("PRAGMA journal_mode=DELETE")  # one file, whole in itself
     except sqlite3.Error as error:
         raise BackupError(
-            f"{source} cannot be copied: {error}.", remedy="Look at its disk.", code="store.io"
+            make_message("{source} cannot be copied: {error}.", source=source, error=error),
+            remedy="Look at its disk.",
+            code="store.io",
         ) from error
 
 

@@ -4,6 +4,7 @@ A stop needs no control, and letting the hold button go needs none. Control is f
 when its holder signs out, is locked out by idling, or may no longer run anything. A request that the holder leaves
 unanswered for half a minute is granted when the page that made it asks again: one that left meanwhile gets nothing.
 A holder without an open page answers nothing: then it takes a few seconds, which a page that is reloaded needs.
+Who has control on another screen already goes on at this one at once: nobody else is asked.
 """
 
 import time
@@ -67,7 +68,7 @@ class SessionControl:
         self._holder = holder
 
     def request_control(self, holder: SessionHolder) -> None:
-        """Ask to take over; asked again after half a minute without an answer, it is given.
+        """Ask to take over: given at once to the holder's other screen, to another person after half a minute.
 
         Raises
         ------
@@ -76,6 +77,8 @@ class SessionControl:
         """
         if self._holder is None or self._holder.id == holder.id:
             self._holder, self._asking = holder, None
+        elif self._holder.name == holder.name:
+            self._holder = holder  # who asks meanwhile is answered there
         elif self._asking is None:
             self._asking = (holder, self.clock())
         elif self._asking[0].id != holder.id:

@@ -72,6 +72,8 @@ class ProcedureAvailability:
     when: str = ""  # to use it
     minutes: tuple[int, int] = (0, 0)  # that it usually takes
     for_other_controllers: bool = False  # this robot's controller has another procedure for it
+    needs_position: bool = True  # it refuses a robot that has lost its position
+    commands_motion: bool = True  # else a person moves the arm, or it stands still
 
 
 def dry_run(
@@ -127,6 +129,8 @@ def _availability(entry: ProcedureDefinition, cell: Cell | None, due: date | Non
         when=guide.when,
         minutes=guide.minutes,
         for_other_controllers=cell is not None and is_for_other_controllers(entry, cell),
+        needs_position=entry.needs_position,
+        commands_motion=entry.commands_motion,
     )
 
 

@@ -194,7 +194,10 @@ def _read_site(folder: Path) -> _SiteFile:
     try:
         return _SiteFile.model_validate_json(read_plain_bytes(folder / SITE_FILE))
     except (OSError, ValidationError) as error:
-        raise SiteError(f"{folder / SITE_FILE} cannot be used: {error}.", remedy="Restore it.") from error
+        raise SiteError(
+            make_message("{path} cannot be used: {reason}.", path=folder / SITE_FILE, reason=error),
+            remedy="Restore it.",
+        ) from error
 
 
 def _read_enrolled(folder: Path, site: _SiteFile) -> StationsFile:
@@ -202,7 +205,9 @@ def _read_enrolled(folder: Path, site: _SiteFile) -> StationsFile:
     try:
         found = StationsFile.model_validate_json(read_plain_bytes(path))
     except (OSError, ValidationError) as error:
-        raise SiteError(f"{path} cannot be used: {error}.", remedy="Restore it.") from error
+        raise SiteError(
+            make_message("{path} cannot be used: {reason}.", path=path, reason=error), remedy="Restore it."
+        ) from error
     if found.site != site.site:
         raise SiteError(f"{path} belongs to the site {found.site!r}.", remedy="Restore it.")
     return found

@@ -138,7 +138,7 @@ def _read_table(path: Path, what: type[_Known]) -> _Known:
         return what.model_validate_json(read_plain_bytes(path))
     except (OSError, ValidationError) as error:
         raise SiteError(
-            f"{path} cannot be used: {error}.",
+            make_message("{path} cannot be used: {reason}.", path=path, reason=error),
             remedy="Copy the folder that `cellcal site enroll` made, whole.",
             code="config",
         ) from error

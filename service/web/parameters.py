@@ -15,6 +15,7 @@ from cellcal.service.engineering.parameters.parameter_sets import (
     ParameterSets,
     compare_sets,
 )
+from cellcal.service.legacy_texts import remember_recorded_texts
 from cellcal.service.web.dependencies import Who, app_context
 from cellcal.service.web.worker import open_journal, store_of
 
@@ -162,6 +163,7 @@ def _compare_versions(
 
 
 def _to_head(found: ParameterSet) -> SetHead:
+    remember_recorded_texts([found.source, found.note])  # a file holds them in English alone
     return SetHead.model_validate(found)
 
 

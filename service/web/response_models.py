@@ -300,6 +300,8 @@ class ProcedureSeen(ResponseShape):
     for_other_controllers: Annotated[
         bool, Field(description="this robot's controller has another procedure for it")
     ]
+    needs_position: Annotated[bool, Field(description="it refuses a robot that has lost its position")]
+    commands_motion: Annotated[bool, Field(description="else a person moves the arm, or it stands still")]
     settings: Annotated[dict[str, Any], Field(description="JSON schema of the settings")]
 
 

@@ -82,6 +82,10 @@ CRAMPED = """(buttons) => {
         if (seen[i][2] === seen[j][2] && Math.max(dx, dy) < 8 - 0.01)
             wrong.push('close: ' + seen[i][0] + ' and ' + seen[j][0]);
     }
+    // The keys that stay at the bottom never stand over the words that they answer.
+    const [told, keys] = ['[data-testid=instruction]', '[data-testid=prompt] .buttons'].map(s => document.querySelector(s));
+    if (told && keys && told.getBoundingClientRect().bottom > keys.getBoundingClientRect().top + 1)
+        wrong.push('keys over the words that they answer');
     const lows = [['.main, [data-testid=hold], [data-testid=stop]', 75.5], ['[data-testid^=key-]', 64]]; // 20 mm
     for (const [keys, least] of lows) for (const e of document.querySelectorAll(keys))
         if (e.checkVisibility() && e.getBoundingClientRect().height < least)

@@ -40,6 +40,7 @@ from cellcal.service.translation import Locale, Translations, writes_commas
 from cellcal.service.web import history
 from cellcal.service.web.dependencies import Person, person_of
 from cellcal.service.web.error_responses import respond_to_error
+from cellcal.service.web.response_models import MessageJsonResponse
 from tests.procedures.certified_runs import cell_config, run_in
 from tests.procedures.procedure_scenes import user_frame_scene
 from tests.service.printed_documents import HtmlText, PdfReader, squeeze_text, verify_paper
@@ -304,7 +305,7 @@ def test_check_poses_are_distinguished_from_fitted_ones() -> None:
 @asynccontextmanager
 async def viewer_client(config: CellConfig) -> AsyncIterator[httpx.AsyncClient]:
     """Open the routes to a viewer: they allow reading only."""
-    app = FastAPI()
+    app = FastAPI(default_response_class=MessageJsonResponse)
     app.include_router(history.router, prefix="/api")
     app.add_exception_handler(CellError, respond_to_error)
     app.dependency_overrides[person_of] = lambda: Person("vera", "viewer")
@@ -340,7 +341,7 @@ def store_twice(config: CellConfig) -> None:
         nominal_sha256="0" * 64,
         made_at="2026-01-01T00:00:00+00:00",
         made_by="anna",
-        source="robot_calibration",
+        source=f"identification: cell_7.csv, sha256 {'ab' * 32}",
         values=(ParameterValue("J1 offset", "rad", 0.001, 0.0001), ParameterValue("J2 offset", "rad", 0.002)),
     )
     sets = ParameterSets(config.path.parent / "parameter_sets")
@@ -369,6 +370,8 @@ async def test_parameter_sets_and_what_changed_between_them(tmp_path: Path) -> N
             await client.get("/api/parameters/none"),
             await client.get("/api/parameters/diff"),
         ]
+    template = "identification: {file}, sha256 {sha256}"  # the set's own file holds English alone
+    assert {message["template"] for each in listed for message in each["messages"].values()} == {template}
     assert [(each["version"], each["made_by"]) for each in listed] == [(1, "anna"), (2, "bert")]
     (change,) = changed["changes"]
     assert (change["name"], change["before"], change["after"]) == ("J1 offset", 0.001, 0.0015)

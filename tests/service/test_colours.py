@@ -115,7 +115,7 @@ def test_each_theme_has_each_colour_and_each_is_used() -> None:
     text = "".join(path.read_text(encoding="utf-8") for path in sources())
     used_names = set(re.findall(r"(?:var\(|[\"'])(--[\w-]+?)(?=[)\"',])", text))
     steps = {f"--shade-{step}" for step in range(1, 7)}  # asked for by number
-    sizes = {"--gap", "--main-key", "--radius", "--device-fonts", "--acts", "--share", "--columns"}
+    sizes = {"--gap", "--main-key", "--radius", "--device-fonts", "--acts", "--share", "--columns", "--cut"}
     assert set(usual) - used_names - steps == set()
     assert {name for name in used_names if not name.startswith("--shade")} - set(usual) - sizes == set()
 

@@ -15,6 +15,7 @@ from tests.service.browser_pages import (
     NO_WEBGL,
     PATIENCE_MS,
     ROOT,
+    go_to_page,
     hold_to_rules,
     layout_faults,
     locales_for,
@@ -92,6 +93,13 @@ async def _check_first_of_all(page: Page) -> None:
     )
     await expect(page.get_by_test_id("intention-tool")).to_be_hidden()
     await expect(page.get_by_test_id("glance-position")).to_have_attribute("data-tone", "bad")
+    await go_to_page(page, "#/procedure/drift_check")
+    await expect(page.get_by_test_id("position-first")).to_be_visible()
+    await expect(page.get_by_test_id("start")).to_be_disabled()
+    await go_to_page(page, "#/procedure/mastering_recovery")
+    await expect(page.get_by_test_id("start")).to_be_enabled()
+    await page.evaluate("location.hash = '#/'")
+    await expect(page.get_by_test_id("loss-first")).to_be_visible()
     await expect(page.get_by_test_id("tour")).to_have_attribute("data-step", "2")
     await hold_to_rules(page, "home with a loss")
     await page.get_by_test_id("tour-leave").click()

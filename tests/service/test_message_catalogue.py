@@ -195,7 +195,7 @@ def test_translation_uses_no_regular_expression(file: str) -> None:
 
 
 def test_only_records_without_templates_are_taken_apart() -> None:
-    """`legacy_texts` is used for runs and cells of earlier versions and for signed certificates, and nowhere else."""
+    """`legacy_texts` is used for runs and cells of earlier versions, parameter sets and signed certificates, and nowhere else."""
     users = {
         str(file.relative_to(ROOT))
         for file in source_files()
@@ -206,6 +206,7 @@ def test_only_records_without_templates_are_taken_apart() -> None:
         "service/review/reviewer.py",
         "service/site/fleet.py",
         "service/web/history.py",
+        "service/web/parameters.py",
         "service/web/points.py",
     }
 

@@ -83,6 +83,16 @@ def test_chinese_sentences_that_are_only_filled_in_end_with_its_own_stop(templat
     assert Translations("de", {key: key.upper() for key in table}).translate(text).endswith(".")
 
 
+def test_a_chinese_part_that_begins_with_a_mark_has_no_space_before_it() -> None:
+    part = make_message(" with {other}", other="J2 d")
+    text = make_message("{parameter} cannot be told{partner}", parameter="J1 d", partner=part)
+    table = {
+        "{parameter} cannot be told{partner}": "无法确定 {parameter}{partner}",
+        "with {other}": "\uff0c连同 {other}",
+    }
+    assert Translations("zh", table).translate(text) == "无法确定 J1 d\uff0c连同 J2 d"
+
+
 @pytest.mark.parametrize("axes", ["1, 2, 3", "axes 1, 2, 3", "2"])
 def test_a_list_of_numbers_in_a_sentence_is_no_numbered_step(axes: str) -> None:
     text = make_message("the motors of {axes} are lost", axes=axes)

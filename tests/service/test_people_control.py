@@ -74,6 +74,22 @@ def test_a_holder_without_an_open_page_is_waited_for_only_as_long_as_a_reload_ta
     assert control.current_holder == TINA
 
 
+def test_a_person_goes_on_at_another_screen_at_once_and_answers_there() -> None:
+    control = SessionControl(ServiceClock())
+    other_screen = SessionHolder("4", TOM.name)
+    control.take_control(TOM)
+    control.request_control(TINA)
+    with pytest.raises(ElsewhereError, match="Tom"):
+        control.take_control(
+            other_screen
+        )  # an order alone takes nothing from a screen that may hold a button
+    control.request_control(other_screen)
+    assert (control.current_holder, control.takeover_requester) == (other_screen, TINA)
+    control.answer_request(TOM.id, give=False)  # that screen looks on now
+    control.answer_request(other_screen.id, give=True)
+    assert control.current_holder == TINA
+
+
 def test_a_request_can_be_refused_or_taken_back() -> None:
     control = SessionControl(ServiceClock())
     control.take_control(TOM)

@@ -112,7 +112,10 @@ async def _nothing_is_claimed_where_nothing_was_changed(page: Page, files: list[
 async def _ask_for_a_move(page: Page, files: list[Path]) -> None:
     await page.locator("nav a[href='#/programs']").click()
     await expect(page.get_by_test_id("make")).to_be_disabled()
+    await page.get_by_test_id("cell").select_option("here:fanuc")
     await page.get_by_test_id("files").set_input_files(files)
+    await expect(page.get_by_test_id("missing")).to_contain_text("No identified parameters")
+    await expect(page.get_by_test_id("make")).to_be_disabled()  # and nothing can be compensated
     await page.get_by_test_id("way-move").click()
     await page.get_by_test_id("cell").select_option("kept:door line, cell 1")
     await expect(page.get_by_test_id("missing")).to_be_visible()  # nothing has moved yet

@@ -49,6 +49,7 @@ NOT_FOR_PEOPLE = ENGLISH_ONLY | {
     "operator",
     "{1} {2}",
     "{1} is no fact",
+    "%s: the programs of before are not back: %s",  # of a log
     "due",
     "live",
     "length",

@@ -200,7 +200,10 @@ async def test_a_run_that_settings_did_not_let_begin_names_them_as_the_form_does
     page_viewer: PageViewer,
 ) -> None:
     async with page_viewer.open_page("#/procedure/six_point_tcp", locale="es") as page:
-        await page.get_by_test_id("start").click()
+        await expect(
+            page.get_by_test_id("start")
+        ).to_be_disabled()  # another client may start it nevertheless
+        await page_viewer.send_order(op="start", procedure="six_point_tcp", settings={}, hold_to_move=False)
         reason = page.get_by_test_id("reason")
         await expect(reason).to_contain_text("Número de la herramienta")
         outcome = page.get_by_test_id("outcome")
@@ -223,6 +226,10 @@ TAGS = b"tag,x,y,z\nP1,0.1,0.2,0.3\nP2,0.5,0.2,0.3\nP3,0.1,0.9,0.3\n"
 
 async def test_how_a_file_of_tags_is_written_is_set_in_fields(page_viewer: PageViewer) -> None:
     async with page_viewer.open_page("#/procedure/simulation_cell", size=(800, 1280)) as page:
+        needed, start = page.get_by_test_id("still-needed"), page.get_by_test_id("start")
+        await expect(needed).to_contain_text("Tags of the simulation, ")
+        await expect(start).to_be_disabled()  # the service would refuse it
+        await expect(page.get_by_test_id("hold-to-move")).to_have_count(0)  # nothing moves
         await page.get_by_test_id("value-part").select_option("base")
         await unfold_sections(page)
         for field, word in (("columns-position", " x,y, z"), ("sheet", "S"), ("columns-name", "tag")):
@@ -234,6 +241,8 @@ async def test_how_a_file_of_tags_is_written_is_set_in_fields(page_viewer: PageV
             await page.get_by_test_id(f"value-{name}").set_input_files(file)
             await expect(page.get_by_test_id(f"setting-{name}")).to_contain_text(f"{name}.csv")
         await fill_field(page, "simulated-sheet", "")
+        await expect(needed).to_have_count(0)
+        await expect(start).to_be_enabled()
         settings = (await request_forecast(page))["settings"]
         file_settings = {key: value for key, value in settings["simulated"].items() if key != "file"}
         assert file_settings == {

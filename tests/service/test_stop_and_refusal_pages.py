@@ -80,6 +80,11 @@ async def test_a_stopped_robot_is_shown_everywhere_until_it_is_released(
             await expect(page.get_by_test_id(button)).to_be_disabled(timeout=PATIENCE_MS)
         for control in ALWAYS:
             await stands_inside(page, control, size)
+        for below in (40, 80, 160, 320, 100_000):
+            await page.evaluate("below => scrollTo(0, below)", below)
+            await expect(banner).to_be_in_viewport(ratio=1.0, timeout=PATIENCE_MS)
+            assert not await layout_faults(page), below
+        await page.evaluate("scrollTo(0, 0)")
         tops = [(await _bounding_box(page.get_by_test_id(control)))["y"] for control in ("hold", "stop")]
         assert tops[0] == tops[1], "a second row hides what is asked"
         assert (await _bounding_box(page.locator("header")))["height"] <= 140, "no place is left for the step"

@@ -213,7 +213,8 @@ class BrowserTechnician:
         await self._save_picture(f"{story.procedure}_before")
         await FormFiller(self.page, self.words).fill_in(label_settings(story.procedure, story.settings))
         hold = self.page.get_by_role("checkbox", name=self.words.word("hold_each_move"), exact=True)
-        await hold.set_checked(story.hold)
+        if await hold.count():  # not where a person moves the arm
+            await hold.set_checked(story.hold)
         if story.settings:
             await self._save_picture(f"{story.procedure}_filled_in")
         start = self._button(self.page.get_by_role("main"), "start")

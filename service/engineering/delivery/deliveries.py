@@ -120,9 +120,7 @@ def hold_controller(copies: Path, address: str) -> Iterator[None]:
             ) from error
         except OSError as error:
             raise DeliveryRefusedError(
-                make_message(
-                    "{copies} cannot be used: {reason}.", copies=copies, reason=error.strerror or error
-                ),
+                make_message("{path} cannot be used: {reason}.", path=copies, reason=error.strerror or error),
                 remedy="Give another folder with --copies.",
             ) from error
         yield

@@ -80,7 +80,9 @@ def save_cell(
                 nominal_sha256=nominal_sha256(arm.fit.state.nominal),
                 made_at=who.made_at,
                 made_by=who.made_by,
-                source=f"identification of a cell: {measurements.name}, sha256 {digest}",
+                source=make_message(
+                    "identification of a cell: {file}, sha256 {sha256}", file=measurements.name, sha256=digest
+                ),
                 values=_arm_values(arm),
                 note=who.note,
             )

@@ -36,7 +36,7 @@ def save_identification(
         nominal_sha256=nominal_sha256(nominal),
         made_at=who.made_at,
         made_by=who.made_by,
-        source=f"identification: {measurements.name}, sha256 {digest}",
+        source=make_message("identification: {file}, sha256 {sha256}", file=measurements.name, sha256=digest),
         # Zero and scale belong to the wire, not to the arm.
         values=values_of_identification(
             (p for p in report.parameters if not p.name.startswith("wire ")),

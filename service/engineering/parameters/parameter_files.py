@@ -126,7 +126,9 @@ def import_file(sets: ParameterSets, path: Path, nominal: RobotModel, who: SetOr
         nominal_sha256=nominal_sha256(nominal),
         made_at=who.made_at,
         made_by=who.made_by,
-        source=f"{content.what}: {path.name}, sha256 {digest}",
+        source=make_message(
+            "{what}: {file}, sha256 {sha256}", what=content.what, file=path.name, sha256=digest
+        ),
         values=content.values,
         note=who.note,
         factory_hash=content.factory_hash or factory_hash,
@@ -224,7 +226,9 @@ def _of_set(item: ParameterSet, nominal: RobotModel) -> _FileContent:
     calibrated_model(nominal, item)
     return _FileContent(
         item.values,
-        f"parameter set {item.robot_serial} version {item.version}",
+        make_message(
+            "parameter set {serial} version {version}", serial=item.robot_serial, version=item.version
+        ),
         item.factory_hash,
         robot_serial=item.robot_serial,
     )

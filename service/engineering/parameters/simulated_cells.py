@@ -123,7 +123,9 @@ def save_robot(found: CalibratedPart, spec: SimulationCell, folder: Path, who: S
         ParameterValue(v.name, v.unit, v.value, v.standard_uncertainty, determined=v.name not in hidden)
         for v in robot.values
     )
-    source = f"tags: {spec.simulated.source}, {spec.measured.source}"
+    source = make_message(
+        "tags: {simulated}, {measured}", simulated=spec.simulated.source, measured=spec.measured.source
+    )
     draft = ParameterSet(
         who.robot_serial,
         robot.model,

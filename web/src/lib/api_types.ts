@@ -580,6 +580,8 @@ export interface ProcedureSeen {
   when: string;
   minutes: number[];
   for_other_controllers: boolean;
+  needs_position: boolean;
+  commands_motion: boolean;
   settings: Record<string, unknown>;
   messages?: TextMessages;
 }

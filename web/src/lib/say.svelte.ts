@@ -21,6 +21,7 @@ const SENTENCED = /\p{Ll} \p{Ll}/u; // a name is no reason to fetch what refusal
 const SENTENCE = /(?<=[.?!])\s+/;
 const STOPPED = /[.。?？!！]$/;
 const BEGINNING = /^\p{Ll}(?!\S*[._\d]\S)/u; // of a sentence; a file's name stays as it is
+const CHINESE_MARK = /^[，；：、。（]/; // has no space before it
 const WORD = /\p{L}{2}/u; // a name like "x" is the same everywhere
 const UNITS = ["", "%", "mm", "m", "deg", "rad"];
 const LISTED = /(?:^|\s)\d+,$/; // before the last of several numbers: a list, and no step
@@ -255,7 +256,7 @@ function wholeSentence({ text, english }: Spoken): string {
 const withSpacesOf = (text: string, translated: string | null): string | null =>
   translated === null
     ? null
-    : `${text.startsWith(" ") ? " " : ""}${translated.trim()}${text.endsWith(" ") && language.locale !== "zh" ? " " : ""}`;
+    : `${text.startsWith(" ") && !CHINESE_MARK.test(translated.trim()) ? " " : ""}${translated.trim()}${text.endsWith(" ") && language.locale !== "zh" ? " " : ""}`;
 
 const isCount = (text: string): boolean => text !== "" && [...text].every((letter) => letter >= "0" && letter <= "9");
 

@@ -48,6 +48,11 @@ export function roundBound(bound: number, towards: "up" | "down"): number {
   return Number((whole * step).toPrecision(3));
 }
 
+const WRITTEN: Record<string, string> = { inch: "in", deg: "°" };
+
+/** A unit that a file may be in, as people write it in every language. */
+export const unitOfFile = (name: string): string => WRITTEN[name] ?? name;
+
 const SAME_UNIT: Record<string, Record<string, number>> = {
   mm: { mm: 1, cm: 10, m: 1000, µm: 1e-3, μm: 1e-3, um: 1e-3 },
   "°": { "°": 1, deg: 1, rad: PER_DEGREE, mrad: PER_DEGREE / 1000 },

@@ -61,8 +61,8 @@ function partsOf(value: unknown): Record<string, unknown> {
 /** A value with its unit. */
 export function written(value: unknown, unit: Unit): string {
   if (value === null || value === undefined || (Array.isArray(value) && value.length === 0)) return NOTHING;
-  if (typeof value === "number") return number(value, unit) + named(unit);
-  if (isNumbers(value)) return value.map((each) => number(each, unit)).join(" / ") + named(unit);
+  if (typeof value === "number") return number(value, unit) + unitBehind(unit);
+  if (isNumbers(value)) return value.map((each) => number(each, unit)).join(" / ") + unitBehind(unit);
   if (Array.isArray(value)) return sayings.listed(...value);
   if (typeof value === "boolean") return language.t(value ? "yes" : "no");
   const words = String(value);
@@ -73,7 +73,7 @@ export function written(value: unknown, unit: Unit): string {
 function difference(before: unknown, after: unknown, unit: Unit): string {
   const [old, fresh] = [before, after].map((value) => (typeof value === "number" ? [value] : value));
   if (!isNumbers(old) || !isNumbers(fresh) || old.length !== fresh.length) return "";
-  return fresh.map((each, i) => (each > old[i]! ? "+" : "") + number(each - old[i]!, unit)).join(" / ") + named(unit);
+  return fresh.map((each, i) => (each > old[i]! ? "+" : "") + number(each - old[i]!, unit)).join(" / ") + unitBehind(unit);
 }
 
 const number = (value: number, unit: Unit): string => {
@@ -81,4 +81,5 @@ const number = (value: number, unit: Unit): string => {
   return language.number(value * unit.factor, digits);
 };
 
-const named = (unit: Unit): string => (unit.name === "" || unit.name.startsWith("°") ? unit.name : ` ${unit.name}`);
+/** A unit as it stands behind a number: degrees without a gap. */
+export const unitBehind = (unit: Unit): string => (unit.name === "" || unit.name.startsWith("°") ? unit.name : ` ${unit.name}`);
