@@ -22,7 +22,7 @@ class IdentifyOutputs:
     def refuse_unwritable(self, robot: str, *, residual_model: bool) -> None:
         """Refuse before the work rather than after it."""
         from cellcal.service.engineering.identification.identify_outputs import refuse_saving
-        from cellcal.service.engineering.identification.project_axes import needs_owner
+        from cellcal.service.engineering.identification.project_axes import AXES_FILE, needs_owner
         from cellcal.service.engineering.measured.table import MeasurementError
 
         if residual_model:
@@ -33,6 +33,11 @@ class IdentifyOutputs:
             raise MeasurementError(
                 "a parameter set belongs to one robot and to the person who measured it.",
                 remedy="Give `--serial` and `--by`.",
+            )
+        if self.project_axes is not None and (self.project_axes / AXES_FILE).exists():
+            raise MeasurementError(
+                f"{self.project_axes / AXES_FILE} is there already, perhaps with what its owner added.",
+                remedy="Name another folder, or move that file away.",
             )
 
     def write_files(self, report: "IdentifyReport", measurements: Path) -> None:

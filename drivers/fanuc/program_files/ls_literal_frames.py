@@ -82,8 +82,8 @@ def written_frames(positions: Positions, data: bytes, *, others_set: bool) -> Wr
             number = column[row]
             if number is None or not number.isdigit():
                 continue
-            held = {states[each].get((which, int(number), 0)) for each in at}
-            coordinates = held.pop() if len(held) == 1 else None
+            values = {states[each].get((which, int(number), 0)) for each in at}
+            coordinates = values.pop() if len(values) == 1 else None
             if coordinates is not None:
                 name = f"{number}{NUMBERS}{','.join(repr(each + 0.0).removesuffix('.0') for each in coordinates)}}}"
                 found.names[which, row] = name

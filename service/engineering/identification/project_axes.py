@@ -88,7 +88,12 @@ def write_project_axes(
             remedy="Measure more postures, or ask for `--level 2`.",
         )
     state = report.identification.state
-    source = f"{measurements.name}, sha256 {hashlib.sha256(read_plain_bytes(measurements)).hexdigest()}"
+    digest = hashlib.sha256(read_plain_bytes(measurements)).hexdigest()
+    source = make_message(
+        "identification of the arm on its track: {file}, sha256 {sha256}",
+        file=measurements.name,
+        sha256=digest,
+    )
     files = {}
     if tracks := _leading_slides(state.nominal):
         carried = _carried_reference(state.nominal, tracks)
@@ -100,8 +105,8 @@ def write_project_axes(
         head, tables = "", [axis.as_table("positioner") for axis in _positioner_axes(state)]
     commented = "".join(f"# {line}\n" for line in head.splitlines())
     files[AXES_FILE] = (
-        f"# Identified by cellcal from {source}. Tables for a project.toml:\n{commented}\n"
-        + "\n".join(tables)
+        f"# Identified by cellcal from {measurements.name}, sha256 {digest}. "
+        f"Tables for a project.toml:\n{commented}\n" + "\n".join(tables)
     )
     folder.mkdir(parents=True, exist_ok=True)
     for name, text in files.items():
@@ -253,7 +258,7 @@ def _carried_arm(
         nominal_sha256=nominal_sha256(arm),
         made_at=who.made_at,
         made_by=who.made_by,
-        source=f"identification of the arm on its track: {source}",
+        source=source,
         values=tuple(_renamed(value, names[value.name]) for value in values),
         note=who.note,
         version=1,

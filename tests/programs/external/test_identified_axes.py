@@ -171,6 +171,12 @@ def test_what_a_person_has_to_complete_is_named(tmp_path: Path, capsys: pytest.C
     said = capsys.readouterr().err
     assert 'axis = "E1"' in said
     assert "coordinated" in said
+    (out / "axes.toml").write_text("completed by a person")
+    assert (
+        run_command_line(["identify", str(path), "--robot", TRACK, "--project-axes", str(out), *OWNER]) != 0
+    )
+    assert "Name another folder" in " ".join(capsys.readouterr().err.split())
+    assert (out / "axes.toml").read_text() == "completed by a person"
 
 
 def test_a_positioner_that_was_identified_stands_where_it_turns(tmp_path: Path) -> None:
