@@ -63,7 +63,7 @@ class NodeSearch:
             ua.UInt32(0),
             ua.UInt32(_ALL_FIELDS),
         )
-        references = (await self._browse([description]))[0]
+        references = (await self._browse_nodes([description]))[0]
         found = [
             FoundChild(
                 reference.BrowseName.Name or "",
@@ -116,7 +116,7 @@ class NodeSearch:
                 ua.UInt32(0),
                 ua.UInt32(_ALL_FIELDS),
             )
-            above = (await self._browse([description]))[0]
+            above = (await self._browse_nodes([description]))[0]
             if not above:
                 return False
             at = self._to_local(above[0].NodeId)
@@ -125,15 +125,17 @@ class NodeSearch:
             visited.add(at)
         return True
 
-    async def _browse(self, descriptions: list[ua.BrowseDescription]) -> list[list[ua.ReferenceDescription]]:
+    async def _browse_nodes(
+        self, descriptions: list[ua.BrowseDescription]
+    ) -> list[list[ua.ReferenceDescription]]:
         parameters = ua.BrowseParameters(NodesToBrowse=descriptions)
         results = await self._link.ask(
             lambda session: session.browse(parameters), "the nodes below another one"
         )
         self._check_count(results, len(descriptions))
-        return [await self._complete(result) for result in results]
+        return [await self._complete_result(result) for result in results]
 
-    async def _complete(self, result: ua.BrowseResult) -> list[ua.ReferenceDescription]:
+    async def _complete_result(self, result: ua.BrowseResult) -> list[ua.ReferenceDescription]:
         """Return what a browse found, with all that the server left off at first."""
         self._check_status(result.StatusCode)
         references = list(result.References or [])

@@ -30,7 +30,7 @@ def read_float(device: str, node: str, value: ua.DataValue) -> float:
     WireProtocolError
         It is no number, or not a finite one.
     """
-    number = float(_content(device, node, value, _FLOATS))
+    number = float(_content_of(device, node, value, _FLOATS))
     if not math.isfinite(number):
         raise _type_error(device, node, repr(number))
     return number
@@ -38,18 +38,18 @@ def read_float(device: str, node: str, value: ua.DataValue) -> float:
 
 def read_integer(device: str, node: str, value: ua.DataValue) -> int:
     """Return a whole number; raises as `read_float`."""
-    return int(_content(device, node, value, _INTEGERS))
+    return int(_content_of(device, node, value, _INTEGERS))
 
 
 def read_flag(device: str, node: str, value: ua.DataValue) -> bool:
     """Return a truth value; raises as `read_float`."""
-    return bool(_content(device, node, value, frozenset((ua.VariantType.Boolean,))))
+    return bool(_content_of(device, node, value, frozenset((ua.VariantType.Boolean,))))
 
 
 def read_text(device: str, node: str, value: ua.DataValue) -> str:
     """Return a text, also one with a locale; raises as `read_float`."""
     allowed = frozenset((ua.VariantType.String, ua.VariantType.LocalizedText))
-    content = _content(device, node, value, allowed, may_be_empty=True)
+    content = _content_of(device, node, value, allowed, may_be_empty=True)
     return str((content.Text if isinstance(content, ua.LocalizedText) else content) or "").strip()
 
 
@@ -65,7 +65,7 @@ def read_texts(device: str, node: str, value: ua.DataValue) -> tuple[str, ...]:
 
 def read_structure(device: str, node: str, value: ua.DataValue) -> object:
     """Return what a structured value holds; raises as `read_float`."""
-    return _content(device, node, value, frozenset((ua.VariantType.ExtensionObject,)))
+    return _content_of(device, node, value, frozenset((ua.VariantType.ExtensionObject,)))
 
 
 def check_value_count(device: str, values: Sequence[ua.DataValue], expected: int) -> None:
@@ -78,7 +78,7 @@ def check_value_count(device: str, values: Sequence[ua.DataValue], expected: int
         )
 
 
-def _content(
+def _content_of(
     device: str,
     node: str,
     value: ua.DataValue,

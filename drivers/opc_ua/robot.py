@@ -119,7 +119,7 @@ class OpcUaRobot:
         await self._link.close()
 
     async def identify(self) -> Identity:
-        async with self._deadline("asking who it is"):
+        async with self._answer_deadline("asking who it is"):
             nodes, values = await self._read(lambda nodes: (*nodes.plate, *nodes.software))
         maker, model, code, serial = (
             read_text(self.name, name, value) for name, value in zip(PLATE, values, strict=False)
@@ -131,7 +131,7 @@ class OpcUaRobot:
 
     async def identity_doubts(self) -> str:
         """Say where the times of the positions do not show that they still come from the arm."""
-        async with self._deadline("reading the joints"):
+        async with self._answer_deadline("reading the joints"):
             _, values = await self._read(
                 lambda nodes: (_CURRENT_TIME, *(axis.position for axis in nodes.axes))
             )
@@ -141,7 +141,7 @@ class OpcUaRobot:
 
     async def read_condition(self) -> Condition:
         try:
-            async with self._deadline("asking its condition"):
+            async with self._answer_deadline("asking its condition"):
                 states = await self._read_safety()
                 await self._read_positions()  # an axis whose position is not good is not ready
         except (UnreachableError, DeviceTimeoutError, WrongDeviceError) as error:
@@ -151,7 +151,7 @@ class OpcUaRobot:
         return condition_of(states)
 
     async def read_joints(self) -> JointReading:
-        async with self._deadline("reading the joints"):
+        async with self._answer_deadline("reading the joints"):
             reading = await self._read_positions()
             while self._standstill.is_moving() is None:  # the readings so far do not tell
                 await asyncio.sleep(_POLL_S)
@@ -170,7 +170,7 @@ class OpcUaRobot:
 
     async def active_frames(self) -> ActiveFrames:
         """Return where the axes beside the arm stand; tool, frame and payload are not shown by OPC 40010-1."""
-        async with self._deadline("reading the external axes"):
+        async with self._answer_deadline("reading the external axes"):
             nodes, values = await self._read(lambda nodes: [axis.position for axis in nodes.external])
         return ActiveFrames(
             external_axes=tuple(
@@ -180,7 +180,7 @@ class OpcUaRobot:
         )
 
     async def controller_mode(self) -> str:
-        async with self._deadline("reading the mode"):
+        async with self._answer_deadline("reading the mode"):
             states = await self._read_safety()
         if not states:
             raise missing_node_error(self.name, "SafetyStates/OperationalMode")
@@ -192,7 +192,7 @@ class OpcUaRobot:
                 raise missing_node_error(self.name, f"{nodes.device_name}/ParameterSet/SpeedOverride")
             return (nodes.speed_override,)
 
-        async with self._deadline("reading the speed override"):
+        async with self._answer_deadline("reading the speed override"):
             _, values = await self._read(choose)
         return check_override(self.name, read_float(self.name, "SpeedOverride", values[0]) / 100.0)
 
@@ -225,7 +225,7 @@ class OpcUaRobot:
         while (await self.read_joints()).moving:  # noqa: ASYNC110  the server sends no event when an arm stands
             await asyncio.sleep(_POLL_S)
 
-    def _deadline(self, doing: str) -> AbstractAsyncContextManager[None]:
+    def _answer_deadline(self, doing: str) -> AbstractAsyncContextManager[None]:
         return answer_deadline(self.name, self._options.deadline_s, doing, is_half=self._link.is_half)
 
     async def _read_positions(self) -> JointReading:
@@ -257,7 +257,7 @@ class OpcUaRobot:
 
     async def _read_safety(self) -> list[SafetyState]:
         def choose(nodes: RobotNodes) -> Sequence[ua.NodeId]:
-            return [each for state in nodes.safety for each in _members(state)]
+            return [each for state in nodes.safety for each in _nodes_of_state(state)]
 
         nodes, values = await self._read(choose)
         states = []
@@ -345,5 +345,5 @@ class OpcUaRobot:
             )
 
 
-def _members(state: SafetyNodes) -> tuple[ua.NodeId, ua.NodeId, ua.NodeId]:
+def _nodes_of_state(state: SafetyNodes) -> tuple[ua.NodeId, ua.NodeId, ua.NodeId]:
     return state.mode, state.emergency_stop, state.protective_stop

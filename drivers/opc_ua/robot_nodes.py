@@ -96,9 +96,9 @@ class RobotFinder:
         system, device, device_name = await self._choose_device()
         plate = await self._search.follow([(device, [self._di_name(name)]) for name in PLATE])
         for name, node_id in zip(PLATE, plate, strict=True):
-            self._require(node_id, f"{device_name}/{name}")
+            self._require_node(node_id, f"{device_name}/{name}")
         override = await self._search.follow(
-            [(device, [self._di_name("ParameterSet"), self._name("SpeedOverride")])]
+            [(device, [self._di_name("ParameterSet"), self._qualified_name("SpeedOverride")])]
         )
         return RobotNodes(
             namespaces=self._namespaces,
@@ -116,8 +116,8 @@ class RobotFinder:
         """Return system and motion device, and the device's name in messages."""
         device_set = ua.NodeId(_DEVICE_SET, self._di)
         found: list[tuple[FoundChild, FoundChild]] = []
-        for system in await self._search.children_of_type(device_set, self._type(_SYSTEM_TYPE)):
-            devices = await self._members(system.node_id, "MotionDevices", _DEVICE_TYPE)
+        for system in await self._search.children_of_type(device_set, self._type_id(_SYSTEM_TYPE)):
+            devices = await self._find_members(system.node_id, "MotionDevices", _DEVICE_TYPE)
             found += [(system, device) for device in devices]
         device_name = self._selection.motion_device
         fitting = [
@@ -128,7 +128,7 @@ class RobotFinder:
         raise self._choice_error([f"{system.name}/{device.name}" for system, device in found])
 
     async def _find_axes(self, device: ua.NodeId, device_name: str) -> tuple[AxisNodes, ...]:
-        children = await self._members(device, "Axes", _AXIS_TYPE)
+        children = await self._find_members(device, "Axes", _AXIS_TYPE)
         names = order_axes(
             self._link.device,
             [child.name for child in children],
@@ -136,17 +136,17 @@ class RobotFinder:
             self._selection.axis_count,
         )
         by_name = {child.name: child.node_id for child in children}
-        position = [self._di_name("ParameterSet"), self._name("ActualPosition")]
+        position = [self._di_name("ParameterSet"), self._qualified_name("ActualPosition")]
         units = [*position, ua.QualifiedName("EngineeringUnits", 0)]
         paths: list[tuple[ua.NodeId, Sequence[ua.QualifiedName]]] = []
         for name in names:
             at = by_name[name]
-            paths += [(at, position), (at, units), (at, [self._name("MotionProfile")])]
+            paths += [(at, position), (at, units), (at, [self._qualified_name("MotionProfile")])]
         ends = await self._search.follow(paths)
         found: list[ua.NodeId] = []
         for (start, path), node_id in zip(paths, ends, strict=True):
             name = next(each for each in names if by_name[each] == start)
-            found.append(self._require(node_id, f"{device_name}/{name}/{path[-1].Name}"))
+            found.append(self._require_node(node_id, f"{device_name}/{name}/{path[-1].Name}"))
         return tuple(AxisNodes(name, *found[3 * k : 3 * k + 3]) for k, name in enumerate(names))
 
     async def _find_external(
@@ -154,16 +154,16 @@ class RobotFinder:
     ) -> tuple[ExternalAxisNode, ...]:
         """Return the axes beside the arm; another robot of the server moves as it likes, and is none of them."""
         found: list[tuple[str, ua.NodeId]] = []
-        for one in await self._members(system, "MotionDevices", _DEVICE_TYPE):
+        for one in await self._find_members(system, "MotionDevices", _DEVICE_TYPE):
             if one.node_id != device and not await self._is_no_robot(one.node_id):
                 continue
-            beside = await self._members(one.node_id, "Axes", _AXIS_TYPE)
+            beside = await self._find_members(one.node_id, "Axes", _AXIS_TYPE)
             found += [
                 (f"{one.name}/{axis.name}", axis.node_id)
                 for axis in beside
                 if one.node_id != device or axis.name not in of_arm
             ]
-        path = [self._di_name("ParameterSet"), self._name("ActualPosition")]
+        path = [self._di_name("ParameterSet"), self._qualified_name("ActualPosition")]
         ends = await self._search.follow([(axis, path) for _, axis in found])
         return tuple(
             ExternalAxisNode(name, end) for (name, _), end in zip(found, ends, strict=True) if end is not None
@@ -171,7 +171,7 @@ class RobotFinder:
 
     async def _is_no_robot(self, device: ua.NodeId) -> bool:
         """Return whether a motion device says of itself that it is another kind of machine."""
-        node = (await self._search.follow([(device, [self._name("MotionDeviceCategory")])]))[0]
+        node = (await self._search.follow([(device, [self._qualified_name("MotionDeviceCategory")])]))[0]
         if node is None:
             return False
         values = await self._link.ask(
@@ -183,8 +183,11 @@ class RobotFinder:
     async def _find_safety(self, system: ua.NodeId) -> tuple[SafetyNodes, ...]:
         members = ("OperationalMode", "EmergencyStop", "ProtectiveStop")
         found = []
-        for state in await self._members(system, "SafetyStates", _SAFETY_TYPE):
-            paths = [(state.node_id, [self._di_name("ParameterSet"), self._name(name)]) for name in members]
+        for state in await self._find_members(system, "SafetyStates", _SAFETY_TYPE):
+            paths = [
+                (state.node_id, [self._di_name("ParameterSet"), self._qualified_name(name)])
+                for name in members
+            ]
             mode, emergency, protective = await self._search.follow(paths)
             if mode is None or emergency is None or protective is None:
                 return ()
@@ -194,8 +197,10 @@ class RobotFinder:
     async def _find_software(self, system: ua.NodeId) -> tuple[ua.NodeId, ...]:
         kind = ua.NodeId(_SOFTWARE_TYPE, self._di)
         found: list[ua.NodeId] = []
-        for controller in await self._members(system, "Controllers", _CONTROLLER_TYPE):
-            folder = (await self._search.follow([(controller.node_id, [self._name("Software")])]))[0]
+        for controller in await self._find_members(system, "Controllers", _CONTROLLER_TYPE):
+            folder = (await self._search.follow([(controller.node_id, [self._qualified_name("Software")])]))[
+                0
+            ]
             if folder is None:
                 continue
             for software in await self._search.children_of_type(folder, kind):
@@ -203,21 +208,21 @@ class RobotFinder:
                 found += [node_id for node_id in await self._search.follow(paths) if node_id is not None]
         return tuple(found)
 
-    async def _members(self, parent: ua.NodeId, folder: str, kind: int) -> list[FoundChild]:
+    async def _find_members(self, parent: ua.NodeId, folder: str, kind: int) -> list[FoundChild]:
         """Return the members of a type in a folder; none where the folder is missing."""
-        at = (await self._search.follow([(parent, [self._name(folder)])]))[0]
-        return [] if at is None else await self._search.children_of_type(at, self._type(kind))
+        at = (await self._search.follow([(parent, [self._qualified_name(folder)])]))[0]
+        return [] if at is None else await self._search.children_of_type(at, self._type_id(kind))
 
-    def _type(self, number: int) -> ua.NodeId:
+    def _type_id(self, number: int) -> ua.NodeId:
         return ua.NodeId(number, self._robotics)
 
-    def _name(self, name: str) -> ua.QualifiedName:
+    def _qualified_name(self, name: str) -> ua.QualifiedName:
         return ua.QualifiedName(name, self._robotics)
 
     def _di_name(self, name: str) -> ua.QualifiedName:
         return ua.QualifiedName(name, self._di)
 
-    def _require(self, node_id: ua.NodeId | None, path: str) -> ua.NodeId:
+    def _require_node(self, node_id: ua.NodeId | None, path: str) -> ua.NodeId:
         if node_id is None:
             raise missing_node_error(self._link.device, path)
         return node_id

@@ -94,7 +94,7 @@ class ServerLink:
     async def connect(self) -> None:
         """Make a session, where there is none; renew the channel of one before its life ends."""
         if self._client is not None:
-            await self._renew(self._client)
+            await self._renew_channel(self._client)
             return
         await self._backoff.wait()
         client = Client(self._url, timeout=self._deadline_s)
@@ -102,7 +102,7 @@ class ServerLink:
         self._newest = client
         try:
             await prepare_client(self.device, client, self._access)
-            await self._enter(client)
+            await self._enter_session(client)
         except BaseException:
             self._backoff.note_failure()
             client.disconnect_socket()
@@ -142,7 +142,7 @@ class ServerLink:
         if client is not None:
             client.disconnect_socket()
 
-    async def _enter(self, client: Client) -> None:
+    async def _enter_session(self, client: Client) -> None:
         async def make_session() -> None:
             await client.connect_socket()
             await client.send_hello()
@@ -153,7 +153,7 @@ class ServerLink:
         await self._ask_server(make_session, "a session")
         self._note_channel(client)
 
-    async def _renew(self, client: Client) -> None:
+    async def _renew_channel(self, client: Client) -> None:
         if time.monotonic() >= self._renew_at_s:
             await self._ask_server(lambda: client.open_secure_channel(renew=True), "a longer session")
             self._note_channel(client)

@@ -155,10 +155,10 @@ class RmiController:
             ended, self.running = self.running, None
         if self.running is None and self.queue and self.motion_runs and not self.is_paused:
             self.running = self.queue.popleft()
-            self._begin(self.running)
+            self._begin_motion(self.running)
         return ended
 
-    def _begin(self, motion: QueuedMotion) -> None:
+    def _begin_motion(self, motion: QueuedMotion) -> None:
         way = np.abs(motion.target_rad - self.arm.joints_rad)
         longest = float(way.max())
         if longest <= 0.0:

@@ -41,17 +41,17 @@ class PacketTable:
         self._c = controller
         c = controller
         self._replies: dict[str, Callable[[Fields], Fields]] = {
-            "FRC_Initialize": lambda _: self._do(c.initialise, GroupMask=1),
-            "FRC_Abort": lambda _: self._do(c.abort),
-            "FRC_Pause": lambda _: self._do(c.pause),
-            "FRC_Continue": lambda _: self._do(self._go_on),
-            "FRC_Reset": lambda _: self._do(c.reset),
-            "FRC_GetStatus": lambda _: self._status(),
+            "FRC_Initialize": lambda _: self._carry_out(c.initialise, GroupMask=1),
+            "FRC_Abort": lambda _: self._carry_out(c.abort),
+            "FRC_Pause": lambda _: self._carry_out(c.pause),
+            "FRC_Continue": lambda _: self._carry_out(self._go_on),
+            "FRC_Reset": lambda _: self._carry_out(c.reset),
+            "FRC_GetStatus": lambda _: self._answer_status(),
             "FRC_ReadError": self._read_errors,
             "FRC_ReadJointAngles": self._read_joints,
-            "FRC_ReadCartesianPosition": lambda _: self._position(),
+            "FRC_ReadCartesianPosition": lambda _: self._answer_position(),
             "FRC_GetUFrameUTool": lambda _: {"UFrameNumber": c.frame_number, "UToolNumber": c.tool_number},
-            "FRC_SetUFrameUTool": self._select,
+            "FRC_SetUFrameUTool": self._select_frames,
             "FRC_ReadUToolData": lambda f: self._read_frame(f, c.tools, "ToolNumber", TOOL_NUMBER),
             "FRC_ReadUFrameData": lambda f: self._read_frame(f, c.frames, "FrameNumber", FRAME_NUMBER),
             "FRC_WriteUToolData": lambda f: self._write_frame(f, c.tools, "ToolNumber", TOOL_NUMBER),
@@ -78,10 +78,12 @@ class PacketTable:
                 raise RmiRefusal(UNKNOWN)
             if not isinstance(sequence_id, int):
                 raise RmiRefusal(VALUE)
-            angles = np.radians([_number(fields.get("JointAngle", {}), f"J{axis}") for axis in range(1, 7)])
+            angles = np.radians(
+                [_read_number(fields.get("JointAngle", {}), f"J{axis}") for axis in range(1, 7)]
+            )
             if name == "FRC_JointRelativeJRep":
                 angles = self._c.arm.joints_rad + angles
-            speed_type, speed = fields.get("SpeedType"), _number(fields, "Speed")
+            speed_type, speed = fields.get("SpeedType"), _read_number(fields, "Speed")
             if speed_type not in _SPEED_TYPES or speed <= 0 or (speed_type == "Percent" and speed > 100):
                 raise RmiRefusal(VALUE)
             self._c.queue_motion(QueuedMotion(name, sequence_id, angles, str(speed_type), speed, client))
@@ -89,14 +91,14 @@ class PacketTable:
             return {"Instruction": name, "ErrorID": refusal.error_id, "SequenceID": sequence_id}
         return None
 
-    def _do(self, order: Callable[[], None], **reply: Any) -> Fields:
+    def _carry_out(self, order: Callable[[], None], **reply: Any) -> Fields:
         order()
         return reply
 
     def _go_on(self) -> None:
         self._c.is_paused = False
 
-    def _status(self) -> Fields:
+    def _answer_status(self) -> Fields:
         c = self._c
         return {
             "ServoReady": int(c.has_servo_power),
@@ -111,7 +113,7 @@ class PacketTable:
         }
 
     def _read_errors(self, fields: Fields) -> Fields:
-        count = int(_number(fields, "Count", 1.0))
+        count = int(_read_number(fields, "Count", 1.0))
         texts = self._c.alarm_texts[:count]
         return {"ErrorData" if k == 0 else f"ErrorData{k + 1}": text for k, text in enumerate(texts)} or {
             "ErrorData": ""
@@ -119,15 +121,17 @@ class PacketTable:
 
     def _read_joints(self, fields: Fields) -> Fields:
         """Return the joints of a group; nine, whatever the arm has."""
-        group = int(_number(fields, "Group", 1.0))
+        group = int(_read_number(fields, "Group", 1.0))
         further = self._c.second_group if group == 2 else None
         if group != 1 and further is None:
             raise RmiRefusal(GROUP)
-        joints = [*self._c.shown_joints_deg(), *self._c.external] if further is None else self._nine(further)
+        joints = (
+            [*self._c.shown_joints_deg(), *self._c.external] if further is None else self._fill_nine(further)
+        )
         named = {f"J{k}": value for k, value in enumerate(joints, 1)}
         return {"TimeTag": 0, "JointAngle": named, "Group": group}
 
-    def _position(self) -> Fields:
+    def _answer_position(self) -> Fields:
         values, frame, tool = self._c.shown_position()
         turns = {"Front": 1, "Up": 1, "Left": 0, "Flip": 0, "Turn4": 0, "Turn5": 0, "Turn6": 0}
         position = dict(zip(_KEYS, values, strict=True)) | {
@@ -136,8 +140,8 @@ class PacketTable:
         configuration = {"UToolNumber": tool, "UFrameNumber": frame, **turns}
         return {"TimeTag": 0, "Configuration": configuration, "Position": position}
 
-    def _select(self, fields: Fields) -> Fields:
-        frame, tool = int(_number(fields, "UFrameNumber")), int(_number(fields, "UToolNumber"))
+    def _select_frames(self, fields: Fields) -> Fields:
+        frame, tool = int(_read_number(fields, "UFrameNumber")), int(_read_number(fields, "UToolNumber"))
         if not 0 <= frame <= FRAMES:
             raise RmiRefusal(FRAME_NUMBER)
         if not 0 <= tool <= FRAMES:
@@ -146,36 +150,36 @@ class PacketTable:
         return {}
 
     def _read_frame(self, fields: Fields, table: list[list[float]], key: str, wrong: int) -> Fields:
-        number = self._index(fields, key, wrong)
+        number = self._read_index(fields, key, wrong)
         frame = dict(zip(_KEYS, table[number - 1], strict=True))
         return {key.replace("Frame", "UFrame").replace("Tool", "UTool"): number, "Frame": frame}
 
     def _write_frame(self, fields: Fields, table: list[list[float]], key: str, wrong: int) -> Fields:
-        number = self._index(fields, key, wrong)
+        number = self._read_index(fields, key, wrong)
         if self._c.arm.is_moving:
             raise RmiRefusal(15)
-        table[number - 1] = [round(_number(fields.get("Frame", {}), name), 5) for name in _KEYS]
+        table[number - 1] = [round(_read_number(fields.get("Frame", {}), name), 5) for name in _KEYS]
         return {}
 
-    def _index(self, fields: Fields, key: str, wrong: int) -> int:
-        number = int(_number(fields, key))
+    def _read_index(self, fields: Fields, key: str, wrong: int) -> int:
+        number = int(_read_number(fields, key))
         if not 1 <= number <= FRAMES:
             raise RmiRefusal(wrong)
         return number
 
     def _set_override(self, fields: Fields) -> Fields:
-        value = _number(fields, "Value")
+        value = _read_number(fields, "Value")
         if not 1 <= value <= 100:
             raise RmiRefusal(5)
         self._c.set_override(int(value))
         return {}
 
     @staticmethod
-    def _nine(values: list[float]) -> list[float]:
+    def _fill_nine(values: list[float]) -> list[float]:
         return [*values, *(0.0,) * (9 - len(values))]
 
 
-def _number(fields: Fields, key: str, otherwise: float | None = None) -> float:
+def _read_number(fields: Fields, key: str, otherwise: float | None = None) -> float:
     value = fields.get(key, otherwise)
     if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
         raise RmiRefusal(VALUE)

@@ -79,7 +79,7 @@ def parse_source(file: str, text: str) -> KrlSource:
     reader = _Reader(file, text)
     routines: dict[str, tuple[KrlStatement, ...]] = {}
     while reader.has_more:
-        number, line = reader.take()
+        number, line = reader.take_line()
         found = re.fullmatch(r"DEF\s+([A-Za-z_]\w*)\s*\(\s*\)", line, re.IGNORECASE)
         if found is None:
             raise reader.refusal(number, line)
@@ -128,7 +128,7 @@ def parse_globals(file: str, text: str) -> dict[str, GlobalVariable]:
     found: dict[str, GlobalVariable] = {}
     reader = _Reader(file, text)
     while reader.has_more:
-        number, line = reader.take()
+        number, line = reader.take_line()
         declared = _GLOBAL.match(line)
         value = None if declared is None else _first_value(declared[1].upper(), declared[3].strip())
         if declared is None or value is None:
@@ -164,7 +164,7 @@ class _Reader(SourceLines):
         """Read statements up to the line that closes them."""
         body: list[KrlStatement] = []
         while self.has_more:
-            number, line = self.take()
+            number, line = self.take_line()
             if line.upper() == end:
                 return tuple(body)
             try:

@@ -112,7 +112,7 @@ class RobotInterpreter:
     def _refuse_missing_routines(self) -> None:
         for statement in _all_statements(self._source):
             if statement.kind in ("call", "declare") and statement.name not in self._source.routines:
-                raise self._problem(statement, f"there is no routine {statement.name}")
+                raise self._locate_problem(statement, f"there is no routine {statement.name}")
 
     # what a person does
 
@@ -221,11 +221,11 @@ class RobotInterpreter:
                     self._answer_sensor(statement, frame)
                 else:
                     yield from self._stop_advance(statement.expression)
-                    self._act(statement, frame)
+                    self._execute_at_once(statement, frame)
             except ProgramTextError as problem:
-                raise self._problem(statement, str(problem)) from problem
+                raise self._locate_problem(statement, str(problem)) from problem
 
-    def _act(self, statement: KrlStatement, frame: _Frame) -> None:
+    def _execute_at_once(self, statement: KrlStatement, frame: _Frame) -> None:
         """Execute a statement that takes no time."""
         if statement.kind in _SIGNALS:
             raise _SIGNALS[statement.kind]()
@@ -233,7 +233,7 @@ class RobotInterpreter:
             case "local":
                 frame.own |= dict.fromkeys(name.strip() for name in statement.name.split(","))
             case "assign":
-                _assign(statement, frame)
+                _assign_value(statement, frame)
             case "declare":
                 assert statement.expression is not None
                 self._interrupts[statement.number] = _Interrupt(statement.expression, statement.name, frame)
@@ -242,18 +242,18 @@ class RobotInterpreter:
             case "initmov":
                 self._machine.initialise_motion()
             case "tool":
-                self._machine.select_tool(int(_value(statement, frame)))
+                self._machine.select_tool(int(_evaluate_value(statement, frame)))
 
     def _answer_sensor(self, statement: KrlStatement, frame: _Frame) -> None:
         """Create or start a sensor context; its number, and whether it was done, go into variables."""
         if statement.kind == "rsi_create":
             is_done = self._machine.create_sensor_context(statement.name)
-            _store(statement.body[0], frame, 1)
+            _store_value(statement.body[0], frame, 1)
         else:
             is_done = self._machine.start_sensor()
-        _store(statement, frame, SENSOR_OK if is_done else SENSOR_ERROR)
+        _store_value(statement, frame, SENSOR_OK if is_done else SENSOR_ERROR)
 
-    def _halt(self, _statement: KrlStatement, _frame: _Frame) -> Run:
+    def _run_halt(self, _statement: KrlStatement, _frame: _Frame) -> Run:
         while self._motions:
             yield
         self.stop_program()
@@ -270,23 +270,23 @@ class RobotInterpreter:
         while expression is not None and expression.names & _PRESENT_STATE and self._motions:
             yield
 
-    def _call(self, statement: KrlStatement, frame: _Frame) -> Run:
+    def _run_call(self, statement: KrlStatement, frame: _Frame) -> Run:
         try:
             yield from self._run_routine(statement.name)
         except _ResumeSignal as signal:
             if signal.frame is not frame:
                 raise
 
-    def _loop(self, statement: KrlStatement, frame: _Frame) -> Run:
+    def _run_loop(self, statement: KrlStatement, frame: _Frame) -> Run:
         while True:
             yield from self._run_body(statement.body, frame)
 
-    def _decide(self, statement: KrlStatement, frame: _Frame) -> Run:
+    def _run_branch(self, statement: KrlStatement, frame: _Frame) -> Run:
         yield from self._stop_advance(statement.expression)
-        if _flag(statement, frame):
+        if _evaluate_flag(statement, frame):
             yield from self._run_body(statement.body, frame)
 
-    def _count(self, statement: KrlStatement, frame: _Frame) -> Run:
+    def _run_for(self, statement: KrlStatement, frame: _Frame) -> Run:
         assert statement.target is not None
         first = int(statement.target.place(frame) or 0)
         for count in range(first, statement.number + 1):
@@ -294,49 +294,49 @@ class RobotInterpreter:
             yield from self._run_body(statement.body, frame)
 
     def _wait_for(self, statement: KrlStatement, frame: _Frame) -> Run:
-        while self._motions or not _flag(statement, frame):
+        while self._motions or not _evaluate_flag(statement, frame):
             yield
 
     def _wait_seconds(self, statement: KrlStatement, frame: _Frame) -> Run:
         while self._motions:
             yield
-        due_s = self._now_s + float(_value(statement, frame))
+        due_s = self._now_s + float(_evaluate_value(statement, frame))
         while self._now_s < due_s:
             yield
 
-    def _move(self, statement: KrlStatement, frame: _Frame) -> Run:
+    def _run_motion(self, statement: KrlStatement, frame: _Frame) -> Run:
         yield from self._stop_advance(statement.expression)
         while len(self._motions) > ADVANCE:
             yield
-        target = _value(statement, frame)
+        target = _evaluate_value(statement, frame)
         while not self._machine.accepts_motion(target):  # START tries the same line again
             self.stop_program()
             yield
         self._motions.append(target)
 
-    def _brake(self, statement: KrlStatement, _frame: _Frame) -> Run:
+    def _run_brake(self, statement: KrlStatement, _frame: _Frame) -> Run:
         if self._called is None:
-            raise self._problem(statement, "BRAKE stands in the routine of an interrupt only")
+            raise self._locate_problem(statement, "BRAKE stands in the routine of an interrupt only")
         self._machine.brake()
         self._is_under_way = False
         while not self._machine.is_standing():
             yield
 
-    def _problem(self, statement: KrlStatement, text: str) -> ProgramTextError:
+    def _locate_problem(self, statement: KrlStatement, text: str) -> ProgramTextError:
         return locate_problem(self._source.file, statement.line, text)
 
 
 _SIGNALS: dict[str, type[Exception]] = {"return": _ReturnSignal, "resume": _ResumeSignal}
 _WAITING: dict[str, Callable[[RobotInterpreter, KrlStatement, _Frame], Run]] = {
-    "call": RobotInterpreter._call,  # noqa: SLF001  its own
-    "loop": RobotInterpreter._loop,  # noqa: SLF001
-    "if": RobotInterpreter._decide,  # noqa: SLF001
-    "for": RobotInterpreter._count,  # noqa: SLF001
+    "call": RobotInterpreter._run_call,  # noqa: SLF001  its own
+    "loop": RobotInterpreter._run_loop,  # noqa: SLF001
+    "if": RobotInterpreter._run_branch,  # noqa: SLF001
+    "for": RobotInterpreter._run_for,  # noqa: SLF001
     "wait for": RobotInterpreter._wait_for,  # noqa: SLF001
     "wait sec": RobotInterpreter._wait_seconds,  # noqa: SLF001
-    "ptp": RobotInterpreter._move,  # noqa: SLF001
-    "brake": RobotInterpreter._brake,  # noqa: SLF001
-    "halt": RobotInterpreter._halt,  # noqa: SLF001
+    "ptp": RobotInterpreter._run_motion,  # noqa: SLF001
+    "brake": RobotInterpreter._run_brake,  # noqa: SLF001
+    "halt": RobotInterpreter._run_halt,  # noqa: SLF001
 }
 
 
@@ -348,19 +348,19 @@ def run_submit_lines(source: KrlSource, machine: KrlMachine) -> None:
 def _run_submit_body(file: str, body: Sequence[KrlStatement], frame: _Frame) -> None:
     for statement in body:
         if statement.kind == "if":
-            if _flag(statement, frame):
+            if _evaluate_flag(statement, frame):
                 _run_submit_body(file, statement.body, frame)
         elif statement.kind == "assign":
-            _assign(statement, frame)
+            _assign_value(statement, frame)
         else:
             raise locate_problem(file, statement.line, "the submit interpreter only assigns here")
 
 
-def _assign(statement: KrlStatement, frame: _Frame) -> None:
-    _store(statement, frame, _value(statement, frame))
+def _assign_value(statement: KrlStatement, frame: _Frame) -> None:
+    _store_value(statement, frame, _evaluate_value(statement, frame))
 
 
-def _store(statement: KrlStatement, frame: _Frame, value: Value) -> None:
+def _store_value(statement: KrlStatement, frame: _Frame, value: Value) -> None:
     target = statement.target
     assert target is not None
     if target.name in frame.own:
@@ -369,13 +369,13 @@ def _store(statement: KrlStatement, frame: _Frame, value: Value) -> None:
         frame.machine.write_variable(target.name, target.place(frame), target.member, value)
 
 
-def _value(statement: KrlStatement, scope: Scope) -> Value:
+def _evaluate_value(statement: KrlStatement, scope: Scope) -> Value:
     assert statement.expression is not None
     return statement.expression.evaluate(scope)
 
 
-def _flag(statement: KrlStatement, scope: Scope) -> bool:
-    value = _value(statement, scope)
+def _evaluate_flag(statement: KrlStatement, scope: Scope) -> bool:
+    value = _evaluate_value(statement, scope)
     if not isinstance(value, bool):
         raise ProgramTextError(f"line {statement.line}: {value!r} is neither TRUE nor FALSE")
     return value

@@ -27,22 +27,22 @@ class VariableTable:
         self._c = controller
         c = controller
         self._texts: dict[str, Callable[[], str]] = {
-            "$AXIS_ACT": self._axes,
-            "$POS_ACT": lambda: self._frame(
+            "$AXIS_ACT": self._axis_text,
+            "$POS_ACT": lambda: self._frame_text(
                 "E6POS", values_of(c.tip_in_base()), ", S 2, T 35, E1 0.0, E2 0.0"
             ),
-            "$BASE": lambda: self._frame("FRAME", values_of(c.base_matrix())),
-            "$ROBROOT": lambda: self._frame("FRAME", c.root),
+            "$BASE": lambda: self._frame_text("FRAME", values_of(c.base_matrix())),
+            "$ROBROOT": lambda: self._frame_text("FRAME", c.root),
             "$IPO_MODE": lambda: f"#{c.ipo_mode}",
-            "$TOOL": lambda: self._frame("FRAME", values_of(c.tool_matrix())),
+            "$TOOL": lambda: self._frame_text("FRAME", values_of(c.tool_matrix())),
             "$ACT_TOOL": lambda: str(c.tool_number),
             "$ACT_BASE": lambda: str(c.base_number),
-            "$LOAD": self._load,
+            "$LOAD": self._load_text,
             "$MODE_OP": lambda: f"#{c.mode}",
             "$OV_PRO": lambda: str(c.override_percent),
-            "$PERI_RDY": lambda: _flag(c.drives_on),
-            "$USER_SAF": lambda: _flag(c.safety_closed),
-            "$STOPMESS": lambda: _flag(c.stop_message),
+            "$PERI_RDY": lambda: _flag_text(c.drives_on),
+            "$USER_SAF": lambda: _flag_text(c.safety_closed),
+            "$STOPMESS": lambda: _flag_text(c.stop_message),
             "$MODEL_NAME[]": lambda: f'"#{c.title}"',
             "$TRAFONAME[]": lambda: f'"#{c.title}"',
             "$ROBNAME[]": lambda: '"ROBOT1"',
@@ -65,10 +65,10 @@ class VariableTable:
             if not 0 <= index < 6:
                 return None
             c = self._c
-            return _flag(c.mastered[index]) if array == "$AXIS_CAL" else f"{c.mastering_deg[index]:.6g}"
+            return _flag_text(c.mastered[index]) if array == "$AXIS_CAL" else f"{c.mastering_deg[index]:.6g}"
         if not 0 <= index < FRAMES or array == "LOAD_DATA":
             return None
-        return self._frame("FRAME", self._table(array)[index])
+        return self._frame_text("FRAME", self._frame_table(array)[index])
 
     def write(self, name: str, text: str) -> bool:
         """Write a variable; return whether it may be written and the text fits."""
@@ -83,28 +83,28 @@ class VariableTable:
                 found is not None and found[1] in ("TOOL_DATA", "BASE_DATA") and 1 <= int(found[2]) <= FRAMES
             ):
                 members = dict(_MEMBER.findall(text.upper()))
-                self._table(found[1])[int(found[2]) - 1] = [float(members[key]) for key in _POSE]
+                self._frame_table(found[1])[int(found[2]) - 1] = [float(members[key]) for key in _POSE]
             else:
                 return False
         except (KeyError, ValueError):
             return False
         return True
 
-    def _table(self, name: str) -> list[list[float]]:
+    def _frame_table(self, name: str) -> list[list[float]]:
         return self._c.tools if name == "TOOL_DATA" else self._c.bases
 
-    def _axes(self) -> str:
+    def _axis_text(self) -> str:
         members = ", ".join(f"{member} {value:.7g}" for member, value in self._c.shown_axes().items())
         return f"{{E6AXIS: {members}}}"
 
-    def _frame(self, kind: str, values: list[float], rest: str = "") -> str:
+    def _frame_text(self, kind: str, values: list[float], rest: str = "") -> str:
         members = ", ".join(f"{key} {value:.6f}" for key, value in zip(_POSE, values, strict=True))
         return f"{{{kind}: {members}{rest}}}"
 
-    def _load(self) -> str:
+    def _load_text(self) -> str:
         mass = self._c.load_kg
         return f"{{M {mass}, CM {{X 0.0, Y 0.0, Z 0.0, A 0.0, B 0.0, C 0.0}}, J {{X 0.0, Y 0.0, Z 0.0}}}}"
 
 
-def _flag(value: bool) -> str:
+def _flag_text(value: bool) -> str:
     return "TRUE" if value else "FALSE"

@@ -102,10 +102,10 @@ class _Parser:
 
     def __init__(self, text: str, grammar: Grammar) -> None:
         self._text, self._grammar, self._at = text, grammar, 0
-        self._tokens = self._split(text)
+        self._tokens = self._split_text(text)
         self.names: set[str] = set()
 
-    def _split(self, text: str) -> list[tuple[str, str]]:
+    def _split_text(self, text: str) -> list[tuple[str, str]]:
         tokens, at = [], 0
         while at < len(text.rstrip()):
             found = _TOKEN.match(text, at)
@@ -123,38 +123,38 @@ class _Parser:
         if level == len(self._grammar.levels):
             return self._parse_operand()
         left = self.parse_level(level + 1)
-        while sign := self._take(*self._grammar.levels[level]):
-            left = _combined(sign, left, self.parse_level(level + 1), self._text)
+        while sign := self._take_sign(*self._grammar.levels[level]):
+            left = _combine_values(sign, left, self.parse_level(level + 1), self._text)
         return left
 
     def parse_reference(self) -> Reference:
-        kind, name = self._next()
+        kind, name = self._next_token()
         if kind != "name":
             raise ProgramTextError(f"{self._text.strip()!r}: {name!r} is no name")
         index = None
-        if self._take("["):
+        if self._take_sign("["):
             inside = self.parse_level(0)
-            self._expect("]")
+            self._expect_sign("]")
             index = Expression(self._text, inside, frozenset())
-        member = self._next()[1].upper() if self._take(".") else ""
+        member = self._next_token()[1].upper() if self._take_sign(".") else ""
         self.names.add(name.upper())
         return Reference(name.upper(), index, member)
 
     def _parse_operand(self) -> Callable[[Scope], Value]:
-        if self._grammar.has_not and self._take("NOT"):
+        if self._grammar.has_not and self._take_sign("NOT"):
             inside = self._parse_operand()
-            return lambda scope: not _flag(inside(scope), self._text)
-        if self._take("-"):
+            return lambda scope: not _as_flag(inside(scope), self._text)
+        if self._take_sign("-"):
             inside = self._parse_operand()
-            return lambda scope: -_number(inside(scope), self._text)
-        if self._take("("):
+            return lambda scope: -_as_number(inside(scope), self._text)
+        if self._take_sign("("):
             inside = self.parse_level(0)
-            self._expect(")")
+            self._expect_sign(")")
             return inside
         return self._parse_atom()
 
     def _parse_atom(self) -> Callable[[Scope], Value]:
-        kind, text = self._next()
+        kind, text = self._next_token()
         if kind == "number":
             number: int | float = int(text) if text.isdigit() else float(text)
             return lambda _scope: number
@@ -163,35 +163,35 @@ class _Parser:
             return lambda _scope: constant
         self._at -= 1
         reference = self.parse_reference()
-        if not self._take("("):
+        if not self._take_sign("("):
             return reference.read
-        self._expect(")")
+        self._expect_sign(")")
         return lambda scope: scope.call(reference.name, ())
 
-    def _next(self) -> tuple[str, str]:
+    def _next_token(self) -> tuple[str, str]:
         if self._at >= len(self._tokens):
             raise ProgramTextError(f"{self._text.strip()!r} ends too early")
         self._at += 1
         return self._tokens[self._at - 1]
 
-    def _expect(self, sign: str) -> None:
-        if not self._take(sign):
+    def _expect_sign(self, sign: str) -> None:
+        if not self._take_sign(sign):
             raise ProgramTextError(f"{self._text.strip()!r}: {sign!r} is missing")
 
-    def _take(self, *signs: str) -> str:
+    def _take_sign(self, *signs: str) -> str:
         if self._at < len(self._tokens) and self._tokens[self._at][1].upper() in signs:
             self._at += 1
             return self._tokens[self._at - 1][1].upper()
         return ""
 
 
-def _flag(value: Value, text: str) -> bool:
+def _as_flag(value: Value, text: str) -> bool:
     if not isinstance(value, bool):
         raise ProgramTextError(f"{text.strip()!r}: {value!r} is neither TRUE nor FALSE")
     return value
 
 
-def _number(value: Value, text: str) -> int | float:
+def _as_number(value: Value, text: str) -> int | float:
     if isinstance(value, bool) or not isinstance(value, int | float):
         raise ProgramTextError(f"{text.strip()!r}: {value!r} is no number")
     return value
@@ -216,27 +216,27 @@ _COMPUTED: dict[str, Callable[[Value, Value], Value]] = {
 }
 
 
-def _combined(
+def _combine_values(
     sign: str, left: Callable[[Scope], Value], right: Callable[[Scope], Value], text: str
 ) -> Callable[[Scope], Value]:
     if sign in ("AND", "OR"):
         both = all if sign == "AND" else any
-        return lambda scope: both([_flag(left(scope), text), _flag(right(scope), text)])
+        return lambda scope: both([_as_flag(left(scope), text), _as_flag(right(scope), text)])
     if sign in _COMPUTED:
         compute = _COMPUTED[sign]
-        return lambda scope: compute(_number(left(scope), text), _number(right(scope), text))
+        return lambda scope: compute(_as_number(left(scope), text), _as_number(right(scope), text))
     compare = _COMPARED[sign]
 
     def evaluate(scope: Scope) -> Value:
         first, second = left(scope), right(scope)
-        if type(first) is not type(second) and _kind(first) != _kind(second):
+        if type(first) is not type(second) and _kind_name(first) != _kind_name(second):
             raise ProgramTextError(f"{text.strip()!r} compares {first!r} with {second!r}")
         return compare(first, second)
 
     return evaluate
 
 
-def _kind(value: Value) -> str:
+def _kind_name(value: Value) -> str:
     if isinstance(value, bool):
         return "flag"
     return "number" if isinstance(value, int | float) else type(value).__name__

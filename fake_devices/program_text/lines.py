@@ -20,7 +20,7 @@ class SourceLines:
         """Whether a line is left."""
         return self._at < len(self._lines)
 
-    def take(self) -> tuple[int, str]:
+    def take_line(self) -> tuple[int, str]:
         """Return the next line and its number; a file that has none ends too early."""
         if not self.has_more:
             raise ProgramTextError(f"{self.file} ends too early")

@@ -87,13 +87,13 @@ def read_module(path: Path) -> ExecutedModule:
 def parse_module(file: str, text: str) -> ExecutedModule:
     """Read the text of a module."""
     reader = _Reader(file, text)
-    number, line = reader.take()
+    number, line = reader.take_line()
     head = re.fullmatch(r"MODULE\s+(\w+)", line, re.IGNORECASE)
     if head is None:
         raise reader.refusal(number, line)
     module = ExecutedModule(file, head[1], {}, {}, {})
     while True:
-        number, line = reader.take()
+        number, line = reader.take_line()
         if line.upper() == "ENDMODULE":
             return module
         _read_declaration(reader, module, number, line)
@@ -188,7 +188,7 @@ class _Reader(SourceLines):
         """Read instructions up to a line that closes them; return which one it was."""
         body: list[RapidInstruction] = []
         while True:
-            number, line = self.take()
+            number, line = self.take_line()
             if line.upper() in ends:
                 return tuple(body), line.upper()
             try:

@@ -74,7 +74,7 @@ class MotionTask:
             for each in _all_instructions(body):
                 missing = each.kind == "call" and each.names[0] not in self._module.procedures
                 if missing or (each.kind == "connect" and each.names[1] not in self._module.traps):
-                    raise self._problem(each, f"there is no routine {each.names[-1]}")
+                    raise self._locate_problem(each, f"there is no routine {each.names[-1]}")
 
     # what a person does
 
@@ -159,35 +159,37 @@ class MotionTask:
                 else:
                     _ACTIONS[instruction.kind](self, instruction)
             except ProgramTextError as problem:
-                raise self._problem(instruction, str(problem)) from problem
+                raise self._locate_problem(instruction, str(problem)) from problem
 
     # instructions that take time
 
-    def _call(self, instruction: RapidInstruction) -> Run:
+    def _run_call(self, instruction: RapidInstruction) -> Run:
         yield from self._run_body(self._module.procedures[instruction.names[0]])
 
-    def _loop(self, instruction: RapidInstruction) -> Run:
-        while self._flag(instruction):
+    def _run_loop(self, instruction: RapidInstruction) -> Run:
+        while self._evaluate_flag(instruction):
             yield from self._run_body(instruction.body)
 
-    def _decide(self, instruction: RapidInstruction) -> Run:
-        yield from self._run_body(instruction.body if self._flag(instruction) else instruction.otherwise)
+    def _run_branch(self, instruction: RapidInstruction) -> Run:
+        yield from self._run_body(
+            instruction.body if self._evaluate_flag(instruction) else instruction.otherwise
+        )
 
-    def _wait(self, instruction: RapidInstruction) -> Run:
-        while not self._flag(instruction):
+    def _run_wait(self, instruction: RapidInstruction) -> Run:
+        while not self._evaluate_flag(instruction):
             due_s = self._now_s + float(instruction.names[0])
             while self._now_s < due_s:
                 yield
 
-    def _move(self, instruction: RapidInstruction) -> Run:
+    def _run_motion(self, instruction: RapidInstruction) -> Run:
         target, time, tool = instruction.names
-        self._motion = (_single(self.data[target]), self.data[time], tool)
+        self._motion = (_single_value(self.data[target]), self.data[time], tool)
         self._is_under_way = False
         while self._motion is not None:
             yield
 
-    def _pause(self, instruction: RapidInstruction) -> Run:
-        due_s = self._now_s + float(self._value(instruction))
+    def _run_pause(self, instruction: RapidInstruction) -> Run:
+        due_s = self._now_s + float(self._evaluate_value(instruction))
         while self._now_s < due_s:
             yield
 
@@ -215,12 +217,12 @@ class MotionTask:
             raise ProgramTextError(f"{instruction.names[0]} is not set up")
         self.streams = True
 
-    def _assign(self, instruction: RapidInstruction) -> None:
+    def _assign_value(self, instruction: RapidInstruction) -> None:
         target = instruction.target
         assert target is not None
         if target.name not in self.data:
             raise ProgramTextError(f"{target.name} is not declared")
-        kind, value = self._module.data[target.name].kind, _single(self._value(instruction))
+        kind, value = self._module.data[target.name].kind, _single_value(self._evaluate_value(instruction))
         if target.member:
             place = _member_place(kind, target.member)
             value = [value if k == place else part for k, part in enumerate(self.data[target.name])]
@@ -228,20 +230,20 @@ class MotionTask:
             raise ProgramTextError(f"{value!r} is no {kind}")
         self.data[target.name] = value
 
-    def _connect(self, instruction: RapidInstruction) -> None:
+    def _connect_trap(self, instruction: RapidInstruction) -> None:
         name, trap = instruction.names
         if name in self._connected:
             raise ProgramTextError(f"{name} is connected already")
         self._connected[name] = trap
 
-    def _delete(self, instruction: RapidInstruction) -> None:
+    def _delete_interrupt(self, instruction: RapidInstruction) -> None:
         name = instruction.names[0]
         self._connected.pop(name, None)
         self._timers.pop(name, None)
         self._queued = [each for each in self._queued if each != name]
 
     def _order_timer(self, instruction: RapidInstruction) -> None:
-        name, period_s = instruction.names[0], float(self._value(instruction))
+        name, period_s = instruction.names[0], float(self._evaluate_value(instruction))
         if name not in self._connected or period_s < _SHORTEST_TIMER_S - 1e-9:
             raise ProgramTextError(f"{name} is not connected, or {period_s} s is too short for a timer")
         self._timers[name] = (period_s, self._now_s + period_s)
@@ -276,18 +278,18 @@ class MotionTask:
         del arguments
         return self._machine.call_function(name)
 
-    def _value(self, instruction: RapidInstruction) -> Value:
+    def _evaluate_value(self, instruction: RapidInstruction) -> Value:
         expression: Expression | None = instruction.expression
         assert expression is not None
         return expression.evaluate(self)
 
-    def _flag(self, instruction: RapidInstruction) -> bool:
-        value = self._value(instruction)
+    def _evaluate_flag(self, instruction: RapidInstruction) -> bool:
+        value = self._evaluate_value(instruction)
         if not isinstance(value, bool):
             raise ProgramTextError(f"{value!r} is neither TRUE nor FALSE")
         return value
 
-    def _problem(self, instruction: RapidInstruction, text: str) -> ProgramTextError:
+    def _locate_problem(self, instruction: RapidInstruction, text: str) -> ProgramTextError:
         return locate_problem(self._module.file, instruction.line, text)
 
 
@@ -298,10 +300,10 @@ def _member_place(kind: str, member: str) -> int:
     return members.index(member)
 
 
-def _single(value: Value) -> Value:
+def _single_value(value: Value) -> Value:
     """Return numbers as the 32 bits of a num hold them."""
     if isinstance(value, list):
-        return [_single(each) for each in value]
+        return [_single_value(each) for each in value]
     if isinstance(value, bool) or value is None:
         return value
     return float(struct.unpack("f", struct.pack("f", value))[0])
@@ -317,17 +319,17 @@ def _all_instructions(body: Sequence[RapidInstruction]) -> list[RapidInstruction
 
 
 _LASTING: dict[str, Callable[[MotionTask, RapidInstruction], Run]] = {
-    "call": MotionTask._call,  # noqa: SLF001  its own
-    "while": MotionTask._loop,  # noqa: SLF001
-    "if": MotionTask._decide,  # noqa: SLF001
-    "wait": MotionTask._wait,  # noqa: SLF001
-    "move": MotionTask._move,  # noqa: SLF001
-    "pause": MotionTask._pause,  # noqa: SLF001
+    "call": MotionTask._run_call,  # noqa: SLF001  its own
+    "while": MotionTask._run_loop,  # noqa: SLF001
+    "if": MotionTask._run_branch,  # noqa: SLF001
+    "wait": MotionTask._run_wait,  # noqa: SLF001
+    "move": MotionTask._run_motion,  # noqa: SLF001
+    "pause": MotionTask._run_pause,  # noqa: SLF001
 }
 _ACTIONS: dict[str, Callable[[MotionTask, RapidInstruction], None]] = {
-    "assign": MotionTask._assign,  # noqa: SLF001
-    "connect": MotionTask._connect,  # noqa: SLF001
-    "delete": MotionTask._delete,  # noqa: SLF001
+    "assign": MotionTask._assign_value,  # noqa: SLF001
+    "connect": MotionTask._connect_trap,  # noqa: SLF001
+    "delete": MotionTask._delete_interrupt,  # noqa: SLF001
     "timer": MotionTask._order_timer,  # noqa: SLF001
     "stopmove": MotionTask._stop_move,  # noqa: SLF001
     "clearpath": MotionTask._drop_path,  # noqa: SLF001

@@ -37,17 +37,17 @@ class CommandTable:
     def __init__(self, controller: YaskawaController) -> None:
         self._c = controller
         self._answers: dict[int, Callable[[HostRequest], bytes]] = {
-            0x70: lambda request: self._alarm(request, self._c.alarms, 4),
+            0x70: lambda request: self._answer_alarm(request, self._c.alarms, 4),
             0x71: self._logged_alarm,
-            0x72: self._status,
+            0x72: self._answer_status,
             0x74: lambda _: b"".join(name.encode().ljust(4, b"\0") for name in AXES).ljust(32, b"\0"),
-            0x75: self._position,
-            0x7A: self._variable,
-            0x7C: self._variable,
-            0x82: self._reset,
-            0x83: self._switch,
-            0x89: self._system,
-            0x8B: self._move,
+            0x75: self._answer_position,
+            0x7A: self._answer_variable,
+            0x7C: self._answer_variable,
+            0x82: self._reset_alarms,
+            0x83: self._switch_servo,
+            0x89: self._answer_system,
+            0x8B: self._begin_move,
         }
 
     def answer_command(self, request: HostRequest) -> bytes:
@@ -84,7 +84,7 @@ class CommandTable:
         """Take a job that has come whole."""
         self._c.jobs[name.upper()] = content
 
-    def _alarm(self, request: HostRequest, entries: Alarms, places: int) -> bytes:
+    def _answer_alarm(self, request: HostRequest, entries: Alarms, places: int) -> bytes:
         if not 1 <= request.instance <= places:
             raise CommandRefusal(_NO_INSTANCE)
         return self._alarm_at(entries, request.instance - 1)
@@ -105,7 +105,7 @@ class CommandTable:
         data_type = _AXES_OF_USER if text == LOST_TEXT else _DECIMAL
         return struct.pack("<III16s32s", code, data, data_type, stamp.encode(), text.encode())
 
-    def _status(self, request: HostRequest) -> bytes:
+    def _answer_status(self, request: HostRequest) -> bytes:
         c = self._c
         word_1 = 0x02 | (0x08 if c.arm.is_moving and not c.is_jogged else 0)
         word_1 |= {TEACH: 0x20, PLAY: 0x40, REMOTE: 0xC0}[c.mode]
@@ -118,7 +118,7 @@ class CommandTable:
             raise CommandRefusal(_NO_ELEMENT)
         return words[:4] if request.attribute == 1 else words[4:]
 
-    def _position(self, request: HostRequest) -> bytes:
+    def _answer_position(self, request: HostRequest) -> bytes:
         c = self._c
         if request.instance == 1:
             return struct.pack("<5I8i", 0, 0, c.tool_number, 0, 0, *c.pulses(), 0, 0)
@@ -132,7 +132,7 @@ class CommandTable:
         turn = [round(value * 1e4) for value in wpr_from_matrix(pose[:3, :3])]
         return struct.pack("<5I8i", 16, 0, c.tool_number, c.user_frame, 0, *place, *turn, 0, 0)
 
-    def _variable(self, request: HostRequest) -> bytes:
+    def _answer_variable(self, request: HostRequest) -> bytes:
         octets, key = _VARIABLE_OCTETS[request.command], (request.command, request.instance)
         if request.instance > 99:
             raise CommandRefusal(0x1F, 0xB001)
@@ -141,13 +141,13 @@ class CommandTable:
             return b""
         return self._c.variables.get(key, bytes(octets))
 
-    def _reset(self, request: HostRequest) -> bytes:
+    def _reset_alarms(self, request: HostRequest) -> bytes:
         if request.instance not in (1, 2):
             raise CommandRefusal(_NO_INSTANCE)
         self._c.reset_alarms()
         return b""
 
-    def _switch(self, request: HostRequest) -> bytes:
+    def _switch_servo(self, request: HostRequest) -> bytes:
         if len(request.data) != 4:
             raise CommandRefusal(_NO_ELEMENT)
         on = struct.unpack("<I", request.data)[0] == 1
@@ -159,12 +159,12 @@ class CommandTable:
             raise CommandRefusal(_NO_INSTANCE)
         return b""
 
-    def _system(self, request: HostRequest) -> bytes:
+    def _answer_system(self, request: HostRequest) -> bytes:
         if request.instance not in ((11, 12, 101) if self._c.has_second_robot else (11, 101)):
             raise CommandRefusal(_NO_INSTANCE)
         return struct.pack("<24s16s8s", b"YAS2.80.00A(EN/DE)-00", self._c.title.encode(), b"12.34-00")
 
-    def _move(self, request: HostRequest) -> bytes:
+    def _begin_move(self, request: HostRequest) -> bytes:
         if request.service != _SET_ALL or len(request.data) != 88:
             raise CommandRefusal(_NO_ELEMENT)
         group, station, speed_class, speed, *rest = struct.unpack("<4I8i10i", request.data)

@@ -70,6 +70,7 @@ METAPHORS = frozenset(
 )  # fmt: skip  `room` is a setting of procedures that journals and cell files contain
 MOST_PLAIN_FAULTS = 3.0  # of 1000 identifiers
 MOST_ONE_WORD = 0.25  # of the functions of a package
+FEWEST_FUNCTIONS = 20  # of a subpackage whose share says something
 MOST_PERSON_LINES = 10  # of the five packages together: a class name and a code that journals contain
 INDEFINITE_PERSON = re.compile("whoever|(no|some|any|every)body|(some|any|every)one", re.IGNORECASE)
 # Class names that two packages use on purpose: fakes share no code with drivers, and the words are the field's.
@@ -141,6 +142,20 @@ def test_function_names_have_more_than_one_word(package: str) -> None:
     one_word = [name for name in names if "_" not in name.strip("_")]
     assert len(names) > 20
     assert len(one_word) / len(names) <= MOST_ONE_WORD, sorted(set(one_word))
+
+
+def test_function_names_of_each_subpackage_have_more_than_one_word() -> None:
+    """Names that the interfaces of devices demand do not count: one driver may hold little else."""
+    demanded = frozenset(names_of("drivers/interfaces").functions)
+    shares = {}
+    for folder in sorted(
+        {file.parent.relative_to(ROOT) for p in PACKAGES for file in (ROOT / p).rglob("*.py")}
+    ):
+        names = [name for name in names_of(str(folder)).functions if name not in demanded]
+        if len(names) > FEWEST_FUNCTIONS:
+            shares[str(folder)] = sum("_" not in name.strip("_") for name in names) / len(names)
+    assert len(shares) > 40
+    assert {folder: share for folder, share in shares.items() if share > MOST_ONE_WORD} == {}
 
 
 def test_indefinite_persons_are_rare() -> None:

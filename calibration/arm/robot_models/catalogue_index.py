@@ -60,7 +60,7 @@ class CatalogueEntry:
 @cache
 def catalogue_entries() -> tuple[CatalogueEntry, ...]:
     """Return all robots that the catalogue knows, sorted by name; also those that it withholds."""
-    return tuple(CatalogueEntry(*row) for row in _read("index"))
+    return tuple(CatalogueEntry(*row) for row in _read_file("index"))
 
 
 @cache
@@ -97,18 +97,20 @@ def find_robots(words: str, maker: str = "") -> tuple[CatalogueEntry, ...]:
     ``KR 210`` and ``kr-210`` are the same. Common names (``panda``), kinds (``scara``) and numbers of axes
     (``7 axis``) fit, too.
     """
-    entries = [entry for entry in catalogue_entries() if _plain(maker) in _plain(entry.maker)]
+    entries = [
+        entry for entry in catalogue_entries() if _plain_spelling(maker) in _plain_spelling(entry.maker)
+    ]
     search_words = _wanted_words(words)
     if not search_words:
         return tuple(entries)
     together = "".join(search_words)
-    fitting = [entry for entry in entries if _fits(entry, search_words, together)]
+    fitting = [entry for entry in entries if _fits_words(entry, search_words, together)]
     if not fitting:
         meant = [_nearest_words(word, entries) for word in search_words]
         fitting = [
             entry
             for entry in entries
-            if all(any(_word_fits(one, entry, _text(entry)) for one in each) for each in meant)
+            if all(any(_word_fits(one, entry, _words_of_entry(entry)) for one in each) for each in meant)
         ]
     if not fitting:
         fitting = [
@@ -116,28 +118,28 @@ def find_robots(words: str, maker: str = "") -> tuple[CatalogueEntry, ...]:
             for entry in entries
             if _shared_words(entry, words) >= _SERIES or _similarity(entry, together, beginning=True) >= _NEAR
         ]
-    return tuple(sorted(fitting, key=lambda each: _order(each, words, together)))
+    return tuple(sorted(fitting, key=lambda each: _order_key(each, words, together)))
 
 
 def is_called(entry: CatalogueEntry, words: str) -> bool:
     """Return whether all words fit a robot; others of `find_robots` are only nearly so written."""
     search_words = _wanted_words(words)
-    return _fits(entry, search_words, "".join(search_words))
+    return _fits_words(entry, search_words, "".join(search_words))
 
 
 def robot_spelled(words: str) -> str:
     """Return the one robot whose name or title this is in another spelling, with or without its maker; else none."""
-    spelling = _plain(words)
+    spelling = _plain_spelling(words)
     tells = not spelling.isalpha() and not spelling.isdecimal()  # letters or a number alone are a series
-    return SOLD_AS.get(spelling) or (_spellings().get(spelling, "") if tells else "")
+    return SOLD_AS.get(spelling) or (_names_by_spelling().get(spelling, "") if tells else "")
 
 
 @cache
-def _spellings() -> dict[str, str]:
+def _names_by_spelling() -> dict[str, str]:
     found: dict[str, str] = {}
     for entry in catalogue_entries():
-        makers = {_plain(entry.file), _plain(entry.maker)}
-        whole = {_plain(entry.name), _plain(entry.title)}
+        makers = {_plain_spelling(entry.file), _plain_spelling(entry.maker)}
+        whole = {_plain_spelling(entry.name), _plain_spelling(entry.title)}
         for spelling in whole | {text.removeprefix(maker) for text in whole for maker in makers}:
             same = found.setdefault(spelling, entry.name) == entry.name and entry.usable
             found[spelling] = entry.name if same else ""
@@ -164,7 +166,7 @@ def least_unlike(words: str) -> list[str]:
 
 def _wanted_words(words: str) -> list[str]:
     """Return the words that say something, a number of axes as one: ``7 axis`` is ``7axis``."""
-    plain = [_plain(word).removesuffix("series") for word in words.split()]
+    plain = [_plain_spelling(word).removesuffix("series") for word in words.split()]
     plain = [word for word in plain if word]
     joined: list[str] = []
     for word in plain:
@@ -175,8 +177,8 @@ def _wanted_words(words: str) -> list[str]:
     return [word for word in joined if word not in FILLER_WORDS] or joined
 
 
-def _fits(entry: CatalogueEntry, search_words: list[str], together: str) -> bool:
-    text = _text(entry)
+def _fits_words(entry: CatalogueEntry, search_words: list[str], together: str) -> bool:
+    text = _words_of_entry(entry)
     return _is_called_so(together, text) or all(_word_fits(word, entry, text) for word in search_words)
 
 
@@ -201,10 +203,10 @@ def _is_called_so(word: str, text: Sequence[str]) -> bool:
 
 def _nearest_words(word: str, entries: Sequence[CatalogueEntry]) -> tuple[str, ...]:
     """Return the words of the catalogue that a mistyped one is nearest to; the word itself where none is near."""
-    if any(_word_fits(word, entry, _text(entry)) for entry in entries):
+    if any(_word_fits(word, entry, _words_of_entry(entry)) for entry in entries):
         return (word,)
     parts = (_PART.split(f"{entry.name} {entry.title} {entry.maker} {entry.family}") for entry in entries)
-    catalogue_words = {_plain(part) for some in parts for part in some} | COMMON_NAMES.keys()
+    catalogue_words = {_plain_spelling(part) for some in parts for part in some} | COMMON_NAMES.keys()
     begun = tuple(name for name in COMMON_NAMES if len(word) >= _FEWEST_LETTERS and name.startswith(word))
     return (
         begun
@@ -213,10 +215,10 @@ def _nearest_words(word: str, entries: Sequence[CatalogueEntry]) -> tuple[str, .
     )
 
 
-def _order(entry: CatalogueEntry, words: str, together: str) -> tuple[bool, int, float, str]:
+def _order_key(entry: CatalogueEntry, words: str, together: str) -> tuple[bool, int, float, str]:
     """Return what sorts the robot that is meant first."""
     return (
-        not _is_called_so(together, _text(entry)),
+        not _is_called_so(together, _words_of_entry(entry)),
         -_shared_words(entry, words),
         -_similarity(entry, together),
         entry.name,
@@ -227,34 +229,40 @@ def _shared_words(entry: CatalogueEntry, words: str) -> int:
     """Return how many words the name or title begins with as these do, without the maker: ``irb 6700`` are two."""
     makers = {*_WORD.findall(entry.file), *_WORD.findall(entry.maker.lower())}
     query, *spellings = (
-        [word for word in _words(text) if word not in makers] for text in (words, entry.name, entry.title)
+        [word for word in _split_words(text) if word not in makers]
+        for text in (words, entry.name, entry.title)
     )
     alike = (takewhile(lambda pair: pair[0] == pair[1], zip(own, query, strict=False)) for own in spellings)
     return max(len(list(begun)) for begun in alike)
 
 
 @cache
-def _text(entry: CatalogueEntry) -> tuple[str, ...]:
+def _words_of_entry(entry: CatalogueEntry) -> tuple[str, ...]:
     """Return the words of everything a robot is called; 0.58 m of reach also as 58, as in makers' file names."""
     reach = _REACH.sub(lambda found: f"{float(found[0]) * 100.0:.0f}", entry.title)
-    return tuple(_words(f"{entry.name} {entry.title} {reach} {entry.maker} {entry.family}"))
+    return tuple(_split_words(f"{entry.name} {entry.title} {reach} {entry.maker} {entry.family}"))
 
 
 def _similarity(entry: CatalogueEntry, together: str, *, beginning: bool = False) -> float:
     """Return how alike the words are to the model's name or its beginning, with or without its maker, 0 to 1."""
-    own = _plain(entry.name)
-    maker = _plain(entry.file or entry.maker)
-    spellings = {own, own.removeprefix(maker), _plain(entry.title), _plain(entry.title).removeprefix(maker)}
+    own = _plain_spelling(entry.name)
+    maker = _plain_spelling(entry.file or entry.maker)
+    spellings = {
+        own,
+        own.removeprefix(maker),
+        _plain_spelling(entry.title),
+        _plain_spelling(entry.title).removeprefix(maker),
+    }
     if beginning:
         spellings |= {spelling[: len(together)] for spelling in spellings}
     return max(SequenceMatcher(None, spelling, together).ratio() for spelling in spellings)
 
 
-def _plain(text: str) -> str:
-    return "".join(_words(text))
+def _plain_spelling(text: str) -> str:
+    return "".join(_split_words(text))
 
 
-def _words(text: str) -> list[str]:
+def _split_words(text: str) -> list[str]:
     """Return letters and numbers apart, numbers without leading zeros: 007 is 7."""
     found = _WORD.findall(_without_accents(text).lower())
     return [word.lstrip("0") or "0" if word.isdecimal() else word for word in found]
@@ -269,8 +277,8 @@ def _without_accents(text: str) -> str:
 
 @cache
 def _maker_file(file: str) -> dict[str, Mapping[str, Any]]:
-    return {robot["name"]: robot for robot in _read(file)["robots"]}
+    return {robot["name"]: robot for robot in _read_file(file)["robots"]}
 
 
-def _read(file: str) -> Any:
+def _read_file(file: str) -> Any:
     return parse_json(read_plain_text(_FOLDER / f"{file}.json"))

@@ -54,7 +54,7 @@ def read_model_text(name: str, text: str) -> ModelText:
             make_message("robot model {name}: {message}", name=name, message=error.message),
             remedy=error.remedy,
         ) from error
-    needed_keys = _NEEDED | ({"speed_source"} & _sourced(data))
+    needed_keys = _NEEDED | ({"speed_source"} & _sourced_keys(data))
     missing, unknown = needed_keys - data.keys(), data.keys() - _NEEDED - _OPTIONAL
     if missing or unknown:
         raise CalibrationError(
@@ -96,23 +96,23 @@ def model_of_data(name: str, data: Mapping[str, Any]) -> ModelText:
         )
     _refuse_names(name, data["joints"])
     for key in ("theta_deg", "alpha_deg"):
-        refuse_radians(name, key, _column(name, data, key, n))
+        refuse_radians(name, key, _read_column(name, data, key, n))
     slides = np.array([kind == PRISMATIC for kind in types or ("",) * n])
     fields: dict[str, Any] = {
         "title": data["title"],
         "rows": np.stack(
             [
-                np.deg2rad(_column(name, data, "theta_deg", n)),
-                _column(name, data, "d_mm", n) / 1e3,
-                _column(name, data, "a_mm", n) / 1e3,
-                np.deg2rad(_column(name, data, "alpha_deg", n)),
+                np.deg2rad(_read_column(name, data, "theta_deg", n)),
+                _read_column(name, data, "d_mm", n) / 1e3,
+                _read_column(name, data, "a_mm", n) / 1e3,
+                np.deg2rad(_read_column(name, data, "alpha_deg", n)),
             ],
             axis=1,
         ),
-        "joint_coupling": _coupling(name, data, n),
+        "joint_coupling": _read_coupling(name, data, n),
         "lower_rad": _of_joints(name, data, "lower", slides),
         "upper_rad": _of_joints(name, data, "upper", slides),
-        "max_speed_rad_s": _speeds(name, data, slides),
+        "max_speed_rad_s": _read_speeds(name, data, slides),
         "joint_names": tuple(data["joints"]),
     }
     if "mounting" in data:
@@ -120,9 +120,9 @@ def model_of_data(name: str, data: Mapping[str, Any]) -> ModelText:
     if types:
         fields["joint_types"] = types
     if "combined_limits" in data:
-        fields["combined_limits"] = _combined(name, data["combined_limits"], slides)
-    fields |= {key: _frame(name, key, data[key]) for key in ("base", "flange") if key in data}
-    further = {key: _frames(name, key, data.get(key, {})) for key in ("tips", "bases")}
+        fields["combined_limits"] = _read_combined_limits(name, data["combined_limits"], slides)
+    fields |= {key: _read_frame(name, key, data[key]) for key in ("base", "flange") if key in data}
+    further = {key: _read_frames(name, key, data.get(key, {})) for key in ("tips", "bases")}
     return ModelText(fields, further["tips"], further["bases"])
 
 
@@ -140,11 +140,11 @@ def _refuse_names(name: str, joints: Any) -> None:
         )
 
 
-def _sourced(data: Mapping[str, Any]) -> set[str]:
+def _sourced_keys(data: Mapping[str, Any]) -> set[str]:
     return {"speed_source"} if {"speed", "speed_deg_s"} & data.keys() else set()
 
 
-def _column(name: str, data: Mapping[str, Any], key: str, n: int) -> Array:
+def _read_column(name: str, data: Mapping[str, Any], key: str, n: int) -> Array:
     try:
         values = np.array(data[key], dtype=float)
     except (TypeError, ValueError) as broken:
@@ -173,11 +173,11 @@ def _of_joints(name: str, data: Mapping[str, Any], key: str, slides: Any) -> Arr
         raise CalibrationError(
             make_message("robot model {name}: missing ['{plain}'], unknown [] keys", name=name, plain=plain)
         )
-    values = _column(name, data, used, len(slides))
+    values = _read_column(name, data, used, len(slides))
     return np.where(slides, values / 1e3, np.deg2rad(values))
 
 
-def _speeds(name: str, data: Mapping[str, Any], slides: Any) -> Array:
+def _read_speeds(name: str, data: Mapping[str, Any], slides: Any) -> Array:
     if not {"speed", "speed_deg_s"} & data.keys():
         return np.where(slides, UNKNOWN_SPEED[1], UNKNOWN_SPEED[0])
     speeds = _of_joints(name, data, "speed", slides)
@@ -189,7 +189,7 @@ def _speeds(name: str, data: Mapping[str, Any], slides: Any) -> Array:
     return speeds
 
 
-def _coupling(name: str, data: Mapping[str, Any], n: int) -> Array:
+def _read_coupling(name: str, data: Mapping[str, Any], n: int) -> Array:
     """DH angle = sign * joint; ``interaction = [[3, 2, 1.0]]``: DH angle 3 also turns with joint 2."""
     signs = np.array(data.get("sign", [1] * n), dtype=float)
     if signs.shape != (n,) or not (np.abs(signs) == 1.0).all():
@@ -214,7 +214,9 @@ def _coupling(name: str, data: Mapping[str, Any], n: int) -> Array:
     return coupling
 
 
-def _combined(name: str, tables: Sequence[Mapping[str, Any]], slides: Any) -> tuple[CombinedLimit, ...]:
+def _read_combined_limits(
+    name: str, tables: Sequence[Mapping[str, Any]], slides: Any
+) -> tuple[CombinedLimit, ...]:
     """Read ``{weights = [0, 1, 1, 0, 0, 0], lower_deg = -79, upper_deg = 180}``: limits of a sum of joints."""
     found = []
     for table in tables:
@@ -224,7 +226,7 @@ def _combined(name: str, tables: Sequence[Mapping[str, Any]], slides: Any) -> tu
                     "robot model {name}: a combined limit has weights, lower_deg and upper_deg", name=name
                 )
             )
-        weights = _column(name, table, "weights", len(slides))
+        weights = _read_column(name, table, "weights", len(slides))
         if weights[slides].any():
             raise CalibrationError(
                 make_message("robot model {name}: a combined limit is of joints that turn", name=name)
@@ -234,20 +236,20 @@ def _combined(name: str, tables: Sequence[Mapping[str, Any]], slides: Any) -> tu
     return tuple(found)
 
 
-def _frame(name: str, key: str, table: Any) -> Array:
+def _read_frame(name: str, key: str, table: Any) -> Array:
     """Read ``{xyz_mm = [x, y, z], rpy_deg = [r, p, y]}``, as a description of ROS writes an origin."""
     if not isinstance(table, Mapping) or not set(table) <= {"xyz_mm", "rpy_deg"}:
         raise CalibrationError(
             make_message("robot model {name}: {key} has xyz_mm and rpy_deg", name=name, key=key)
         )
     where = {"xyz_mm": [0.0] * 3, "rpy_deg": [0.0] * 3} | dict(table)
-    angles = np.deg2rad(_column(f"{name}, {key}", where, "rpy_deg", 3))
+    angles = np.deg2rad(_read_column(f"{name}, {key}", where, "rpy_deg", 3))
     return homogeneous_matrix(
-        rotation_from("ros_rpy", angles), _column(f"{name}, {key}", where, "xyz_mm", 3) / 1e3
+        rotation_from("ros_rpy", angles), _read_column(f"{name}, {key}", where, "xyz_mm", 3) / 1e3
     )
 
 
-def _frames(name: str, key: str, table: Any) -> dict[str, Array]:
+def _read_frames(name: str, key: str, table: Any) -> dict[str, Array]:
     if not isinstance(table, Mapping):
         raise CalibrationError(make_message("robot model {name}: {key} names frames", name=name, key=key))
-    return {str(frame): _frame(name, f"{key}.{frame}", place) for frame, place in table.items()}
+    return {str(frame): _read_frame(name, f"{key}.{frame}", place) for frame, place in table.items()}

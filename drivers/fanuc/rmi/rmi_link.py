@@ -88,7 +88,7 @@ class RmiLink:
             await self._drop_connection()
             async with answer_deadline(self.device, self._deadline_s, "connecting"):
                 port = await self._ask_for_port()
-                reader, self._writer = await self._connect(port, _OCCUPIED)
+                reader, self._writer = await self._open_port(port, _OCCUPIED)
             self._failure = None
             self._due.clear()
             self.connections += 1
@@ -102,7 +102,7 @@ class RmiLink:
         """Say goodbye and hang up."""
         if self._writer is not None and self._failure is None:
             with contextlib.suppress(DeviceError, OSError):
-                await self._send({"Communication": "FRC_Disconnect"})
+                await self._send_packet({"Communication": "FRC_Disconnect"})
         await self._drop_connection()
 
     async def send_command(self, name: str, **fields: Any) -> Packet:
@@ -121,7 +121,7 @@ class RmiLink:
             answer: asyncio.Future[Packet] = asyncio.get_running_loop().create_future()
             self._answer, self._last_asked = (name, answer), name
             try:
-                await self._send({"Command": name, **fields})
+                await self._send_packet({"Command": name, **fields})
                 return self.accept_reply(await answer)
             except asyncio.CancelledError:  # by a caller, or by a deadline
                 if self._answer is not None:  # its reply has not come yet
@@ -158,14 +158,14 @@ class RmiLink:
         self._instructions = {
             sequence_id: executed
         }  # one at a time: the reply to an earlier one is forgotten
-        await self._send({"Instruction": name, "SequenceID": sequence_id, **fields})
+        await self._send_packet({"Instruction": name, "SequenceID": sequence_id, **fields})
         return executed
 
     def accept_reply(self, reply: Packet) -> Packet:
         """Return a reply; raise RefusedError where the controller refuses."""
         code = reply.get("ErrorID", 0)
         if type(code) is not int:  # neither true nor 0.0
-            raise self._unreadable("an ErrorID is no number")
+            raise self._unreadable_error("an ErrorID is no number")
         if code == 0:
             return reply
         number = code - _ERROR_BASE
@@ -191,28 +191,28 @@ class RmiLink:
             async with asyncio.timeout(self._deadline_s * _SHARE_FOR_LATE_REPLY):
                 await due.wait()
         if name in self._due:
-            self._fail(UnreachableError(self.device, "a reply did not come.", remedy=_CABLE))
+            self._fail_waiting(UnreachableError(self.device, "a reply did not come.", remedy=_CABLE))
             await self.open()
 
     # the connection
 
     async def _ask_for_port(self) -> int:
-        reader, writer = await self._connect(self._port, _CABLE)
+        reader, writer = await self._open_port(self._port, _CABLE)
         try:
-            writer.write(_encode({"Communication": "FRC_Connect"}))
+            writer.write(_encode_packet({"Communication": "FRC_Connect"}))
             reply = self.decode_packet(await self._read_line(reader))
         finally:
             writer.close()
         self.accept_reply(reply)
         port, major, minor = (reply.get(key) for key in ("PortNumber", "MajorVersion", "MinorVersion"))
         if not (isinstance(port, int) and 0 < port < 65536):
-            raise self._unreadable("the reply to FRC_Connect names no port")
+            raise self._unreadable_error("the reply to FRC_Connect names no port")
         self.version = RmiVersion(
             major if isinstance(major, int) else 0, minor if isinstance(minor, int) else 0
         )
         return port
 
-    async def _connect(self, port: int, remedy: str) -> tuple[asyncio.StreamReader, asyncio.StreamWriter]:
+    async def _open_port(self, port: int, remedy: str) -> tuple[asyncio.StreamReader, asyncio.StreamWriter]:
         try:
             return await asyncio.open_connection(self._address, port, limit=_MOST_OCTETS)
         except OSError as error:
@@ -225,17 +225,17 @@ class RmiLink:
             self._writer.close()
         self._reading = self._writer = None
 
-    async def _send(self, packet: Packet) -> None:
+    async def _send_packet(self, packet: Packet) -> None:
         if self._writer is None or self._failure is not None:
             raise self._failure or UnreachableError(self.device, "the connection is closed.", remedy=_CABLE)
-        octets = _encode(packet)
+        octets = _encode_packet(packet)
         self.trace.add_frame(">", octets.decode())
         try:
             self._writer.write(octets)
             await self._writer.drain()
         except OSError as error:
-            self._fail(self._lost(error))
-            raise self._lost(error) from error
+            self._fail_waiting(self._lost_error(error))
+            raise self._lost_error(error) from error
 
     # what comes
 
@@ -247,15 +247,15 @@ class RmiLink:
                 self.trace.add_frame("<", line.decode("ascii", "replace"))
                 self._hand_over(self.decode_packet(line))
         except DeviceError as error:
-            self._fail(error)
+            self._fail_waiting(error)
 
     async def _read_line(self, reader: asyncio.StreamReader) -> bytes:
         try:
             return await reader.readuntil(b"\r\n")
         except asyncio.LimitOverrunError as error:
-            raise self._unreadable("a packet does not end") from error
+            raise self._unreadable_error("a packet does not end") from error
         except (OSError, asyncio.IncompleteReadError) as error:
-            raise self._lost(error) from error
+            raise self._lost_error(error) from error
 
     def _hand_over(self, packet: Packet) -> None:
         sequence_id = packet.get("SequenceID")
@@ -287,13 +287,13 @@ class RmiLink:
             for executed in open_ones:  # a motion that the controller could not read
                 executed.set_result(packet)
         else:  # a reply more than questions: the next one would answer another question
-            raise self._unreadable("a reply came that nothing had asked for")
+            raise self._unreadable_error("a reply came that nothing had asked for")
 
     def _end_broken(self, error: Exception) -> None:
         """End a connection whose reading failed in a way that nothing foresees; the next question connects anew."""
-        self._fail(self._lost(error))
+        self._fail_waiting(self._lost_error(error))
 
-    def _fail(self, error: DeviceError) -> None:
+    def _fail_waiting(self, error: DeviceError) -> None:
         self._failure = error
         for due in self._due.values():
             due.set()
@@ -314,17 +314,17 @@ class RmiLink:
         try:
             packet = parse_json(line)
         except (DocumentError, ValueError) as error:
-            raise self._unreadable("a packet is no JSON", line) from error
+            raise self._unreadable_error("a packet is no JSON", line) from error
         if not isinstance(packet, dict):
-            raise self._unreadable("a packet is no JSON object", line)
+            raise self._unreadable_error("a packet is no JSON object", line)
         return packet
 
-    def _lost(self, error: Exception) -> UnreachableError:
+    def _lost_error(self, error: Exception) -> UnreachableError:
         return lost_connection_error(self.device, error, _CABLE)
 
-    def _unreadable(self, what: str, frame: bytes = b"") -> WireProtocolError:
+    def _unreadable_error(self, what: str, frame: bytes = b"") -> WireProtocolError:
         return unreadable_answer_error(self.device, what, _REPORT, frame[:200].hex())
 
 
-def _encode(packet: Packet) -> bytes:
+def _encode_packet(packet: Packet) -> bytes:
     return json.dumps(packet, allow_nan=False).encode("ascii") + b"\r\n"

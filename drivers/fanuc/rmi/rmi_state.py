@@ -51,12 +51,12 @@ async def read_status(link: RmiLink) -> RmiStatus:
     """Read the status of controller and motion program."""
     reply = await link.send_command("FRC_GetStatus")
     return RmiStatus(
-        _number(link, reply, "ServoReady") != 0,
-        _number(link, reply, "TPMode") != 0,
-        _number(link, reply, "RMIMotionStatus") != 0,
-        _number(link, reply, "SingleStepMode", 0.0) != 0,
-        _whole(link, reply, "NextSequenceID", 1.0),
-        _number(link, reply, "Override", 100.0) / 100.0,
+        _number_from(link, reply, "ServoReady") != 0,
+        _number_from(link, reply, "TPMode") != 0,
+        _number_from(link, reply, "RMIMotionStatus") != 0,
+        _number_from(link, reply, "SingleStepMode", 0.0) != 0,
+        _whole_number_from(link, reply, "NextSequenceID", 1.0),
+        _number_from(link, reply, "Override", 100.0) / 100.0,
     )
 
 
@@ -65,8 +65,8 @@ async def read_joint_angles(link: RmiLink) -> tuple[tuple[float, ...], Packet]:
     reply = await link.send_command("FRC_ReadJointAngles")
     angles = reply.get("JointAngle", reply.get("JointAngles"))
     if not isinstance(angles, Mapping):
-        raise _unreadable(link, "there are no joint angles")
-    joints = tuple(math.radians(_number(link, angles, f"J{axis}")) for axis in range(1, AXES + 1))
+        raise _unreadable_error(link, "there are no joint angles")
+    joints = tuple(math.radians(_number_from(link, angles, f"J{axis}")) for axis in range(1, AXES + 1))
     return check_joints(link.device, joints), reply
 
 
@@ -79,7 +79,7 @@ async def read_external_axes(link: RmiLink, *, in_group_2: bool) -> tuple[ShownE
     if in_group_2:
         reply = await link.send_command("FRC_ReadJointAngles", Group=_SECOND_GROUP)
         if reply.get("Group") != _SECOND_GROUP:
-            raise _unreadable(link, "it is of another motion group")
+            raise _unreadable_error(link, "it is of another motion group")
         found += _axes_beside(link, reply, "group 2 J", 0)
     return found
 
@@ -87,10 +87,10 @@ async def read_external_axes(link: RmiLink, *, in_group_2: bool) -> tuple[ShownE
 def _axes_beside(link: RmiLink, reply: Packet, name: str, first: int) -> tuple[ShownExternalAxis, ...]:
     angles = reply.get("JointAngle", reply.get("JointAngles"))
     if not isinstance(angles, Mapping):
-        raise _unreadable(link, "there are no joint angles")
+        raise _unreadable_error(link, "there are no joint angles")
     told = [axis for axis in range(first + 1, _MOST_AXES + 1) if f"J{axis}" in angles]
     return tuple(
-        ShownExternalAxis(f"{name}{axis - first}", _number(link, angles, f"J{axis}")) for axis in told
+        ShownExternalAxis(f"{name}{axis - first}", _number_from(link, angles, f"J{axis}")) for axis in told
     )
 
 
@@ -99,9 +99,9 @@ async def read_pose(link: RmiLink) -> tuple[Pose, int, int]:
     reply = await link.send_command("FRC_ReadCartesianPosition")
     position, configuration = reply.get("Position"), reply.get("Configuration")
     if not isinstance(position, Mapping) or not isinstance(configuration, Mapping):
-        raise _unreadable(link, "there is no position")
-    user = _whole(link, configuration, "UFrameNumber")
-    return _pose(link, position), user, _whole(link, configuration, "UToolNumber")
+        raise _unreadable_error(link, "there is no position")
+    user = _whole_number_from(link, configuration, "UFrameNumber")
+    return _pose_from(link, position), user, _whole_number_from(link, configuration, "UToolNumber")
 
 
 async def read_frame(link: RmiLink, kind: str, number: int) -> Pose:
@@ -109,11 +109,11 @@ async def read_frame(link: RmiLink, kind: str, number: int) -> Pose:
     key = _number_key(kind)
     reply = await link.send_command(f"FRC_Read{kind}Data", **{key: number})
     if any(reply.get(one, number) != number for one in (key, f"{kind}Number")):
-        raise _unreadable(link, "it is of another frame")
+        raise _unreadable_error(link, "it is of another frame")
     frame = reply.get("Frame")
     if not isinstance(frame, Mapping):
-        raise _unreadable(link, "there is no frame")
-    return _pose(link, frame)
+        raise _unreadable_error(link, "there is no frame")
+    return _pose_from(link, frame)
 
 
 async def write_frame(link: RmiLink, kind: str, number: int, pose: Pose) -> None:
@@ -127,7 +127,7 @@ async def write_frame(link: RmiLink, kind: str, number: int, pose: Pose) -> None
 async def read_active_numbers(link: RmiLink) -> tuple[int, int]:
     """Return the numbers of the active user frame and tool."""
     reply = await link.send_command("FRC_GetUFrameUTool")
-    return _whole(link, reply, "UFrameNumber"), _whole(link, reply, "UToolNumber")
+    return _whole_number_from(link, reply, "UFrameNumber"), _whole_number_from(link, reply, "UToolNumber")
 
 
 async def read_alarm_texts(link: RmiLink) -> tuple[str, ...]:
@@ -196,27 +196,29 @@ def _number_key(kind: str) -> str:
     return "ToolNumber" if kind == "UTool" else "FrameNumber"
 
 
-def _pose(link: RmiLink, values: Mapping[str, Any]) -> Pose:
-    x, y, z, w, p, r = (_number(link, values, key) for key in _FRAME_KEYS)
+def _pose_from(link: RmiLink, values: Mapping[str, Any]) -> Pose:
+    x, y, z, w, p, r = (_number_from(link, values, key) for key in _FRAME_KEYS)
     rotation = rotation_from("fanuc_wpr", np.radians([w, p, r]))
     return check_pose(link.device, Pose.from_matrix(homogeneous_matrix(rotation, np.array([x, y, z]) * 1e-3)))
 
 
-def _number(link: RmiLink, values: Mapping[str, Any], key: str, otherwise: float | None = None) -> float:
+def _number_from(link: RmiLink, values: Mapping[str, Any], key: str, otherwise: float | None = None) -> float:
     value = values.get(key, otherwise)
     if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-        raise _unreadable(link, f"{key} is no finite number")
+        raise _unreadable_error(link, f"{key} is no finite number")
     return float(value)
 
 
-def _whole(link: RmiLink, values: Mapping[str, Any], key: str, otherwise: float | None = None) -> int:
-    number = _number(link, values, key, otherwise)
+def _whole_number_from(
+    link: RmiLink, values: Mapping[str, Any], key: str, otherwise: float | None = None
+) -> int:
+    number = _number_from(link, values, key, otherwise)
     if not number.is_integer():
-        raise _unreadable(link, make_message("{text} is no whole number", text=key))
+        raise _unreadable_error(link, make_message("{text} is no whole number", text=key))
     return int(number)
 
 
-def _unreadable(link: RmiLink, what: str) -> WireProtocolError:
+def _unreadable_error(link: RmiLink, what: str) -> WireProtocolError:
     return unreadable_answer_error(
         link.device, what, "Report this with the log of the wire.", link.trace.last_received()
     )
