@@ -57,7 +57,7 @@ _PATTERNS: tuple[tuple[str, PromptAnswers], ...] = (
     ("type_mastering", PromptAnswers("The six numbers are typed", "I cannot type them", "pendant")),
     ("near_record_pose", PromptAnswers("The arm stands there", _HERE, "pendant")),
     ("bring_back_.*", PromptAnswers("The axis is brought back", _HERE, "pendant")),
-    ("position_kept", PromptAnswers("Nothing of it happened", "Something was done", "pendant")),
+    ("position_kept", PromptAnswers("None of this happened", "Something was done", "pendant")),
     ("position_still_lost", PromptAnswers("It is brought back", "An alarm stays", "pendant")),
     ("jog_by_hand", PromptAnswers("The arm stands there", _HERE, "pendant")),
     (
