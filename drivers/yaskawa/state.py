@@ -4,6 +4,7 @@ import struct
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from cellcal.calibration.message import make_message
 from cellcal.drivers.errors import RefusedError, WireProtocolError
 from cellcal.drivers.interfaces import ShownExternalAxis
 from cellcal.drivers.wire.link_errors import unreadable_answer_error
@@ -170,7 +171,9 @@ async def read_pulses(link: HsesLink) -> PulsePosition:
     data = await link.ask(HsesRequest(0x75, PULSE_POSITION, 0, _READ_ALL))
     kind, _, tool, _, _, *axes = _unpack_position(link, data)
     if kind != _PULSE_TYPE:
-        raise _unreadable(link, f"a position of type {kind} came where pulses were asked for", data)
+        raise _unreadable_error(
+            link, make_message("a position of type {kind} came where pulses were asked for", kind=kind), data
+        )
     return PulsePosition(tuple(axes[:AXES]), tool, data.hex())
 
 
@@ -179,7 +182,9 @@ async def read_station_axes(link: HsesLink, group: StationGroup) -> tuple[ShownE
     data = await link.ask(HsesRequest(0x75, group.instance, 0, _READ_ALL))
     kind, _, _, _, _, *axes = _unpack_position(link, data)
     if kind != _PULSE_TYPE:
-        raise _unreadable(link, f"a position of type {kind} came where pulses were asked for", data)
+        raise _unreadable_error(
+            link, make_message("a position of type {kind} came where pulses were asked for", kind=kind), data
+        )
     pulses = enumerate(axes[: group.axes], 1)
     return tuple(
         ShownExternalAxis(f"{group.name} axis {axis}", float(value), wanders=_STATION_DITHER_PULSES)
@@ -204,7 +209,9 @@ async def read_cartesian(link: HsesLink) -> CartesianPosition:
     data = await link.ask(HsesRequest(0x75, CARTESIAN_POSITION, 0, _READ_ALL))
     kind, _, tool, user, _, x, y, z, rx, ry, rz, *_ = _unpack_position(link, data)
     if kind not in (16, 17):
-        raise _unreadable(link, f"a position of type {kind} came where the base was asked for", data)
+        raise _unreadable_error(
+            link, make_message("a position of type {kind} came where the base was asked for", kind=kind), data
+        )
     return CartesianPosition((x * 1e-6, y * 1e-6, z * 1e-6), (rx * 1e-4, ry * 1e-4, rz * 1e-4), tool, user)
 
 
@@ -228,11 +235,15 @@ def _unpack_position(link: HsesLink, data: bytes) -> tuple[int, ...]:
 
 def _unpack(link: HsesLink, form: struct.Struct, data: bytes) -> tuple:  # type: ignore[type-arg]
     if len(data) < form.size:
-        raise _unreadable(link, f"{len(data)} octets came where {form.size} belong", data)
+        raise _unreadable_error(
+            link,
+            make_message("{count} octets came where {size} belong", count=len(data), size=form.size),
+            data,
+        )
     return form.unpack_from(data)
 
 
-def _unreadable(link: HsesLink, what: str, data: bytes) -> WireProtocolError:
+def _unreadable_error(link: HsesLink, what: str, data: bytes) -> WireProtocolError:
     return unreadable_answer_error(
         link.device, what, "Check that robot 1 of this controller is an arm of six axes.", data.hex()
     )

@@ -42,6 +42,7 @@ _CALLED = """
     _refused_error _row_reason _table_error _toml_error _unreadable_document _unreadable_error _xml_error
     at_least at_most bar_row damaged_error damaged_file_error drop_coordinates error error_at judge_value
     known_within make_error name_flaw refused_error row_error state_evidence state_fact state_figure
+    unreadable_answer_error unreadable_error
 """
 # Calls with (where, code, text) of a line of a program.
 _REMARKS = "Remark _element_remarks _grouped_remarks _line_remarks _of_functions add_remark"

@@ -66,7 +66,7 @@ async def read_joints(link: WebLink) -> tuple[tuple[float, ...], Mapping[str, An
     state = await link.get_state(f"{_UNIT}/jointtarget")
     angles = [number_of(link, state, f"rax_{axis}") for axis in range(1, AXES + 1)]
     if any(abs(angle) >= NO_AXIS * 0.9 for angle in angles):
-        raise unreadable(link, "an axis is missing")
+        raise unreadable_error(link, "an axis is missing")
     return check_joints(link.device, tuple(map(math.radians, angles))), state
 
 
@@ -196,7 +196,7 @@ def converted(link: WebLink, convert: Callable[[], T]) -> T:
     try:
         return convert()
     except ValueError as error:
-        raise unreadable(link, str(error)) from error
+        raise unreadable_error(link, str(error)) from error
 
 
 def number_of(link: WebLink, state: Mapping[str, Any], key: str) -> float:
@@ -206,10 +206,10 @@ def number_of(link: WebLink, state: Mapping[str, Any], key: str) -> float:
     try:
         return parse_number(str(value) if is_number else "")
     except ValueError as error:
-        raise unreadable(link, f"{key} is no finite number") from error
+        raise unreadable_error(link, make_message("{text} is no finite number", text=key)) from error
 
 
-def unreadable(link: WebLink, what: str) -> WireProtocolError:
+def unreadable_error(link: WebLink, what: str) -> WireProtocolError:
     """Return the error of an answer that is none."""
     return unreadable_answer_error(
         link.device, what, "Report this with the log of the wire.", link.trace.last_received()
@@ -220,9 +220,9 @@ def text_of(link: WebLink, state: Mapping[str, Any], key: str) -> str:
     """Return a word of a state; raise WireProtocolError where it is missing, or no word."""
     value = state.get(key)
     if not isinstance(value, str) or not value:
-        raise unreadable(link, f"{key} is missing")
+        raise unreadable_error(link, make_message("{name} is missing", name=key))
     if len(value) > _LONGEST_WORD or not value.isprintable():
-        raise unreadable(link, f"{key} is no word")
+        raise unreadable_error(link, make_message("{text} is no word", text=key))
     return value
 
 
@@ -230,5 +230,5 @@ def _name_of(link: WebLink, state: Mapping[str, Any], key: str) -> str:
     """Return the name of RAPID data, which becomes part of a path."""
     name = text_of(link, state, key)
     if not name.isidentifier():
-        raise unreadable(link, f"{key} is no name of RAPID data")
+        raise unreadable_error(link, make_message("{text} is no name of RAPID data", text=key))
     return name

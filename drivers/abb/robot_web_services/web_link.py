@@ -123,7 +123,7 @@ class WebLink:
             yield
             path, key = next(each for each in _CONFIRMING.items() if each[0] != self._last_path)
             if key not in await self.get_state(path):
-                raise self._unreadable("it answers another question than was asked")
+                raise self._unreadable_error("it answers another question than was asked")
         except WireProtocolError:
             await self._renew_connection()
             raise
@@ -165,9 +165,9 @@ class WebLink:
         reply = self._decode(response)
         states = dialect.states_in(reply)
         if not states:
-            raise self._unreadable(f"{path} holds no state")
+            raise self._unreadable_error(make_message("{path} holds no state", path=path))
         if is_of_another_robot(path, reply, states):
-            raise self._unreadable(make_message("{path} holds the state of another robot", path=path))
+            raise self._unreadable_error(make_message("{path} holds the state of another robot", path=path))
         return [dict(state) for state in states]
 
     async def get_document(self, path: str, **query: str) -> Mapping[str, Any]:
@@ -200,7 +200,7 @@ class WebLink:
         """Return the value of a RAPID symbol of the motion task, as text."""
         value = (await self.get_state(self.dialect.symbol_path(name))).get("value")
         if not isinstance(value, str) or not value:
-            raise self._unreadable("value is missing")
+            raise self._unreadable_error(make_message("{name} is missing", name="value"))
         return value
 
     async def write_symbol(self, name: str, value: str) -> None:
@@ -229,7 +229,7 @@ class WebLink:
                     method, path, params=dict(query), content=body, headers=headers
                 )
         except OversizedAnswerError as error:
-            raise self._unreadable(str(error)) from error
+            raise self._unreadable_error(str(error)) from error
         except httpx.TimeoutException as error:
             raise timeout_error(
                 self.device, self._deadline_s, "waiting for an answer", is_half=self._is_half()
@@ -255,7 +255,7 @@ class WebLink:
         self.trace.add_frame("<", f"{response.status_code} {response.text[:500]}")
         self._bound_cookies()
         if response.has_redirect_location:
-            raise self._unreadable(make_message("{path} leads elsewhere", path=path))
+            raise self._unreadable_error(make_message("{path} leads elsewhere", path=path))
         if response.status_code not in _DONE:
             raise self._refused(response)
         return response
@@ -294,9 +294,9 @@ class WebLink:
         try:
             reply = parse_json(response.content)
         except (DocumentError, ValueError) as error:
-            raise self._unreadable("it is no JSON") from error
+            raise self._unreadable_error("it is no JSON") from error
         if not isinstance(reply, dict):
-            raise self._unreadable("it is no JSON object")
+            raise self._unreadable_error("it is no JSON object")
         return reply
 
     def _refused(self, response: httpx.Response) -> RefusedError:
@@ -315,7 +315,7 @@ class WebLink:
             vendor_text=response.text[:500],
         )
 
-    def _unreadable(self, what: str) -> WireProtocolError:
+    def _unreadable_error(self, what: str) -> WireProtocolError:
         return unreadable_answer_error(
             self.device,
             what,

@@ -205,7 +205,7 @@ def _pose_from(link: RmiLink, values: Mapping[str, Any]) -> Pose:
 def _number_from(link: RmiLink, values: Mapping[str, Any], key: str, otherwise: float | None = None) -> float:
     value = values.get(key, otherwise)
     if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-        raise _unreadable_error(link, f"{key} is no finite number")
+        raise _unreadable_error(link, make_message("{text} is no finite number", text=key))
     return float(value)
 
 
