@@ -7,7 +7,13 @@ from pathlib import PurePath
 from typing import TypeAlias
 
 from cellcal.calibration.message import make_message
-from cellcal.drivers.programs.call_graph import Marks, reached_missing, reached_settings, with_interrupts
+from cellcal.drivers.programs.call_graph import (
+    Marks,
+    in_circles,
+    reached_missing,
+    reached_settings,
+    with_interrupts,
+)
 from cellcal.drivers.programs.file_declarations import FileDeclarations, RoutineEffects
 
 Routine: TypeAlias = tuple[str, str]  # its file and name
@@ -75,6 +81,14 @@ class BatchCalls:
             )
         )
         return with_interrupts(calls, here, shown)[0] if any(here) or any(shown) else calls
+
+    @cached_property
+    def _circles(self) -> list[bool]:
+        return in_circles(self._calls)
+
+    def calls_itself(self, file: str) -> bool:
+        """Return whether a routine of a file may be called again while it runs."""
+        return any(self._circles[self._numbers[file, name]] for name in self._by_file[file].routines)
 
     def _numbers_called(self, file: str, names: Iterable[str]) -> list[int]:
         return [self._numbers[called] for name in names for called in self._called_routines(file, name)]

@@ -96,6 +96,7 @@ class BatchDeclarations:
             frames_before=frames_before,
             tools_before=tools_before,
             running=running,
+            calls_itself=one.flat and self._calls.calls_itself(file),
             other_task=other_moving_task(file, self._moving_tasks),
         )
 

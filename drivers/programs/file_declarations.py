@@ -159,6 +159,7 @@ class ExternalUses:
         default_factory=dict
     )  # routines not given that other files start to run beside all others, and the file
 
+    calls_itself: bool = False  # a routine of the file may be called again while it runs
     other_task: str = ""  # of the same controller, whose files move, too
 
     def doubt_reason(self, tool: str | None, frame: str | None) -> str:

@@ -63,7 +63,7 @@ class RandomProgram:
     def _block(self, most: int, depth: int, *, calls: bool = True) -> tuple[Statement, ...]:
         kinds = ["frame", "frame", "tool", "move", "move", "move", "still"]
         kinds += ["if", "loop", "skip"] if depth else []
-        kinds += ["call"] if calls and depth == 2 else []
+        kinds += ["call"] if calls and depth else []
         found = []
         for _ in range(self.random.randint(1, most)):
             kind = self.random.choice(kinds)

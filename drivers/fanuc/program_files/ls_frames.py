@@ -130,6 +130,16 @@ def setters_beside(file: str, marks: BatchReasons) -> Sequence[str]:
     return marks.rests_behind(_setters(file))
 
 
+def mark_of_starter(file: str, name: str) -> dict[str, str]:
+    """Return what a program that lets others run beside it says of itself to those of its folder."""
+    return {f"{_starters(file)} {name}": ""}
+
+
+def is_run_beside(file: str, marks: BatchReasons) -> bool:
+    """Return whether programs of a file's folder run beside others."""
+    return bool(marks.rests_behind(_starters(file)))
+
+
 def without_set_frames(positions: Positions, file: str, set_by_whom: Mapping[str, str]) -> Positions:
     """Return positions of which those are left whose frame or tool a program sets: the cell has another."""
     barred = dict(positions.barred)
@@ -171,6 +181,10 @@ def with_frames_of_people(positions: Positions, file: str, name: str, marks: Bat
 
 def _setters(file: str) -> str:
     return f"{PurePath(file).parent} setter"
+
+
+def _starters(file: str) -> str:
+    return f"{PurePath(file).parent} starter"
 
 
 def _alone(file: str) -> str:

@@ -26,7 +26,9 @@ from cellcal.drivers.fanuc.program_files.ls_fixed import ListingBody
 from cellcal.drivers.fanuc.program_files.ls_frames import (
     frames_made_alone,
     frames_set,
+    is_run_beside,
     mark_of_setter,
+    mark_of_starter,
     routine_effects_of,
     rows_without_frames,
     setters_beside,
@@ -101,11 +103,16 @@ class LsProgram:
         return without_set_frames(found, self.file, doubtful) if doubtful else found
 
     def _with_chosen(self, found: Positions) -> Positions:
-        external_uses = self.external_uses or BatchDeclarations({self.file: self.declarations}).uses_of_file(
-            self.file
-        )
-        assert external_uses is not None
-        return with_chosen_frames(found, self._place.data, self.name.upper(), external_uses)
+        return with_chosen_frames(found, self._place.data, self.name.upper(), self._uses_or_own)
+
+    @property
+    def _uses_or_own(self) -> ExternalUses:
+        """Return what counts for the listing, of itself alone where no others are known."""
+        if self.external_uses is not None:
+            return self.external_uses
+        own = BatchDeclarations({self.file: self.declarations}).uses_of_file(self.file)
+        assert own is not None
+        return own
 
     @cached_property
     def remarks(self) -> tuple[Remark, ...]:
@@ -127,6 +134,9 @@ class LsProgram:
         others_set = any(name != self.name.upper() for name in setters)
         if self._conveyor_match is not None or (uses is not None and uses.running):
             return WrittenFrames()
+        if others_set and uses is not None and is_run_beside(self.file, uses.doubtful):
+            return WrittenFrames()
+        others_set |= self._uses_or_own.calls_itself
         return written_frames(self._read_positions[0], self._place.data, others_set=others_set)
 
     @property
@@ -193,6 +203,7 @@ def declarations_of(file: str, data: bytes) -> FileDeclarations:
     routines, doubtful = {name: routine_effects_of(data)}, frames_set(file, name, data)
     alone = frames_made_alone(file, name, doubtful)
     doubtful |= mark_of_setter(file, name) if doubtful else {}
+    doubtful |= mark_of_starter(file, name) if routines[name].beside else {}
     return FileDeclarations(
         PurePath(file).stem, routines=routines, doubtful=doubtful, made_alone=alone, flat=True
     )

@@ -101,7 +101,10 @@ class KrlProgram(KrlMotions):
         bas = patterns.BAS.search(code) if "(" in code else None
         if bas is not None:
             self._take_bas(line.start + bas.start(), bas[1].upper(), bas[2].strip())
+        elif "(" in code and patterns.BAS_CHOSEN.search(code):
+            self._set_both_frames(line.start, UNKNOWN)
         elif "$" in code and (frame := patterns.FRAME_SET.search(code)) is not None:
+            self.points.routines[-1].interrupted |= word in patterns.BESIDE
             if patterns.WITH.search(code, 0, frame.start()) is None:
                 self._take_frame_setting(frame, line)
                 self.force.forget()
