@@ -217,6 +217,30 @@ class BatchCalls:
                     some[self._folders[file]][name] = numbers
         return found
 
+    def surely_left(self, file: str) -> Mapping[str, tuple[str | None, str | None]]:
+        """Return by routine beside a file the tool and the frame in force behind it, as `RoutineEffects` says them.
+
+        One that neither chooses any nor calls others leaves what it began with, too.
+        """
+        return self._surely_left.get(self._folders[file], {})
+
+    @cached_property
+    def _surely_left(self) -> dict[str, dict[str, tuple[str | None, str | None]]]:
+        found: dict[str, dict[str, tuple[str | None, str | None]]] = defaultdict(dict)
+        for number, (file, name) in enumerate(self._names):
+            routine = self._by_file[file].routines[name]
+            if not self._by_file[file].flat or routine.beside:
+                continue
+            tool, frame = (
+                "" if left is None and not below[number] and not routine.likely_calls else left
+                for left, (below, _) in zip(
+                    (routine.tool_left, routine.frame_left), self._effects_around, strict=True
+                )
+            )
+            if tool is not None or frame is not None:
+                found[self._folders[file]][name] = tool, frame
+        return found
+
     def numbers_before(self, file: str) -> tuple[frozenset[str], frozenset[str]]:
         """Return the tools that callers of a file's routines, and what these call, choose, and the frames."""
         numbers = [self._numbers[file, name] for name in self._by_file[file].routines]

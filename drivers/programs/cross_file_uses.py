@@ -93,6 +93,7 @@ class BatchDeclarations:
             open_calls=open_calls,
             frames_left=frames_left if one.flat else {},
             tools_left=tools_left if one.flat else {},
+            surely_left=self._calls.surely_left(file) if one.flat else {},
             frames_before=frames_before,
             tools_before=tools_before,
             running=running,

@@ -153,6 +153,9 @@ class ExternalUses:
         default_factory=dict
     )  # by routine beside it: the frames that it, or one that it calls, chooses
     tools_left: Mapping[str, frozenset[str]] = field(default_factory=dict)  # and the tools
+    surely_left: Mapping[str, tuple[str | None, str | None]] = field(
+        default_factory=dict
+    )  # by routine beside it: the tool and the frame in force behind it, "" for those before it; None: not certain
     frames_before: frozenset[str] = frozenset()  # that callers of its routines choose, or may
     tools_before: frozenset[str] = frozenset()
     running: Mapping[str, str] = field(

@@ -42,7 +42,7 @@ from cellcal.drivers.fanuc.program_files.ls_motions import bar_standing_tools, w
 from cellcal.drivers.fanuc.program_files.ls_positions import positions_of
 from cellcal.drivers.fanuc.program_files.ls_records import ListingFile
 from cellcal.drivers.fanuc.program_files.ls_remarks import remarks_of
-from cellcal.drivers.fanuc.program_files.ls_selection import with_selections
+from cellcal.drivers.fanuc.program_files.ls_selection import is_told_by_called, with_selections
 from cellcal.drivers.programs.cross_file_uses import BatchDeclarations
 from cellcal.drivers.programs.errors import ProgramFileError
 from cellcal.drivers.programs.file_declarations import ExternalUses, FileDeclarations
@@ -92,7 +92,8 @@ class LsProgram:
         found = with_motions(bar_standing_tools(found), self._place.data, self.external_uses)
         missing = tuple(missing_places(found, self._place.data))
         found = replace(found, shifts=(*found.shifts, *missing)) if missing else found
-        found = with_selections(found, self._place.data)
+        left = {} if self.external_uses is None else self.external_uses.surely_left
+        found = with_selections(found, self._place.data, left)
         if rows_without_frames(found):
             found = self._with_chosen(found)
         doubtful = frames_set(self.file, self.name, self._place.data)
@@ -150,6 +151,7 @@ class LsProgram:
             external_uses.doubtful
             or b"PR[" in self._place.data
             or rows_without_frames(self._read_positions[0])
+            or is_told_by_called(self._place.data, external_uses.surely_left)
         )
         if external_uses is self.external_uses or not tells:
             return self
