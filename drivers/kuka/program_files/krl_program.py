@@ -38,6 +38,7 @@ from cellcal.drivers.kuka.program_files.literals import POSE_FIELDS, KrlLiteral
 from cellcal.drivers.kuka.program_files.measured_points import MEASURED
 from cellcal.drivers.kuka.program_files.passed_points import parameters_of
 from cellcal.drivers.kuka.program_files.point_uses import PointUses
+from cellcal.drivers.kuka.program_files.table_settings import TableSettings
 from cellcal.drivers.kuka.program_files.usual import TAUGHT_MOVE
 from cellcal.drivers.programs.barred import OVERWRITTEN
 from cellcal.drivers.programs.file_declarations import COPIED
@@ -49,6 +50,7 @@ from cellcal.drivers.programs.spans import ProgramText
 class KrlProgram(KrlMotions):
     """A program while it is read."""
 
+    tables: TableSettings = field(default_factory=TableSettings)
     frames_set: list[tuple[NamedItem, KrlLiteral]] = field(default_factory=list)  # names that get a FRAME
 
     def read_line(self, line: KrlLine) -> None:
@@ -232,7 +234,11 @@ class KrlProgram(KrlMotions):
         if is_null and not frame[2]:
             return "0"
         literal = self.found.read_literal(place, line.end) if text[place : line.end][:1] == "{" else None
-        alone = literal is not None and not text[literal.end : line.end].strip()
+        return self._value_of_numbers(which, literal, line)
+
+    def _value_of_numbers(self, which: str, literal: KrlLiteral | None, line: KrlLine) -> str:
+        """Return the value of a tool or base that is written out, alone up to the end of its line."""
+        alone = literal is not None and not self.found.source.text[literal.end : line.end].strip()
         pose = self.found.pose_of(literal) if literal is not None and alone else None
         if literal is None or pose is None:
             return UNKNOWN
@@ -337,7 +343,12 @@ class KrlProgram(KrlMotions):
     def _take_table_setting(self, name: NamedItem, line: KrlLine) -> None:
         index = (name.index or "").strip()
         number = str(int(index)) if index.isdigit() and len(index) < patterns.MOST_DIGITS else "*"
-        self.points.set_tables.add(f"{patterns.TABLES[name.name.upper()]} {number}")
+        which = patterns.TABLES[name.name.upper()]
+        self.points.set_tables.add(f"{which} {number}")
+        value = UNKNOWN
+        if name.value is not None and self.found.source.text[name.value : line.end][:1] == "{":
+            value = self._value_of_numbers(which, self.found.literal_or_none(name.value, line.end), line)
+        self.tables.note_setting(which, number, self.points.routines[-1], line.start, self.branches, value)
         if name.value is not None:  # a component's is told already
             self.found.add_remark(line.start, "computed", make_message(patterns.ASSIGNED, name.full_name))
 
@@ -352,5 +363,6 @@ def read_program(source: ProgramText) -> KrlProgram:
         elif line := line_at(source.text, part.start()):
             program.read_line(line)
     program.add_frames()
+    program.tables.settle_uses(program.points.routines)
     program.points.finish_reading()
     return program
