@@ -38,7 +38,6 @@ from cellcal.drivers.kuka.program_files.literals import POSE_FIELDS, KrlLiteral
 from cellcal.drivers.kuka.program_files.measured_points import MEASURED
 from cellcal.drivers.kuka.program_files.passed_points import parameters_of
 from cellcal.drivers.kuka.program_files.point_uses import PointUses
-from cellcal.drivers.kuka.program_files.table_settings import TableSettings
 from cellcal.drivers.kuka.program_files.usual import TAUGHT_MOVE
 from cellcal.drivers.programs.barred import OVERWRITTEN
 from cellcal.drivers.programs.file_declarations import COPIED
@@ -50,7 +49,6 @@ from cellcal.drivers.programs.spans import ProgramText
 class KrlProgram(KrlMotions):
     """A program while it is read."""
 
-    tables: TableSettings = field(default_factory=TableSettings)
     frames_set: list[tuple[NamedItem, KrlLiteral]] = field(default_factory=list)  # names that get a FRAME
 
     def read_line(self, line: KrlLine) -> None:
@@ -85,6 +83,8 @@ class KrlProgram(KrlMotions):
         self._set_both_frames(found.start("bas"), UNKNOWN)
         self._take_data(f"F{found['point']}")
         self.points.moved_as_taught.add(f"X{found['point']}".upper())
+        routine = self.points.routines[-1]
+        self.tables.note_taught(f"F{found['point']}", routine, found.start("bas"), self.branches)
 
     def _take_data(self, name: str) -> None:
         """Take frame data that an inline form sets; "" for such that no point has."""
