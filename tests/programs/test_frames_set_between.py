@@ -113,3 +113,14 @@ def test_a_listing_beside_others_that_run_is_left_where_one_sets_frames(tmp_path
 def test_without_ways_to_them_the_moves_of_one_file_stand_in_their_numbers() -> None:
     code = f"DEF k()\n$TOOL=TOOL_DATA[1]\n{FIRST}INTERRUPT OFF 3\nTRIGGER WHEN PATH=1 DELAY=0 DO $OUT[1]=TRUE\n{LAST}END\n"
     assert read_program("k.src", code.encode()).positions.barred == {}
+
+
+@pytest.mark.parametrize(("statement", "left"), [("  Set Frame", None), ("  DO[5]=ON", 807.8)])
+def test_a_macro_may_be_any_listing_that_none_calls_by_name(
+    tmp_path: Path, statement: str, left: float | None
+) -> None:
+    files = {
+        "RDK.LS": listings.listing(*BEGIN, statement, listings.move(1), count=1),
+        "OTHER.LS": listings.listing(*listings.SECOND, count=0, name="OTHER"),
+    }
+    assert listings.places(read_programs(tmp_path, files)["RDK.LS"]) == [left]

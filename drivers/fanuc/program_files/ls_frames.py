@@ -126,8 +126,13 @@ def mark_of_setter(file: str, name: str) -> dict[str, str]:
 
 
 def setters_beside(file: str, marks: BatchReasons) -> Sequence[str]:
-    """Return the programs of a file's folder that set any frame or tool."""
+    """Return the programs of a file's folder that set any frame or tool, and that others call, or may."""
     return marks.rests_behind(_setters(file))
+
+
+def is_made_alone(file: str, name: str, marks: BatchReasons) -> bool:
+    """Return whether another program of a file's folder sets a user frame that none calls by its name."""
+    return any(rest.partition(" ")[2] != name for rest in marks.rests_behind(_alone(file)))
 
 
 def mark_of_starter(file: str, name: str) -> dict[str, str]:

@@ -26,6 +26,7 @@ from cellcal.drivers.fanuc.program_files.ls_fixed import ListingBody
 from cellcal.drivers.fanuc.program_files.ls_frames import (
     frames_made_alone,
     frames_set,
+    is_made_alone,
     is_run_beside,
     mark_of_setter,
     mark_of_starter,
@@ -138,7 +139,9 @@ class LsProgram:
         if others_set and uses is not None and is_run_beside(self.file, uses.doubtful):
             return WrittenFrames()
         others_set |= self._uses_or_own.calls_itself
-        return written_frames(self._read_positions[0], self._place.data, others_set=others_set)
+        by_macro = uses is not None and is_made_alone(self.file, self.name.upper(), uses.doubtful)
+        positions, data = self._read_positions[0], self._place.data
+        return written_frames(positions, data, others_set=others_set, by_macro=by_macro)
 
     @property
     def declarations(self) -> FileDeclarations:
