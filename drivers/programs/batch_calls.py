@@ -7,7 +7,13 @@ from pathlib import PurePath
 from typing import TypeAlias
 
 from cellcal.calibration.message import make_message
-from cellcal.drivers.programs.call_graph import Marks, reached_missing, reached_settings, with_interrupts
+from cellcal.drivers.programs.call_graph import (
+    Marks,
+    in_circles,
+    reached_missing,
+    reached_settings,
+    with_interrupts,
+)
 from cellcal.drivers.programs.file_declarations import FileDeclarations, RoutineEffects
 
 Routine: TypeAlias = tuple[str, str]  # its file and name
@@ -75,6 +81,14 @@ class BatchCalls:
             )
         )
         return with_interrupts(calls, here, shown)[0] if any(here) or any(shown) else calls
+
+    @cached_property
+    def _circles(self) -> list[bool]:
+        return in_circles(self._calls)
+
+    def calls_itself(self, file: str) -> bool:
+        """Return whether a routine of a file may be called again while it runs."""
+        return any(self._circles[self._numbers[file, name]] for name in self._by_file[file].routines)
 
     def _numbers_called(self, file: str, names: Iterable[str]) -> list[int]:
         return [self._numbers[called] for name in names for called in self._called_routines(file, name)]
@@ -201,6 +215,30 @@ class BatchCalls:
                 numbers = frozenset(chosen if left is None else {left} - {""})
                 if self._by_file[file].flat and numbers:
                     some[self._folders[file]][name] = numbers
+        return found
+
+    def surely_left(self, file: str) -> Mapping[str, tuple[str | None, str | None]]:
+        """Return by routine beside a file the tool and the frame in force behind it, as `RoutineEffects` says them.
+
+        One that neither chooses any nor calls others leaves what it began with, too.
+        """
+        return self._surely_left.get(self._folders[file], {})
+
+    @cached_property
+    def _surely_left(self) -> dict[str, dict[str, tuple[str | None, str | None]]]:
+        found: dict[str, dict[str, tuple[str | None, str | None]]] = defaultdict(dict)
+        for number, (file, name) in enumerate(self._names):
+            routine = self._by_file[file].routines[name]
+            if not self._by_file[file].flat or routine.beside:
+                continue
+            tool, frame = (
+                "" if left is None and not below[number] and not routine.likely_calls else left
+                for left, (below, _) in zip(
+                    (routine.tool_left, routine.frame_left), self._effects_around, strict=True
+                )
+            )
+            if tool is not None or frame is not None:
+                found[self._folders[file]][name] = tool, frame
         return found
 
     def numbers_before(self, file: str) -> tuple[frozenset[str], frozenset[str]]:

@@ -37,6 +37,16 @@ def reached_settings(
     return [below[group_of[one]] for one in count], [above[group_of[one]] for one in count]
 
 
+def in_circles(calls: Sequence[Collection[int]]) -> list[bool]:
+    """Return of each routine whether it, or one that it calls, calls it."""
+    found = [routine in called for routine, called in enumerate(calls)]
+    for group in _group_cycles(calls):
+        if len(group) > 1:
+            for routine in group:
+                found[routine] = True
+    return found
+
+
 def _least_marks(marks: Collection[tuple[str, int]]) -> Marks:
     """Return the least marks, each of another value."""
     found: list[tuple[str, int]] = []

@@ -93,9 +93,11 @@ class BatchDeclarations:
             open_calls=open_calls,
             frames_left=frames_left if one.flat else {},
             tools_left=tools_left if one.flat else {},
+            surely_left=self._calls.surely_left(file) if one.flat else {},
             frames_before=frames_before,
             tools_before=tools_before,
             running=running,
+            calls_itself=one.flat and self._calls.calls_itself(file),
             other_task=other_moving_task(file, self._moving_tasks),
         )
 

@@ -153,12 +153,16 @@ class ExternalUses:
         default_factory=dict
     )  # by routine beside it: the frames that it, or one that it calls, chooses
     tools_left: Mapping[str, frozenset[str]] = field(default_factory=dict)  # and the tools
+    surely_left: Mapping[str, tuple[str | None, str | None]] = field(
+        default_factory=dict
+    )  # by routine beside it: the tool and the frame in force behind it, "" for those before it; None: not certain
     frames_before: frozenset[str] = frozenset()  # that callers of its routines choose, or may
     tools_before: frozenset[str] = frozenset()
     running: Mapping[str, str] = field(
         default_factory=dict
     )  # routines not given that other files start to run beside all others, and the file
 
+    calls_itself: bool = False  # a routine of the file may be called again while it runs
     other_task: str = ""  # of the same controller, whose files move, too
 
     def doubt_reason(self, tool: str | None, frame: str | None) -> str:

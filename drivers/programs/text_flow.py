@@ -1,6 +1,7 @@
 """The blocks and labels of a routine: whether each way to a place goes through another above it."""
 
 from bisect import bisect_right
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from math import inf
 from operator import attrgetter
@@ -56,3 +57,15 @@ class TextFlow:
         if more < 0 or inner[more:] != outer:
             return False
         return all(block.end <= next_place for block in inner[:more] if block.repeats)
+
+    def may_meet(self, marks: Sequence[int], place: int, until: int) -> bool:
+        """Return whether a way from a place to another below it, not over the first again, may meet one of the marks.
+
+        A loop around the other alone leads from below it to it again.
+        """
+        met = bisect_right(marks, until)
+        if bisect_right(marks, place) < met:
+            return True
+        outer = self.blocks_around(place)
+        inner = [block for block in self.blocks_around(until) if block.repeats and block not in outer]
+        return any(met < bisect_right(marks, block.end) for block in inner)

@@ -63,11 +63,15 @@ class RandomProgram:
     def _block(self, most: int, depth: int, *, calls: bool = True) -> tuple[Statement, ...]:
         kinds = ["frame", "frame", "tool", "move", "move", "move", "still"]
         kinds += ["if", "loop", "skip"] if depth else []
-        kinds += ["call"] if calls and depth == 2 else []
+        kinds += ["call"] if calls and depth else []
         found = []
         for _ in range(self.random.randint(1, most)):
             kind = self.random.choice(kinds)
             inside = self._block(3, depth - 1) if kind in ("if", "loop", "skip") else ()
+            if (
+                kind == "loop" and calls and self.random.random() < 0.4
+            ):  # it comes back to the move behind the call
+                inside = (self._move(), *inside[:1], Statement("call", self.random.randint(1, 3)))
             other = self._block(2, depth - 1) if kind == "if" and self.random.random() < 0.5 else ()
             number = self.random.randint(1, 3) if kind == "call" else self.random.randrange(3)
             found.append(
@@ -148,7 +152,11 @@ def _krl(program: RandomProgram, block: Sequence[Statement], targets: dict[int, 
         inside = list(_krl(program, one.inside, targets))
         if one.kind in ("frame", "tool"):
             which, matrix = ("BASE", FRAMES) if one.kind == "frame" else ("TOOL", TOOLS)
-            yield f"${which} = {{FRAME: {_krl_place(matrix[one.number])}}}"
+            if program.seed % 3 == 1:  # as posts with a data list write it
+                yield f"{which}_DATA[2] = {{FRAME: {_krl_place(matrix[one.number])}}}"
+                yield f"${which} = {which}_DATA[2]"
+            else:
+                yield f"${which} = {{FRAME: {_krl_place(matrix[one.number])}}}"
         elif one.kind == "move":
             yield f"LIN {{{_krl_place(targets[one.number])},S 2,T {KUKA_TURN}}} ; P{one.number};"
         elif one.kind == "if":

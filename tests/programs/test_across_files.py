@@ -510,7 +510,7 @@ ALONE = pick_lines("UFRAME_NUM=3", MOVE)
         ({"pick.ls": IN_3, "grip.ls": fanuc_listing("GRIP", "DO[1]=ON")}, ("2", "3")),
         ({"pick.ls": IN_3, "grip.ls": fanuc_listing("grip", "UFRAME_NUM=3")}, ("2", "3")),
         ({"pick.ls": IN_3, "grip.ls": fanuc_listing("GRIP", "UFRAME_NUM=4")}, "GRIP in grip.ls, which its program calls"),
-        ({"pick.ls": IN_3, "grip.ls": fanuc_listing("GRIP", "UTOOL_NUM=4")}, ("2", "3")),
+        ({"pick.ls": IN_3, "grip.ls": fanuc_listing("GRIP", "UTOOL_NUM=4")}, "goes there with tool 4"),
         ({"pick.ls": IN_3, "grip.ls": fanuc_listing("GRIP", "CALL DEEP")}, "GRIP in grip.ls calls a program that was not"),
         ({"pick.ls": ALONE, "init.ls": fanuc_listing("INIT", "UFRAME[3]=PR[1]", "CALL PICK")}, "INIT sets its frame"),
         (

@@ -19,6 +19,7 @@ from cellcal.drivers.abb.program_files.written_frames import (
     poses_of_numbers,
     standing_numbers,
 )
+from cellcal.drivers.programs.call_graph import in_circles
 from cellcal.drivers.programs.text_flow import TextFlow
 
 _KINDS = ("tooldata", "wobjdata")
@@ -36,7 +37,7 @@ _ASSIGNED = re.compile(  # not where it is declared
 )
 _ROUTINE = re.compile(rf"\b(?:PROC|TRAP|FUNC\s++\w++)\s++({NAME})", re.ASCII | re.IGNORECASE)
 _WORD = re.compile(
-    rf"(?<![\w.\\])(?P<begin>(?:PROC|TRAP|FUNC\s++\w++)\s++{NAME}\s*+(?:\([^()]*+\))?+)"
+    rf"(?<![\w.\\])(?P<begin>(?:PROC|TRAP|FUNC\s++\w++)\s++(?P<routine>{NAME})\s*+(?:\([^()]*+\))?+)"
     rf"|(?<![\w.\\])(?P<module>MODULE\s++{NAME}\s*+(?:\([^()]*+\))?+)"
     rf"|(?<![\w.\\])(?:(?P<end>END(?:PROC|FUNC|TRAP))|(?P<handler>ERROR|UNDO|BACKWARD)"
     rf"|(?P<loop>WHILE|FOR)|(?P<branch>IF|TEST)|(?P<other>ELSEIF|ELSE|CASE|DEFAULT)"
@@ -51,9 +52,12 @@ _OPENED, _ENDED = re.compile(r"\s*+\("), re.compile(r"\s*+;")
 _LEADS_ON = frozenset(("then", "do"))  # a statement follows
 _DECLARING = frozenset(("pers", "var", "const", "local", "task"))
 _HARMLESS = ("tload",)  # a tool's load
+_BY_NAME = frozenset(("setdataval", "setalldataval"))  # any data, whose name is in quotes
+_WITH_ROUTINE = frozenset(("movelsync", "movejsync", "movecsync"))  # whose name is in quotes
 _STILL_TEXT = (
     "setdo setgo setao set reset waittime waitdi waitdo waituntil pulsedo confj confl singarea accset velset tpwrite "
-    "tperase gripload then do to step from not and or true false return stop exit break goto if while for until"
+    "tperase gripload raise retry trynext then do to step from not and or true false return stop exit break goto if "
+    "while for until"
 )
 _CALLS_NOTHING = frozenset(_STILL_TEXT.split())
 _PURE_TEXT = (
@@ -107,11 +111,14 @@ class _Routine:
     """A routine: its blocks, and where it calls others."""
 
     number: int
+    name: str  # in small letters
     begin: int
     end: int = 0
     flow: TextFlow = field(default_factory=TextFlow)
     calls: list[int] = field(default_factory=list)
     handler: int | None = None  # where what runs after errors begins
+    called: set[str] = field(default_factory=set)  # routines of the file, in small letters
+    recurs: bool = False  # it may be called again while it runs
 
     def last_of(self, settings: list[_Setting], part: str, place: int) -> tuple[str, ...] | None:
         """Return what a part is surely set to at a place."""
@@ -122,10 +129,15 @@ class _Routine:
         after = float(own[at + 1].place) if at + 1 < len(own) else float("inf")
         if not self.flow.surely_passes(own[at].place, place, after):
             return None
-        elsewhere = len(own) < len(settings)
-        if elsewhere and bisect_right(self.calls, own[at].place) < bisect_right(self.calls, place):
+        others = [one for one in settings if self.recurs or one.routine != self.number]
+        elsewhere = any(not _alike(own[at].values[part], one.values[part]) for one in others)
+        if elsewhere and (self._handles_by_calls() or self.flow.may_meet(self.calls, own[at].place, place)):
             return None
         return own[at].values[part]
+
+    def _handles_by_calls(self) -> bool:
+        """Return whether an error anywhere in it may call another before the routine goes on."""
+        return self.handler is not None and self.handler < (self.calls or [0])[-1]
 
 
 @dataclass
@@ -144,6 +156,10 @@ class LiteralFrames:
     def shown_names(self) -> frozenset[str]:
         """Return the names, in small letters, that other modules may set, too."""
         return frozenset(name for name, one in self._data.items() if one.shown)
+
+    def routine_names(self) -> frozenset[str]:
+        """Return the names of its routines, in small letters; none where they set no tool and no work object."""
+        return frozenset(one.name for one in self._routines) if self._data else frozenset()
 
     def name_at(self, place: int, name: str | None) -> str | None:
         """Return a tool or work object of a move with its numbers, where these surely hold, or its name."""
@@ -167,8 +183,12 @@ class LiteralFrames:
         return self._routines[at] if at >= 0 and place < self._routines[at].end else None
 
 
-def _alike(own: tuple[str, ...], other: tuple[str, ...] | None) -> bool:
-    return other is not None and [float(text) for text in own] == [float(text) for text in other]
+def _alike(own: tuple[str, ...] | None, other: tuple[str, ...] | None) -> bool:
+    return (
+        own is not None
+        and other is not None
+        and [float(text) for text in own] == [float(text) for text in other]
+    )
 
 
 def find_literal_frames(text: str) -> LiteralFrames:
@@ -228,12 +248,21 @@ class _Reader:
                 self._take_flow(kind, found)
                 heads = kind in ("loop", "branch") and not self.compact
                 self.statement, self.calls, self.declares = "if" if heads else None, False, False
+        for routine, is_circular in zip(self.routines, self._circles(), strict=True):
+            routine.recurs = is_circular
         return LiteralFrames({name: one for name, one in self.data.items() if one.settings}, self.routines)
+
+    def _circles(self) -> list[bool]:
+        """Return of each routine whether it, or one that it calls, calls it."""
+        by_name = {decode_name(one.name).lower(): one.number for one in self.routines}
+        return in_circles(
+            [[by_name[name] for name in one.called if name in by_name] for one in self.routines]
+        )
 
     def _take_flow(self, kind: str, found: re.Match[str]) -> None:
         place = found.start()
         if kind == "begin":
-            self.inside = _Routine(len(self.routines), found.end())
+            self.inside = _Routine(len(self.routines), found["routine"].lower(), found.end())
             self.trap = found[0][:4].upper() == "TRAP"
             self.routines.append(self.inside)
         elif self.inside is not None:
@@ -272,9 +301,10 @@ class _Reader:
         still = word in MOVES or word in _CALLS_NOTHING or word in _DECLARING or word in self.data
         may_set = leads and not still
         self.calls |= word in self.own or may_set or (opens and word not in _CALLS_NOTHING)
-        if self.calls and self.inside is not None:
-            self.inside.calls.append(found.start())
-        if self.trap and word in self.own:  # at any time, whatever it sets
+        if self.inside is not None:
+            self.inside.calls += [found.start()] if self.calls or word in _WITH_ROUTINE else []
+            self.inside.called |= {word} & self.own
+        if word in _BY_NAME or (self.trap and word in self.own):  # at any time, whatever it sets
             self.data.clear()
         self.declares |= word in _DECLARING
         if word in self.data and self.calls and not self.declares:  # it is passed on

@@ -94,6 +94,7 @@ class AbbFile:
     used: frozenset[int]  # rows that moves of this file go to
     declared: frozenset[str]  # its own tools and work objects, in small letters
     shown_frames: frozenset[str]  # those of them that it sets to numbers, and others may set, too
+    setting_routines: frozenset[str]  # that set any of them, or may
     brand: str = "abb"
 
     def to_bytes(self) -> bytes:
@@ -165,7 +166,7 @@ class AbbFile:
                 uses={
                     name: frozenset(frames_of_moves) for name, frames_of_moves in uses.external_uses.items()
                 },
-                doubtful=uses.facts.doubtful_frames() | marks_of_set_frames(uses.facts, name),
+                doubtful=uses.facts.doubtful_frames() | marks_of_set_frames(uses.facts, name, source.text),
                 tools=module.frames.public_poses(module.frames.tools),
                 bases=module.frames.public_poses(module.frames.bases),
                 local_tools=module.frames.local_poses(module.frames.tools),
@@ -182,6 +183,7 @@ class AbbFile:
             used=frozenset(k for k, row in enumerate(order.tolist()) if uses.of_row.get(row)),
             declared=frozenset(module.frames.declared),
             shown_frames=module.literal.shown_names(),
+            setting_routines=module.literal.routine_names(),
             name=module.name or PurePath(name).stem,
             positions=replace(
                 _with_configurations_that_count(
@@ -225,7 +227,9 @@ class AbbFile:
             for shift in measured_shifts(self.source, name, frames_in_other_files(uses))
         )
         positions = replace(positions, shifts=(*positions.shifts, *places, *measured))
-        positions = without_frames_of_others(positions, external_uses, self.shown_frames)
+        positions = without_frames_of_others(
+            positions, external_uses, self.shown_frames, self.setting_routines
+        )
         positions = _with_agreed_tools(positions, external_uses, self.keys)
         positions = _without_other_robots(positions, external_uses.other_task)
         if is_of_unknown_robot(external_uses):

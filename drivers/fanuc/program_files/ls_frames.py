@@ -126,8 +126,23 @@ def mark_of_setter(file: str, name: str) -> dict[str, str]:
 
 
 def setters_beside(file: str, marks: BatchReasons) -> Sequence[str]:
-    """Return the programs of a file's folder that set any frame or tool."""
+    """Return the programs of a file's folder that set any frame or tool, and that others call, or may."""
     return marks.rests_behind(_setters(file))
+
+
+def is_made_alone(file: str, name: str, marks: BatchReasons) -> bool:
+    """Return whether another program of a file's folder sets a user frame that none calls by its name."""
+    return any(rest.partition(" ")[2] != name for rest in marks.rests_behind(_alone(file)))
+
+
+def mark_of_starter(file: str, name: str) -> dict[str, str]:
+    """Return what a program that lets others run beside it says of itself to those of its folder."""
+    return {f"{_starters(file)} {name}": ""}
+
+
+def is_run_beside(file: str, marks: BatchReasons) -> bool:
+    """Return whether programs of a file's folder run beside others."""
+    return bool(marks.rests_behind(_starters(file)))
 
 
 def without_set_frames(positions: Positions, file: str, set_by_whom: Mapping[str, str]) -> Positions:
@@ -171,6 +186,10 @@ def with_frames_of_people(positions: Positions, file: str, name: str, marks: Bat
 
 def _setters(file: str) -> str:
     return f"{PurePath(file).parent} setter"
+
+
+def _starters(file: str) -> str:
+    return f"{PurePath(file).parent} starter"
 
 
 def _alone(file: str) -> str:

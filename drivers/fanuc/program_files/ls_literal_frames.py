@@ -63,16 +63,20 @@ class WrittenFrames:
         return replace(positions, user_frames=tuple(columns["frame"]), tools=tuple(columns["tool"]))
 
 
-def written_frames(positions: Positions, data: bytes, *, others_set: bool) -> WrittenFrames:
+def written_frames(
+    positions: Positions, data: bytes, *, others_set: bool, by_macro: bool = False
+) -> WrittenFrames:
     """Return the frames and tools that a listing surely sets to numbers before its motions.
 
-    ``others_set`` says that other programs of the controller set some, which a call may then do.
+    ``others_set`` says that other programs of the controller set some, which a call may then do; ``by_macro`` that
+    such a program is called by no name, so that a macro, which has its own, may mean it.
     """
     if not _SETS_FRAME.search(data) or not _NAMES_REGISTER.search(data):
         return WrittenFrames()
     statements = list(read_statements(data))
     if any(_BESIDE.search(each.text) for each in statements):
         return WrittenFrames()
+    others_set |= by_macro and any(macro_of(each) for each in statements)
     states = _states_before(statements, others_set=others_set)
     found = WrittenFrames()
     poses: dict[str, dict[str, Pose]] = {"frame": {}, "tool": {}}

@@ -26,7 +26,10 @@ from cellcal.drivers.fanuc.program_files.ls_fixed import ListingBody
 from cellcal.drivers.fanuc.program_files.ls_frames import (
     frames_made_alone,
     frames_set,
+    is_made_alone,
+    is_run_beside,
     mark_of_setter,
+    mark_of_starter,
     routine_effects_of,
     rows_without_frames,
     setters_beside,
@@ -40,7 +43,7 @@ from cellcal.drivers.fanuc.program_files.ls_motions import bar_standing_tools, w
 from cellcal.drivers.fanuc.program_files.ls_positions import positions_of
 from cellcal.drivers.fanuc.program_files.ls_records import ListingFile
 from cellcal.drivers.fanuc.program_files.ls_remarks import remarks_of
-from cellcal.drivers.fanuc.program_files.ls_selection import with_selections
+from cellcal.drivers.fanuc.program_files.ls_selection import is_told_by_called, with_selections
 from cellcal.drivers.programs.cross_file_uses import BatchDeclarations
 from cellcal.drivers.programs.errors import ProgramFileError
 from cellcal.drivers.programs.file_declarations import ExternalUses, FileDeclarations
@@ -90,7 +93,8 @@ class LsProgram:
         found = with_motions(bar_standing_tools(found), self._place.data, self.external_uses)
         missing = tuple(missing_places(found, self._place.data))
         found = replace(found, shifts=(*found.shifts, *missing)) if missing else found
-        found = with_selections(found, self._place.data)
+        left = {} if self.external_uses is None else self.external_uses.surely_left
+        found = with_selections(found, self._place.data, left)
         if rows_without_frames(found):
             found = self._with_chosen(found)
         doubtful = frames_set(self.file, self.name, self._place.data)
@@ -101,11 +105,16 @@ class LsProgram:
         return without_set_frames(found, self.file, doubtful) if doubtful else found
 
     def _with_chosen(self, found: Positions) -> Positions:
-        external_uses = self.external_uses or BatchDeclarations({self.file: self.declarations}).uses_of_file(
-            self.file
-        )
-        assert external_uses is not None
-        return with_chosen_frames(found, self._place.data, self.name.upper(), external_uses)
+        return with_chosen_frames(found, self._place.data, self.name.upper(), self._uses_or_own)
+
+    @property
+    def _uses_or_own(self) -> ExternalUses:
+        """Return what counts for the listing, of itself alone where no others are known."""
+        if self.external_uses is not None:
+            return self.external_uses
+        own = BatchDeclarations({self.file: self.declarations}).uses_of_file(self.file)
+        assert own is not None
+        return own
 
     @cached_property
     def remarks(self) -> tuple[Remark, ...]:
@@ -127,7 +136,12 @@ class LsProgram:
         others_set = any(name != self.name.upper() for name in setters)
         if self._conveyor_match is not None or (uses is not None and uses.running):
             return WrittenFrames()
-        return written_frames(self._read_positions[0], self._place.data, others_set=others_set)
+        if others_set and uses is not None and is_run_beside(self.file, uses.doubtful):
+            return WrittenFrames()
+        others_set |= self._uses_or_own.calls_itself
+        by_macro = uses is not None and is_made_alone(self.file, self.name.upper(), uses.doubtful)
+        positions, data = self._read_positions[0], self._place.data
+        return written_frames(positions, data, others_set=others_set, by_macro=by_macro)
 
     @property
     def declarations(self) -> FileDeclarations:
@@ -140,6 +154,7 @@ class LsProgram:
             external_uses.doubtful
             or b"PR[" in self._place.data
             or rows_without_frames(self._read_positions[0])
+            or is_told_by_called(self._place.data, external_uses.surely_left)
         )
         if external_uses is self.external_uses or not tells:
             return self
@@ -193,6 +208,7 @@ def declarations_of(file: str, data: bytes) -> FileDeclarations:
     routines, doubtful = {name: routine_effects_of(data)}, frames_set(file, name, data)
     alone = frames_made_alone(file, name, doubtful)
     doubtful |= mark_of_setter(file, name) if doubtful else {}
+    doubtful |= mark_of_starter(file, name) if routines[name].beside else {}
     return FileDeclarations(
         PurePath(file).stem, routines=routines, doubtful=doubtful, made_alone=alone, flat=True
     )

@@ -1,7 +1,7 @@
 """Which frame data (FDAT) a move is done with: its own, those of the inline form before it, or those of its block."""
 
 import re
-from collections.abc import Container, Iterable, Mapping, Set
+from collections.abc import Container, Iterable, Mapping, Sequence, Set
 from dataclasses import dataclass, field, replace
 from pathlib import PurePath
 from typing import Protocol
@@ -11,6 +11,7 @@ from cellcal.drivers.kuka.program_files.patterns import B
 from cellcal.drivers.kuka.program_files.point_uses import EXTERNAL_TOOL, data_of
 from cellcal.drivers.programs.barred import COMPUTED
 from cellcal.drivers.programs.file_declarations import COPIED, ExternalUses, MoveFrames
+from cellcal.drivers.programs.positions import Positions
 
 _TOOL_OF = re.compile(rf"\$TOOL{B}*+={B}*+STOOL2?{B}*+\({B}*+(\w++)", re.ASCII | re.IGNORECASE)
 _BASE_OF = re.compile(rf"\$BASE{B}*+={B}*+SBASE{B}*+\({B}*+(\w++)", re.ASCII | re.IGNORECASE)
@@ -19,6 +20,7 @@ _BEGIN_TOOL, _BEGIN_BASE = (
     "0",
 )  # BAS.SRC of KSS 8.2 to 8.6 (five public backups): TOOL_DATA[1], and the world
 SET_DATA = "sets"  # before a name that a program gives a value, or a part of frame data
+_MIXED_WORK = "it is taught with an external tool (IPO_FRAME #TCP), and moved to without its frame data"
 _FRAME_SET = re.compile(rf"\$(?:TOOL|BASE)\b{B}*+(?:\.\w++{B}*+)?+=", re.IGNORECASE)
 
 
@@ -167,3 +169,9 @@ def uses_of_own_data(declares: Mapping[str, bool]) -> dict[str, frozenset[MoveFr
     computed_frames = frozenset((MoveFrames(None, None, COMPUTED),))
     points = {f"X{name[1:]}" for name in declares if name.startswith("F") and len(name) > 1}
     return dict.fromkeys(sorted(points - declares.keys()), computed_frames)
+
+
+def without_mixed_work(positions: Positions, keys: Sequence[str], external_uses: ExternalUses) -> Positions:
+    """Return positions of which those are left that are taught for a standing tool and moved to otherwise."""
+    mixed = {row: _MIXED_WORK for row in positions.held_work if external_uses.uses_of_name(keys[row])}
+    return replace(positions, barred={**mixed, **positions.barred}) if mixed else positions

@@ -113,7 +113,7 @@ class KrlRoutine:
     calls: set[str] = field(default_factory=set)
     handlers: set[str] = field(default_factory=set)  # routines of the interrupts that it declares
     shown_handlers: set[str] = field(default_factory=set)  # of those that stay for its callers, too
-    interrupted: bool = False  # one that sets a tool or base may run while it does
+    interrupted: bool = False  # one that sets a tool or base, or a setting, may run while it does
     data_taken: set[str] = field(default_factory=set)  # frame data of its inline forms
     parameters: tuple[RoutineParameter, ...] = ()
     assigned: set[str] = field(default_factory=set)  # names that get a value, or a component
@@ -157,7 +157,7 @@ class KrlRoutine:
             and self.jumps.flow.surely_passes(where, place, next_set)
         ):
             return None, False
-        called = self.triggers or bisect_right(self.calls_at, where) < bisect_right(self.calls_at, place)
+        called = self.triggers or self.jumps.flow.may_meet(self.calls_at, where, place)
         if called and (use.set_by_called or use.reset_below):
             return None, False
         return value, called
@@ -187,4 +187,4 @@ def reached_from(routines: Sequence[KrlRoutine]) -> None:
             use.below, use.above = its_below, its_above
             use.set_by_called = any(below[number] for number in called)
     for routine, more in zip(routines, running, strict=True):
-        routine.interrupted = any(routines[one].tool.below or routines[one].base.below for one in more)
+        routine.interrupted |= any(routines[one].tool.below or routines[one].base.below for one in more)

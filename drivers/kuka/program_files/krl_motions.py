@@ -23,6 +23,7 @@ from cellcal.drivers.kuka.program_files.lines import (
 from cellcal.drivers.kuka.program_files.literals import KrlLiteral
 from cellcal.drivers.kuka.program_files.passed_points import call_of, calls_of, given_from, is_by_value
 from cellcal.drivers.kuka.program_files.point_uses import PointMove, PointUses
+from cellcal.drivers.kuka.program_files.table_settings import TableSettings
 from cellcal.drivers.programs.barred import OVERWRITTEN
 from cellcal.drivers.programs.guided_motions import guided_motion
 
@@ -37,6 +38,7 @@ class KrlMotions:
     branches: Branches = ()
     force: FramesInForce = field(default_factory=FramesInForce)  # of the moves that are read next
     types: dict[str, str] = field(default_factory=dict)
+    tables: TableSettings = field(default_factory=TableSettings)
 
     def take_motion(self, motion: re.Match[str], line: KrlLine) -> None:
         """Take a motion statement: its targets, and the frame data that it states itself."""
@@ -163,6 +165,7 @@ class KrlMotions:
             self._use_match(name, place, "", taken)
         else:
             self.points.moved_as_taught.add(point_key(name[1], name[2]))
+            self.tables.note_taught(taken, self.points.routines[-1], place, self.branches)
 
     def _use_all_words(self, code: str, place: int, why: str) -> None:
         for name in patterns.WORD.finditer(without_field_names(code)):

@@ -83,6 +83,8 @@ class KrlProgram(KrlMotions):
         self._set_both_frames(found.start("bas"), UNKNOWN)
         self._take_data(f"F{found['point']}")
         self.points.moved_as_taught.add(f"X{found['point']}".upper())
+        routine = self.points.routines[-1]
+        self.tables.note_taught(f"F{found['point']}", routine, found.start("bas"), self.branches)
 
     def _take_data(self, name: str) -> None:
         """Take frame data that an inline form sets; "" for such that no point has."""
@@ -101,7 +103,10 @@ class KrlProgram(KrlMotions):
         bas = patterns.BAS.search(code) if "(" in code else None
         if bas is not None:
             self._take_bas(line.start + bas.start(), bas[1].upper(), bas[2].strip())
+        elif "(" in code and patterns.BAS_CHOSEN.search(code):
+            self._set_both_frames(line.start, UNKNOWN)
         elif "$" in code and (frame := patterns.FRAME_SET.search(code)) is not None:
+            self.points.routines[-1].interrupted |= word in patterns.BESIDE
             if patterns.WITH.search(code, 0, frame.start()) is None:
                 self._take_frame_setting(frame, line)
                 self.force.forget()
@@ -229,7 +234,11 @@ class KrlProgram(KrlMotions):
         if is_null and not frame[2]:
             return "0"
         literal = self.found.read_literal(place, line.end) if text[place : line.end][:1] == "{" else None
-        alone = literal is not None and not text[literal.end : line.end].strip()
+        return self._value_of_numbers(which, literal, line)
+
+    def _value_of_numbers(self, which: str, literal: KrlLiteral | None, line: KrlLine) -> str:
+        """Return the value of a tool or base that is written out, alone up to the end of its line."""
+        alone = literal is not None and not self.found.source.text[literal.end : line.end].strip()
         pose = self.found.pose_of(literal) if literal is not None and alone else None
         if literal is None or pose is None:
             return UNKNOWN
@@ -334,7 +343,12 @@ class KrlProgram(KrlMotions):
     def _take_table_setting(self, name: NamedItem, line: KrlLine) -> None:
         index = (name.index or "").strip()
         number = str(int(index)) if index.isdigit() and len(index) < patterns.MOST_DIGITS else "*"
-        self.points.set_tables.add(f"{patterns.TABLES[name.name.upper()]} {number}")
+        which = patterns.TABLES[name.name.upper()]
+        self.points.set_tables.add(f"{which} {number}")
+        value = UNKNOWN
+        if name.value is not None and self.found.source.text[name.value : line.end][:1] == "{":
+            value = self._value_of_numbers(which, self.found.literal_or_none(name.value, line.end), line)
+        self.tables.note_setting(which, number, self.points.routines[-1], line.start, self.branches, value)
         if name.value is not None:  # a component's is told already
             self.found.add_remark(line.start, "computed", make_message(patterns.ASSIGNED, name.full_name))
 
@@ -349,5 +363,6 @@ def read_program(source: ProgramText) -> KrlProgram:
         elif line := line_at(source.text, part.start()):
             program.read_line(line)
     program.add_frames()
+    program.tables.settle_uses(program.points.routines)
     program.points.finish_reading()
     return program

@@ -35,6 +35,7 @@ BAS = re.compile(
     rf"\bBAS{B}*+\({B}*+#(TOOL|BASE|EX_BASE|PTP_PARAMS|CP_PARAMS|FRAMES|INITMOV){B}*+,?+{B}*+([^)]*+)",
     re.IGNORECASE,
 )
+BAS_CHOSEN = re.compile(rf"\bBAS{B}*+\({B}*+[^#\s]", re.IGNORECASE)  # a variable says what it does
 FRAME_SET = re.compile(
     rf"(?<![\w.])\$(TOOL|BASE|IPO_MODE|ACT_EX_AX)\b({B}*+\.{B}*+[XYZABC])?+{B}*+=(?!=){B}*+", re.IGNORECASE
 )
@@ -49,6 +50,7 @@ MOVE = frozenset(
 BRANCHES = frozenset(
     ("IF", "SWITCH", "WHILE", "FOR", "ELSE", "CASE", "DEFAULT", "ENDIF", "ENDSWITCH", "ENDWHILE", "ENDFOR")
 )
+BESIDE = frozenset(("INTERRUPT", "GLOBAL", "TRIGGER"))  # what they do is done at another time
 FRAME_DATA_ACTIVE = "FDAT_ACT"
 MOTION_DATA = frozenset(
     (FRAME_DATA_ACTIVE, "LDAT_ACT", "PDAT_ACT")

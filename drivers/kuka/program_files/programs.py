@@ -9,7 +9,7 @@ from typing import Self
 from cellcal.calibration.geometry import Pose
 from cellcal.drivers.kuka.program_files.collected_positions import KrlPositions
 from cellcal.drivers.kuka.program_files.configuration import KukaConfigurations
-from cellcal.drivers.kuka.program_files.data_list import declared_names, name_of_data, read_data_list
+from cellcal.drivers.kuka.program_files.data_list import declared_names, read_data_list
 from cellcal.drivers.kuka.program_files.empty_points import empty_points_of, places_without_values
 from cellcal.drivers.kuka.program_files.frame_data import (
     TaughtFrames,
@@ -17,6 +17,7 @@ from cellcal.drivers.kuka.program_files.frame_data import (
     marks_of_set_data,
     uses_of_own_data,
     with_frame_data,
+    without_mixed_work,
 )
 from cellcal.drivers.kuka.program_files.frame_uses import WRITTEN_OUT
 from cellcal.drivers.kuka.program_files.imports import imports_of, remark_imports
@@ -40,6 +41,13 @@ from cellcal.drivers.kuka.program_files.passed_points import (
 from cellcal.drivers.kuka.program_files.point_edits import PointEdits
 from cellcal.drivers.kuka.program_files.point_uses import in_set_table
 from cellcal.drivers.kuka.program_files.standing_bases import standing_rows, with_standing_bases
+from cellcal.drivers.kuka.program_files.taught_entries import (
+    NO_ENTRIES,
+    EntryMarks,
+    marks_of_entries,
+    with_set_entries,
+    without_set_data,
+)
 from cellcal.drivers.kuka.program_files.written_numbers import (
     WrittenPoints,
 )
@@ -78,7 +86,6 @@ _TABLES = re.compile(rb"\b(?:TOOL|BASE)_DATA[ \t]*+\[|\$ROBROOT\b", re.IGNORECAS
 _ROOT = re.compile(r"R\d", re.IGNORECASE)  # KRC/R1: where the programs of a controller stand
 Spans = dict[str, tuple[int, int]]
 _LOOKED_AT = 1 << 16  # bytes in which a program names itself
-MIXED_WORK = "it is taught with an external tool (IPO_FRAME #TCP), and moved to without its frame data"
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,7 +149,7 @@ class KukaFile:
         return cls(
             source=source,
             name=module,
-            declarations=_with_path(PurePath(name), summary.declarations, summary.set_data),
+            declarations=_with_path(PurePath(name), summary.declarations, summary.set_data, summary.entries),
             keys=tuple(found.names[row].upper() for row in rows.tolist()),
             taught=taught,
             routines={
@@ -178,9 +185,11 @@ class KukaFile:
             taught=self.taught,
             routines=self.routines,
         )
+        cell = _cells_of(external_uses.file)[0]
+        positions = with_set_entries(positions, self.keys, self._own_taught(), external_uses, cell)
         positions = _without_set_tables(positions, self.declarations.module, external_uses)
-        positions = _without_mixed_work(positions, self.keys, external_uses)
-        positions = _without_set_data(positions, self.keys, self.taught, set_data)
+        positions = without_mixed_work(positions, self.keys, external_uses)
+        positions = without_set_data(positions, self.keys, self.taught, set_data)
         positions = _with_carried_bases(positions, self.taught, external_uses)
         positions = replace(positions, standing_frames=standing - positions.conditions.keys())
         frames = with_declared(
@@ -195,6 +204,10 @@ class KukaFile:
         positions = replace(positions, shifts=(*positions.shifts, *places, *copies))
         return replace(self, positions=positions, frames=frames, remarks=(*of_root, *self.remarks, *remarks))
 
+    def _own_taught(self) -> Set[int]:
+        """Return the taught points to which no other program moves by their frame data."""
+        return {row for row in self.taught if not self.declarations.declares.get(self.keys[row], True)}
+
 
 @dataclass(frozen=True)
 class _FileSummary:
@@ -203,6 +216,7 @@ class _FileSummary:
     routines: Mapping[int, str] = field(default_factory=dict)
     shifts: Sequence[ProgramShift] = ()
     set_data: Set[str] = frozenset()  # names that a program gives a value
+    entries: EntryMarks = NO_ENTRIES  # of TOOL_DATA and BASE_DATA that it sets
     frame_data: Mapping[str, TaughtFrames] = field(default_factory=dict)
     empty: Mapping[str, frozenset[MoveFrames]] = field(default_factory=dict)  # own points without a value
 
@@ -267,6 +281,7 @@ def _read_src(source: ProgramText) -> _Read:
             routines=routines,
             shifts=(*program.shifts.to_shifts(points), *measured_shifts(points)),
             set_data=points.set_data,
+            entries=marks_of_entries(program.tables, points.routines),
             empty=empty_points_of(points),
         ),
     )
@@ -300,14 +315,17 @@ def _declarations_of(name: str, data: bytes) -> FileDeclarations | None:
 
 
 def _with_path(
-    path: PurePath, declarations: FileDeclarations, set_data: Set[str] = frozenset()
+    path: PurePath,
+    declarations: FileDeclarations,
+    set_data: Set[str] = frozenset(),
+    entries: EntryMarks = NO_ENTRIES,
 ) -> FileDeclarations:
     module = path.stem.upper()
     doubtful = {
         f"{module if key[-1] == '*' else _program_folder(path)} {key}": why
         for key, why in declarations.doubtful.items()
     }
-    doubtful |= marks_of_set_data(set_data, path)
+    doubtful |= marks_of_set_data(set_data, path) | entries.of_file(_program_folder(path), path)
     return replace(declarations, module=module, public=module == "$CONFIG", doubtful=doubtful)
 
 
@@ -316,16 +334,6 @@ def _program_folder(path: PurePath) -> str:
     parts = path.parent.parts
     roots = [depth for depth, part in enumerate(parts, 1) if _ROOT.fullmatch(part)]
     return str(PurePath(*parts[: roots[-1]] if roots else parts))
-
-
-def _without_set_data(
-    positions: Positions, keys: Sequence[str], taught: Set[int], set_data: Set[str]
-) -> Positions:
-    """Return positions of which those are left whose frame data a program sets."""
-    if not set_data:
-        return positions
-    rows = [row for row in sorted(taught) if name_of_data(keys[row]) in set_data]
-    return replace(positions, barred={**dict.fromkeys(rows, COMPUTED), **positions.barred})
 
 
 def _with_carried_bases(positions: Positions, taught: Set[int], external_uses: ExternalUses) -> Positions:
@@ -350,12 +358,6 @@ def _cells_of(file: str) -> Sequence[str]:
     """Return the folders whose controller's lists count for a file: its own, and those above."""
     cell = PurePath(_program_folder(PurePath(file)))
     return tuple(map(str, (cell, *cell.parents)))
-
-
-def _without_mixed_work(positions: Positions, keys: Sequence[str], external_uses: ExternalUses) -> Positions:
-    """Return positions of which those are left that are taught for a standing tool and moved to otherwise."""
-    mixed = {row: MIXED_WORK for row in positions.held_work if external_uses.uses_of_name(keys[row])}
-    return replace(positions, barred={**mixed, **positions.barred}) if mixed else positions
 
 
 def _without_set_tables(positions: Positions, module: str, external_uses: ExternalUses) -> Positions:

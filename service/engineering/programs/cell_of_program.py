@@ -1,5 +1,6 @@
 """The tool and user frame that a program names, in its cell; programs of another cell are refused."""
 
+import re
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -25,9 +26,10 @@ _ALWAYS = {"yaskawa": ("BASE", "ROBOT")}  # a file may hold these, but does not 
 _NEAREST_M = 5e-3  # all points of a program within this of their frame's origin: another unit
 _FEWEST = 3
 _MISSING = {
-    "tool": "no tool {name} in {project}",
-    "user frame": "no user frame {name} in {project}",
+    "tool": "no tool {name} in {project}: state it there as [tools.{key}]",
+    "user frame": "no user frame {name} in {project}: state it there as [frames.{key}]",
 }
+_BARE_KEY = re.compile(r"[\w-]+", re.ASCII)
 _COMPARED, _ANOTHER_ARM_M = 7, 1e-4
 _FARTHEST = 3.0  # times the arm's length
 
@@ -141,7 +143,8 @@ def missing_reason(what: str, name: str | None, project: Project) -> str:
             path_name=project.file_name,
             key=key,
         )
-    return make_message(_MISSING[what], name=name, project=project.file_name)
+    key = name if _BARE_KEY.fullmatch(name) else f'"{name}"'
+    return make_message(_MISSING[what], name=name, project=project.file_name, key=key)
 
 
 def refuse_foreign(program: ProgramFile, project: Project) -> None:

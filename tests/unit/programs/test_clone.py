@@ -158,8 +158,8 @@ def test_unknown_tools_and_frames_are_named(cloned_cells: ClonedCells) -> None:
         [read_ls("A.LS", text)], cloned_cells.master_project, cloned_cells.clone_project, RULE
     )[0]
 
-    assert result.reason[:2] == ("no tool 3 in master/project.toml",) * 2
-    assert result.reason[-1] == "no user frame 7 in master/project.toml"
+    assert result.reason[:2] == ("no tool 3 in master/project.toml: state it there as [tools.3]",) * 2
+    assert result.reason[-1] == "no user frame 7 in master/project.toml: state it there as [frames.7]"
     assert set(result.status[2:-1]) == {"changed"}
 
 

@@ -45,7 +45,12 @@ REASONS = (
         first="tool",
         second="table",
     ),
-    make_message("no tool {name} in {project}", name=3, project="project.toml"),
+    make_message(
+        "no tool {name} in {project}: state it there as [tools.{key}]",
+        name=3,
+        project="project.toml",
+        key="3",
+    ),
 )
 STATEMENTS = b"""/MN
    1:  J PR[1] 100% FINE ;
