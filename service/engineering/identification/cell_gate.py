@@ -11,7 +11,7 @@ from cellcal.calibration.identification.observations import LengthObservations, 
 from cellcal.calibration.identification.position_scale import position_scale, refuse_wrong_scale
 from cellcal.service.engineering.measured.cells import CellLayoutFile
 
-_COLUMNS = re.compile(r"`--columns (\w+)=([^`]*)`")
+_COLUMNS = re.compile(r'`--columns "?(\w+)=([^`"]*)"?`')
 _UNITS = re.compile(r"`--units (\w+)=(\w+)`")
 _ROBOT = re.compile(r"`--robot (\w+)`")
 

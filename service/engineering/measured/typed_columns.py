@@ -2,8 +2,8 @@
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
 
+from cellcal.calibration.identification.column_options import TypedColumn, is_bare, is_typable
 from cellcal.calibration.message import make_message
 from cellcal.service.engineering.measured.headings import without_unit
 from cellcal.service.engineering.measured.table import MeasurementError
@@ -11,26 +11,6 @@ from cellcal.service.engineering.measured.table import MeasurementError
 _ZERO = re.compile(r"^(?P<name>.+?)(?P<zero>[+-]\d+(?:\.\d+)?)$")
 _MOST_DEG = 720.0
 _MOST_MARKS = 6
-
-
-@dataclass(frozen=True, slots=True)
-class TypedColumn:
-    """A column, what its values are multiplied with, and what is added to a joint."""
-
-    name: str
-    sign: float = 1.0
-    zero_deg: float = 0.0
-
-    @property
-    def is_modified(self) -> bool:
-        """Whether it is not taken as it is written."""
-        return self.sign < 0 or self.zero_deg != 0.0
-
-    @property
-    def typed_text(self) -> str:
-        """As one types it."""
-        zero = f"{self.zero_deg:+g}" if self.zero_deg else ""
-        return f"{'-' if self.sign < 0 else ''}{self.name}{zero}"
 
 
 def parse_columns(
@@ -82,3 +62,14 @@ def find_column(names: Sequence[str], text: str) -> str:
         return without[0]
     number = int(text) if text.isdecimal() and text.isascii() and len(text) < 5 else 0
     return names[number - 1] if 1 <= number <= len(names) else ""
+
+
+def written_as(names: Sequence[str], name: str) -> str:
+    """Return what to type for a column: its name, shorter without its unit, or its number where no name can be."""
+    short = without_unit(name)
+    texts = [text for text in (name, short) if is_bare(text)] + [name] * is_typable(name)
+    for text in (*texts, str(names.index(name) + 1)):
+        found = _parse_text(names, f"-{text}+90")
+        if found == TypedColumn(name, -1.0, 90.0):
+            return text
+    return name
