@@ -51,6 +51,9 @@ class FileNames:
     position: tuple[str, ...] = ("X", "Y", "Z")
     length_unit: str = ""  # in which positions or lengths were taken
     angle_unit: str = ""
+    joint_coupling: str = (
+        ""  # in which the joints were said to be: controller, which empty is too, or geometric
+    )
     targets: str = ""  # a column that tells several targets or tools apart
     typed: Mapping[str, TypedColumn] = field(
         default_factory=dict

@@ -109,3 +109,63 @@ def test_a_half_turn_of_a_wrist_is_told_with_the_sign_that_moves_alike(robot, sh
             refuse_misfit(simulated.model, spoilt, FileNames(tuple(PLAIN[:6])), search_models=False)
         assert "joints=J1,J2,J3,J4,-J5,J6" in refused.value.remedy
         assert re.search(r"joints=J1,J2,J3,J4[+-]180,J5,J6", refused.value.remedy)
+
+
+def refusal_of(tmp_path, capsys, rows, names, *options, robot="abb_irb120"):
+    path = tmp_path / "rows.csv"
+    lines = [",".join(f"{value:.5f}" for value in row) for row in rows]
+    path.write_text("\n".join([",".join(names), *lines]))
+    code = run_command_line(["identify", str(path), "--robot", robot, "--level", "1", *options])
+    return code, " ".join(capsys.readouterr().err.split())
+
+
+@pytest.mark.parametrize("robot", ["abb_irb120", "kuka_kr16_2"])
+def test_parts_of_degrees_that_are_called_pulses_are_read_as_the_cure_says(robot, tmp_path, capsys):
+    simulated = tracker_points(robot, 40)
+    names = [*(f"J{i} [pulses]" for i in range(1, 7)), "X", "Y", "Z"]
+    millidegrees = np.rad2deg(simulated.observations.joints_rad) * 1000
+    rows = np.column_stack([millidegrees, simulated.observations.positions_m * 1e3])
+    code, said = refusal_of(tmp_path, capsys, rows, names, robot=robot)
+    assert code == ExitCode.USAGE
+    options = dict(text.split(" ") for text in reversed(re.findall(r"`(--[^`]*)`", said)))
+    typed = [word for option in options.items() for word in option]
+    code, said = refusal_of(tmp_path, capsys, rows, names, *typed, robot=robot)
+    assert code == ExitCode.PASS, said
+
+
+def test_a_coupling_that_is_in_force_is_no_cure(tmp_path, capsys):
+    """Without an option joints are those of the controller: to say so changes nothing."""
+    simulated = tracker_points("abb_irb2400", 40)
+    joints = np.rad2deg(simulated.observations.joints_rad)
+    joints[:, 2] += joints[:, 1]
+    rows = np.column_stack([joints, simulated.observations.positions_m * 1e3])
+    code, said = refusal_of(tmp_path, capsys, rows, PLAIN, robot="abb_irb2400")
+    assert code == ExitCode.REFUSED
+    assert "Subtract J2 from J3" in said
+    assert "--joint-coupling" not in said
+
+
+@pytest.mark.parametrize(
+    ("option", "says"),
+    [
+        ("--units pos=mm", "--units knows no 'pos'"),
+        ("--convention fanuc", "no orientation is called 'fanuc'"),
+        ("--columns position=7,8", "position has 2 columns, and needs 3"),
+        ("--columns joints=1,2,3,4,5,6,7", "joints has 7 columns, and needs 6"),
+        ("--columns joints=1,1,2,3,4,5", "joints names column 'J1' twice"),
+    ],
+)
+def test_an_option_that_names_nothing_is_refused(option, says, tmp_path, capsys):
+    code, said = refusal_of(tmp_path, capsys, np.column_stack([DEG, MM]), PLAIN, *option.split())
+    assert code == ExitCode.USAGE
+    assert says in said
+
+
+def test_columns_are_suggested_where_there_is_no_choice(tmp_path, capsys):
+    rows = np.column_stack([DEG, MM])[:9]
+    _, said = refusal_of(tmp_path, capsys, rows, [*PLAIN[:6], "a", "b", "c"])
+    assert "`--columns position=a,b,c`" in said
+    _, said = refusal_of(
+        tmp_path, capsys, np.column_stack([rows, rows[:, 0]]), [*PLAIN[:6], "u", "v", "w", "s"]
+    )
+    assert "position=…" in said

@@ -144,6 +144,7 @@ def file_names(measurements: Measurements) -> FileNames:
         layout.as_typed(layout.position) or ("X", "Y", "Z"),
         units.get("length" if layout.length else "position", ""),
         units.get("joints", ""),
+        measurements.joint_coupling,
         measurements.targets[0],
         dict(zip(layout.as_typed(columns), layout.typed_columns(columns), strict=True)),
         measurements.unused,

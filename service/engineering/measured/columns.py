@@ -21,7 +21,7 @@ from cellcal.service.engineering.measured.matrix_columns import find_matrix
 from cellcal.service.engineering.measured.measurement_remedy import measurement_remedy
 from cellcal.service.engineering.measured.polar_readings import refuse_directions, with_survey_places
 from cellcal.service.engineering.measured.table import MeasurementError
-from cellcal.service.engineering.measured.typed_columns import parse_columns, written_as
+from cellcal.service.engineering.measured.typed_columns import typed_columns, written_as
 from cellcal.service.engineering.measured.units import ANGLE_UNITS, LENGTH_UNITS
 
 _MEASURED = {
@@ -59,10 +59,12 @@ _TURNS = (
 class UnnamedPositionError(MeasurementError):
     """Joints are found, and no heading tells what was measured; ``candidates`` may be it."""
 
-    def __init__(self, names: Sequence[str], joints: tuple[str, ...], candidates: tuple[str, ...]) -> None:
+    def __init__(
+        self, names: Sequence[str], joints: tuple[str, ...], candidates: tuple[str, ...], *, lone: bool
+    ) -> None:
         super().__init__(
             make_message("no measurement found among the columns {names}.", names=", ".join(names)),
-            remedy=_naming_remedy(names, candidates),
+            remedy=_naming_remedy(names, candidates if lone else ()),
         )
         self.joints = joints
         self.candidates = candidates
@@ -125,7 +127,7 @@ def detect_layout(
     MeasurementError
         Joints or measurements are not found, with the option that names them.
     """
-    typed = _typed_columns(names, columns or {})
+    typed = typed_columns(names, columns or {}, len(joint_names))
     typed_names = {meaning: tuple(column.name for column in found) for meaning, found in typed.items()}
     plain = with_survey_places({name: plain_name(name) for name in names})
     joints = typed_names.get("joints") or find_joints(names, plain, joint_names, slides, numeric)
@@ -150,7 +152,7 @@ def detect_layout(
             )
         of_numbers = rest if numeric is None else [name for name in rest if name in numeric]
         candidates = tuple(name for name in of_numbers if _tells_no_role(plain[name]))
-        raise UnnamedPositionError(names, joints, candidates)
+        raise UnnamedPositionError(names, joints, candidates, lone=len(candidates) == len(of_numbers))
     turn, fields = _find_rotation(rest, plain, measured) if measured else ((), ())
     if matrix and not turn and measured == (place or places.measured):
         turn, fields = matrix, matrix
@@ -210,22 +212,6 @@ def _tells_no_role(plain: str) -> bool:
     return not set(re.split(r"[_\d]+", plain)) & (
         CONTROLLER_WORDS | SPREAD_WORDS | DIFFERENCE_WORDS | ATTITUDE_WORDS
     )
-
-
-def _typed_columns(
-    names: Sequence[str], columns: Mapping[str, Sequence[str]]
-) -> dict[str, tuple[TypedColumn, ...]]:
-    meanings = {"joints", "position", "length", "controller", "rotation", "group"}
-    for meaning in columns:
-        if meaning not in meanings:
-            raise MeasurementError(
-                make_message("--columns knows no {meaning!r}.", meaning=meaning),
-                remedy=make_message("It knows {meanings}.", meanings=", ".join(sorted(meanings))),
-            )
-    return {
-        meaning: parse_columns(names, texts, with_zero=meaning == "joints")
-        for meaning, texts in columns.items()
-    }
 
 
 def _of_kind(

@@ -1,7 +1,7 @@
 """Columns as a person types them: by name or number, with a turned sign or another zero."""
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from cellcal.calibration.identification.column_options import TypedColumn, is_bare, is_typable
 from cellcal.calibration.message import make_message
@@ -73,3 +73,55 @@ def written_as(names: Sequence[str], name: str) -> str:
         if found == TypedColumn(name, -1.0, 90.0):
             return text
     return name
+
+
+def typed_columns(
+    names: Sequence[str], columns: Mapping[str, Sequence[str]], joint_count: int
+) -> dict[str, tuple[TypedColumn, ...]]:
+    """Return the columns that were typed by their meaning.
+
+    Raises
+    ------
+    MeasurementError
+        No such meaning or column, another number of columns than the meaning has, or one of them twice.
+    """
+    counts = {
+        "joints": joint_count,
+        "position": 3,
+        "length": 1,
+        "controller": 3,
+        "rotation": None,
+        "group": 1,
+    }
+    found = {}
+    for meaning, texts in columns.items():
+        if meaning not in counts:
+            raise MeasurementError(
+                make_message("--columns knows no {meaning!r}.", meaning=meaning),
+                remedy=make_message("It knows {meanings}.", meanings=", ".join(sorted(counts))),
+            )
+        found[meaning] = parse_columns(names, texts, with_zero=meaning == "joints")
+        _refuse_wrong_count(names, meaning, found[meaning], counts[meaning])
+    return found
+
+
+def _refuse_wrong_count(
+    names: Sequence[str], meaning: str, typed: Sequence[TypedColumn], count: int | None
+) -> None:
+    columns = [column.name for column in typed]
+    twice = next((name for name in columns if columns.count(name) > 1), "")
+    if not twice and count in (None, len(columns)):
+        return
+    says = (
+        make_message("{meaning} names column {column!r} twice.", meaning=meaning, column=twice)
+        if twice
+        else make_message(
+            "{meaning} has {found} columns, and needs {count}.",
+            meaning=meaning,
+            found=len(columns),
+            count=count,
+        )
+    )
+    raise MeasurementError(
+        says, remedy=f"Columns are: {', '.join(names)}; or write their numbers, counted from 1."
+    )
