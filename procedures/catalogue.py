@@ -59,12 +59,21 @@ def definition_named(name: str) -> ProcedureDefinition:
     Raises
     ------
     UnknownProcedureError
-        There is none of that name; the remedy names the nearest.
+        There is none of that name; the remedy names the nearest, or all.
     """
     if name not in CATALOGUE:
-        near = get_close_matches(name, CATALOGUE, n=1) or sorted(CATALOGUE)
         raise UnknownProcedureError(
-            make_message("there is no procedure {name!r}.", name=name),
-            remedy=make_message("Did you mean {near}?", near=near[0]),
+            make_message("there is no procedure {name!r}.", name=name), remedy=_remedy_for(name)
         )
     return CATALOGUE[name]
+
+
+def _remedy_for(name: str) -> str:
+    """Return what was meant by a name that no procedure has, as far as that is plain."""
+    if name.endswith(".toml"):
+        file = f'"{name}"' if " " in name else name
+        return make_message("A cell file is named by an option: `--cell {file}`.", file=file)
+    near = get_close_matches(name, CATALOGUE, n=1)
+    if near:
+        return make_message("Did you mean {near}?", near=near[0])
+    return make_message("There are {procedures}.", procedures=", ".join(sorted(CATALOGUE)))

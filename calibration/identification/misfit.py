@@ -134,7 +134,7 @@ def refuse_misfit(
         if causes:
             raise misfit_error(model, stands.score_m, motion_m, causes)
     if stands.score_m <= max(_GROSS * motion_m, _GROSS_M):
-        refuse_far_zero(model, some, stands, names)
+        _refuse_far_zero(model, observations, stands, names)
         return
     _refuse_outer_cause(model, some, (stands.score_m, motion_m), names, rows)
     _refuse_other_order(model, observations, (stands.score_m, motion_m))
@@ -174,6 +174,17 @@ def refuse_gross_misfit(
         remedy=make_message("{cure} Nothing was stored.", cure=cure),
         causes=(MisfitCause(("split",), says, cure, 0.0),),
     )
+
+
+def _refuse_far_zero(
+    model: RobotModel, observations: Observations, stands: MisfitScore, names: FileNames
+) -> None:
+    """Refuse rows that the fit put far from their zeros, with every cause that fits as well."""
+    if not far_zeros(stands):
+        return
+    limit_m = _ALIKE * stands.score_m + _ALIKE_M
+    alike = _explaining_causes(model, observations, limit_m, names, [])
+    refuse_far_zero(model, observations, stands, names, alike)
 
 
 def _refuse_constant(observations: Observations, motion_m: float) -> None:

@@ -143,6 +143,19 @@ def _controller_readings(
         return
     coupling, third = model.joint_coupling, names.joints[2]
     signs = np.sign(np.diag(coupling))
+    if names.joint_coupling == "geometric":
+        back: Array = (coupling @ joints_rad.T).T * signs
+        yield JointInterpretation(
+            "coupling",
+            1,
+            back,
+            make_message(
+                "{third} is what the controller counts, and was taken as an angle against the link before",
+                third=third,
+            ),
+            "Say so: `--joint-coupling controller`.",
+        )
+        return
     geometric = np.asarray(np.linalg.solve(coupling, (joints_rad * signs).T).T, dtype=np.float64)
     yield JointInterpretation(
         "coupling",
@@ -155,17 +168,6 @@ def _controller_readings(
             model_name=model.label,
         ),
         "Say so: `--joint-coupling geometric`.",
-    )
-    back: Array = (coupling @ joints_rad.T).T * signs
-    yield JointInterpretation(
-        "coupling",
-        1,
-        back,
-        make_message(
-            "{third} is what the controller counts, and was taken as an angle against the link before",
-            third=third,
-        ),
-        "Say so: `--joint-coupling controller`.",
     )
 
 

@@ -1,5 +1,6 @@
 """The refusal of measurements that do not fit their robot, and the causes that it names."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from cellcal.calibration.arm.kinematics import RobotModel
@@ -60,16 +61,19 @@ def describe_cause(candidate: MisfitCandidate, fitted: MisfitScore) -> MisfitCau
     )
 
 
+def cure_or_others(cure: str, others: Sequence[MisfitCause]) -> str:
+    """Return a cure, and those of the causes that fit as well."""
+    cures = [cure]
+    for cause in others:
+        cures += [make_message("It fits as well that {says}.", says=cause.says), cause.cure]
+    return join_messages(" ", cures)
+
+
 def misfit_error(
     model: RobotModel, left_m: float, motion_m: float, causes: tuple[MisfitCause, ...]
 ) -> MisfitError:
     """Return the refusal of rows that only the causes explain, the likeliest first; lengths [m]."""
     first, *rest = causes
-    also = (
-        make_message(" It fits as well that {rest}.", rest="; or that ".join(cause.says for cause in rest))
-        if rest
-        else ""
-    )
     return MisfitError(
         make_message(
             "the measurements do not fit {model_name}: {left_mm:.1f} mm remain of a motion of "
@@ -80,6 +84,6 @@ def misfit_error(
             remaining_mm=first.remaining_m * 1000.0,
             says=first.says,
         ),
-        remedy=make_message("{cure}{also} Nothing was stored.", cure=first.cure, also=also),
+        remedy=make_message("{cure} Nothing was stored.", cure=cure_or_others(first.cure, rest)),
         causes=causes,
     )

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from cellcal.calibration.arm.kinematics import RobotModel
 from cellcal.calibration.geometry import Array
+from cellcal.calibration.identification.column_options import TypedColumn, columns_option
 from cellcal.calibration.identification.observations import Rows
 from cellcal.calibration.message import make_message
 
@@ -50,16 +51,23 @@ class FileNames:
     position: tuple[str, ...] = ("X", "Y", "Z")
     length_unit: str = ""  # in which positions or lengths were taken
     angle_unit: str = ""
+    joint_coupling: str = (
+        ""  # in which the joints were said to be: controller, which empty is too, or geometric
+    )
     targets: str = ""  # a column that tells several targets or tools apart
+    typed: Mapping[str, TypedColumn] = field(
+        default_factory=dict
+    )  # how columns are typed, by their names here
     columns: Mapping[str, Array] = field(default_factory=dict)  # that take no part, a number or code a row
+
+    def as_typed(self, names: Sequence[str]) -> tuple[TypedColumn, ...]:
+        """Return columns as ``--columns`` takes them."""
+        return tuple(self.typed.get(name, TypedColumn(name)) for name in names)
 
 
 @dataclass(frozen=True, eq=False)
 class JointInterpretation:
-    """One way to understand the joints of the rows.
-
-    ``columns`` are what the option takes: ``-J2`` is turned, ``J2+90`` counts from another zero.
-    """
+    """One way to understand the joints of the rows."""
 
     kind: str  # sign | home | order | coupling | angle unit | rows | model; empty: as they were read
     parts: int  # how many things are wrong at once
@@ -67,7 +75,7 @@ class JointInterpretation:
     says: str = ""
     cure: str = ""
     zeros_rad: Mapping[int, float] = field(default_factory=dict)
-    columns: tuple[str, ...] = ()  # with their signs and in their order, if one of these differs
+    columns: tuple[TypedColumn, ...] = ()  # with their signs and in their order, if one of these differs
     model: RobotModel | None = None  # another one than was named
 
 
@@ -93,11 +101,6 @@ def joint_readings(
         *_order_readings(joints_rad, names, _turning(model)),
         *_lagging_readings(series_rad, rows),
     ]
-
-
-def columns_option(columns: Sequence[str]) -> str:
-    """Return the option that names the joints so."""
-    return f"`--columns joints={','.join(columns)}`"
 
 
 def _turning(model: RobotModel) -> NDArray[np.bool_]:
@@ -190,7 +193,8 @@ def _sign_readings(model: RobotModel, joints_rad: Array, names: FileNames) -> It
         for turned in itertools.combinations(range(axes), count):
             sign = np.ones(axes)
             sign[list(turned)] = -1.0
-            columns = [("-" if i in turned else "") + name for i, name in enumerate(names.joints)]
+            plain = names.as_typed(names.joints)
+            columns = tuple(column.turned() if i in turned else column for i, column in enumerate(plain))
             which = join_words([names.joints[i] for i in turned])
             yield JointInterpretation(
                 "sign",
@@ -199,8 +203,10 @@ def _sign_readings(model: RobotModel, joints_rad: Array, names: FileNames) -> It
                 make_message("{which} counts the other way round", which=which)
                 if count == 1
                 else make_message("{which} count the other way round", which=which),
-                make_message("Turn the sign: {columns_option}.", columns_option=columns_option(columns)),
-                columns=tuple(columns),
+                make_message(
+                    "Turn the sign: {columns_option}.", columns_option=columns_option("joints", columns)
+                ),
+                columns=columns,
             )
 
 
@@ -249,10 +255,9 @@ def with_zeros(
         cure = "" if reading.kind == "home" else reading.cure
         parts = reading.parts - len(reading.zeros_rad)
         return replace(reading, parts=parts, says=zero_text, cure=cure, zeros_rad=zeros)
-    plain = reading.columns or names.joints
-    columns = list(plain)
+    columns = list(reading.columns or names.as_typed(names.joints))
     for joint, zero in zeros.items():
-        columns[joint] = f"{plain[joint]}{np.rad2deg(zero):+.4g}"
+        columns[joint] = columns[joint].with_zero(float(f"{np.rad2deg(zero):.4g}"))
     each = [f"{names.joints[i]} by {np.rad2deg(zero):+.4g} deg" for i, zero in zeros.items()]
     says = (
         make_message("the zero differs, that of {each}", each=each[0])
@@ -262,7 +267,7 @@ def with_zeros(
     cure = make_message(
         "If the file counts from another zero, say so: {columns_option}. If the robot lost its "
         "zero there, master it first.",
-        columns_option=columns_option(columns),
+        columns_option=columns_option("joints", columns),
     )
     return replace(
         reading,
@@ -293,9 +298,10 @@ def _order_readings(
                 "the columns of the joints are in another order: {columns}", columns=", ".join(columns)
             ),
             make_message(
-                "Name them in this order: {columns_option}.", columns_option=columns_option(columns)
+                "Name them in this order: {columns_option}.",
+                columns_option=columns_option("joints", names.as_typed(columns)),
             ),
-            columns=tuple(columns),
+            columns=names.as_typed(columns),
         )
 
 

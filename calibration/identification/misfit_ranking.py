@@ -8,6 +8,7 @@ import numpy as np
 
 from cellcal.calibration.arm.kinematics import RobotModel
 from cellcal.calibration.geometry import Array
+from cellcal.calibration.identification.column_options import columns_option
 from cellcal.calibration.identification.lints import beyond_limits
 from cellcal.calibration.identification.misfit_couplings import coupled_readings, model_readings
 from cellcal.calibration.identification.misfit_hypotheses import (
@@ -99,15 +100,14 @@ class MisfitCandidate:
             [make_message("Say so: `--units {what}={unit}`.", what=what, unit=self.unit)] if self.unit else []
         )
         if self.mirrored:
-            x, y, z = self.names.position if self.names else ("X", "Y", "Z")
+            names = self.names or FileNames(self.model.joint_names)
+            x, y, z = names.as_typed(names.position)
             cures.append(
                 make_message(
                     "See which axis of the instrument's frame points the other way, and turn its sign: "
-                    "`--columns position={x},-{y},{z}`; or name the columns in their right order: "
-                    "`--columns position={y},{x},{z}`.",
-                    x=x,
-                    y=y,
-                    z=z,
+                    "{turned}; or name the columns in their right order: {swapped}.",
+                    turned=columns_option("position", (x, y.turned(), z)),
+                    swapped=columns_option("position", (y, x, z)),
                 )
             )
         return cures

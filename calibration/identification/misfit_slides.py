@@ -9,10 +9,10 @@ from cellcal.calibration.arm.joint_kinds import PRISMATIC, REVOLUTE, rotations_a
 from cellcal.calibration.arm.kinematics import RobotModel
 from cellcal.calibration.errors import DegenerateDataError
 from cellcal.calibration.geometry import Array
+from cellcal.calibration.identification.column_options import columns_option
 from cellcal.calibration.identification.misfit_hypotheses import (
     FileNames,
     JointInterpretation,
-    columns_option,
 )
 from cellcal.calibration.identification.observations import LengthObservations, Observations
 from cellcal.calibration.message import make_message
@@ -137,7 +137,7 @@ def moved_slide_readings(
                 ),
                 make_message(
                     "Name them in this order: {columns_option}.",
-                    columns_option=f"{columns_option(columns)} `--units slides={unit}`",
+                    columns_option=f"{columns_option('joints', names.as_typed(columns))} `--units slides={unit}`",
                 ),
                 model=model,
             )

@@ -1,16 +1,21 @@
 """Zeros of joints far beyond what mastering leaves: found by a fit, refused, and written as a person would."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from cellcal.calibration.arm.kinematics import RobotModel
-from cellcal.calibration.identification.misfit_error import MisfitCause, MisfitError, MisfitScore
+from cellcal.calibration.identification.column_options import columns_option
+from cellcal.calibration.identification.misfit_error import (
+    MisfitCause,
+    MisfitError,
+    MisfitScore,
+    cure_or_others,
+)
 from cellcal.calibration.identification.misfit_hypotheses import (
     FileNames,
     JointInterpretation,
-    columns_option,
     home_reading,
     with_zeros,
 )
@@ -22,8 +27,17 @@ _SURE = 0.2  # of a far zero: its standard deviation
 _ROUND_RAD = float(np.deg2rad(2.0))
 
 
-def refuse_far_zero(model: RobotModel, some: Observations, stands: MisfitScore, names: FileNames) -> None:
+def refuse_far_zero(
+    model: RobotModel,
+    some: Observations,
+    stands: MisfitScore,
+    names: FileNames,
+    alike: Sequence[MisfitCause],
+) -> None:
     """Refuse rows that fit only with a zero further off than any mastering leaves it.
+
+    ``alike`` are causes that fit as well: a wrist whose first joint is half a turn off moves as one whose second
+    joint counts the other way round.
 
     Raises
     ------
@@ -33,6 +47,7 @@ def refuse_far_zero(model: RobotModel, some: Observations, stands: MisfitScore, 
     far = far_zeros(stands)
     if far:
         home_cause = home_reading(some.joints_rad, far, names)
+        others = [cause for cause in alike if len(cause.kinds) == 1 and cause.kinds != ("home",)]
         raise MisfitError(
             make_message(
                 "the measurements fit {model_name} only if {says}.",
@@ -40,9 +55,10 @@ def refuse_far_zero(model: RobotModel, some: Observations, stands: MisfitScore, 
                 says=home_cause.says,
             ),
             remedy=make_message(
-                "{remedy} Nothing was stored.", remedy=_with_track(model, far, names, home_cause.cure)
+                "{cure} Nothing was stored.",
+                cure=cure_or_others(_with_track(model, far, names, home_cause.cure), others),
             ),
-            causes=(MisfitCause(("home",), home_cause.says, home_cause.cure, stands.score_m),),
+            causes=(MisfitCause(("home",), home_cause.says, home_cause.cure, stands.score_m), *others),
         )
 
 
@@ -50,7 +66,7 @@ def _with_track(model: RobotModel, far: Mapping[int, float], names: FileNames, c
     """Return the cure of a far zero, and that of a track that runs elsewhere, which looks the same."""
     if model.sliding is None or not model.sliding[0] or list(far) != [1]:
         return cure
-    slide = names.joints[0]
+    slide, (track, *others) = names.joints[0], names.as_typed(names.joints)
     if abs(far[1]) < np.pi:
         return make_message(
             "{cure} It fits as well that {slide} runs in another direction than the description says, by as much: "
@@ -62,7 +78,7 @@ def _with_track(model: RobotModel, far: Mapping[int, float], names: FileNames, c
         "{cure} It fits as well that {slide} counts the other way round: {columns_option}.",
         cure=cure,
         slide=slide,
-        columns_option=columns_option([f"-{slide}", *names.joints[1:]]),
+        columns_option=columns_option("joints", (track.turned(), *others)),
     )
 
 

@@ -50,4 +50,4 @@ def suggest_key(key: str, valid: tuple[str, ...]) -> str:
 
 def close_key(key: str, valid: Sequence[str]) -> str | None:
     """Return the valid key that is most like another one; None where none is."""
-    return next(iter(difflib.get_close_matches(key, valid, n=1, cutoff=0.5)), None)
+    return next(iter(difflib.get_close_matches(key, valid, n=1)), None)

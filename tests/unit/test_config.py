@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 
+from cellcal.procedures.catalogue import UnknownProcedureError, definition_named
 from cellcal.service.configuration.cell_file import ConfigError, read_cell_file
 from cellcal.service.demo.fake_cell import write_cell_file
 
@@ -195,3 +196,17 @@ def test_a_robot_on_a_wall_is_a_model_with_its_mounting(good_cell_file: Path) ->
     assert read_cell_file(good_cell_file).robot_named("ur").model == f"{model}@wall"
     good_cell_file.write_text(text.replace(f'model = "{model}"', f'model = "{model}@shelf"'))
     assert any("no robot model" in sentence for sentence in faults_of(good_cell_file).values())
+
+
+def test_a_table_that_is_like_none_is_answered_with_all_that_are_valid(good_cell_file: Path) -> None:
+    good_cell_file.write_text(good_cell_file.read_text() + "\n[foo]\na = 1\n")
+    assert "valid here: cell," in faults_of(good_cell_file)["foo"]
+
+
+def test_a_cell_file_in_place_of_a_procedure_is_answered_with_its_option() -> None:
+    with pytest.raises(UnknownProcedureError) as refused:
+        definition_named("cells/my cell.toml")
+    assert '`--cell "cells/my cell.toml"`' in refused.value.remedy
+    with pytest.raises(UnknownProcedureError) as refused:
+        definition_named("zzz")
+    assert "drift_check" in refused.value.remedy

@@ -11,7 +11,7 @@ from cellcal.calibration.identification.observations import LengthObservations, 
 from cellcal.calibration.identification.position_scale import position_scale, refuse_wrong_scale
 from cellcal.service.engineering.measured.cells import CellLayoutFile
 
-_COLUMNS = re.compile(r"`--columns (\w+)=([^`]*)`")
+_COLUMNS = re.compile(r'`--columns "?(\w+)=([^`"]*)"?`')
 _UNITS = re.compile(r"`--units (\w+)=(\w+)`")
 _ROBOT = re.compile(r"`--robot (\w+)`")
 
@@ -56,7 +56,9 @@ def refuse_gross_misfit_of_series(cell: CalibrationCell, found: CellIdentificati
 def _column_names(series: CellSeries, layout: CellLayoutFile) -> FileNames:
     reading = next((r for r in layout.readings if series.name.partition(": ")[0] == r.name), None)
     position = reading.columns if reading is not None and len(reading.columns) == 3 else ("X", "Y", "Z")
-    return FileNames(layout.joints, position, layout.units["readings"], layout.units["joints"])
+    return FileNames(
+        layout.joints, position, layout.units["readings"], layout.units["joints"], layout.joint_coupling
+    )
 
 
 def _of_layout(error: MisfitError, series: str) -> MisfitError:

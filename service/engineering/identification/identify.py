@@ -9,6 +9,7 @@ import numpy as np
 
 from cellcal.calibration.arm.kinematics import RobotModel, load_model
 from cellcal.calibration.geometry import Array
+from cellcal.calibration.identification.column_options import columns_option
 from cellcal.calibration.identification.cross_validation import ErrorSummary
 from cellcal.calibration.identification.effect_lint import without_play
 from cellcal.calibration.identification.frame_fits import mount_at_breaks
@@ -249,8 +250,8 @@ def _refuse_judged(model: RobotModel, prepared: PreparedMeasurements, judged: "_
                 left_mm=float(np.median(judged.held_out_m)) * 1e3,
             ),
             remedy=make_message(
-                "Name the columns that the device read: `--columns position={columns}`.",
-                columns=",".join(layout.further[0]),
+                "Name the columns that the device read: {columns_option}.",
+                columns_option=columns_option("position", layout.typed_columns(layout.further[0])),
             )
             if layout.further
             else sum_remedy(layout.differences, layout.position),

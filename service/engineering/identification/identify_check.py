@@ -138,12 +138,15 @@ def without_contradicting_attitudes(
 def file_names(measurements: Measurements) -> FileNames:
     """Return what a file calls its columns and units, for cures that can be typed."""
     layout, units = measurements.layout, measurements.units
+    columns = (*layout.joints, *layout.position)
     return FileNames(
         layout.as_typed(layout.joints),
         layout.as_typed(layout.position) or ("X", "Y", "Z"),
         units.get("length" if layout.length else "position", ""),
         units.get("joints", ""),
+        measurements.joint_coupling,
         measurements.targets[0],
+        dict(zip(layout.as_typed(columns), layout.typed_columns(columns), strict=True)),
         measurements.unused,
     )
 

@@ -35,7 +35,7 @@ def attitude_ways(turns: Array, fields: Sequence[str], convention: str) -> dict[
     name = convention.removesuffix(_INVERSE)
     if len(turns.T) == _MATRIX and name in ("", *MATRIX_FORMULAS):
         return dict(matrices_of(turns, name))
-    _refuse_unknown(name)
+    refuse_unknown_convention(name)
     found = _quaternions(turns, fields, name) if len(turns.T) == _QUATERNION else _angles(turns, name)
     turned = {f"{way}{_INVERSE}": np.swapaxes(rotations, 1, 2) for way, rotations in found.items()}
     if convention:
@@ -58,8 +58,10 @@ def formula_of(convention: str) -> str:
     return f"inverse of {formula}" if convention.endswith(_INVERSE) else formula
 
 
-def _refuse_unknown(name: str) -> None:
-    if name and name not in (*CONVENTIONS, *_FURTHER, *_IN_ORDER):
+def refuse_unknown_convention(convention: str) -> None:
+    """Refuse a word that names no way to write attitudes."""
+    name = convention.removesuffix("_inverse_pose").removesuffix(_INVERSE)
+    if name and name not in ("none", *MATRIX_FORMULAS, *CONVENTIONS, *_FURTHER, *_IN_ORDER):
         conventions = ", ".join((*CONVENTIONS, *_FURTHER, *_IN_ORDER))
         raise MeasurementError(
             make_message("no orientation is called {name!r}.", name=name),

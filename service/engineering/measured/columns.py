@@ -2,8 +2,9 @@
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
+from cellcal.calibration.identification.column_options import TypedColumn, columns_option
 from cellcal.calibration.message import make_message
 from cellcal.service.engineering.measured.column_words import (
     ATTITUDE_WORDS,
@@ -13,13 +14,14 @@ from cellcal.service.engineering.measured.column_words import (
     find_triples,
     key_words,
 )
-from cellcal.service.engineering.measured.difference_words import find_differences, sum_remedy
+from cellcal.service.engineering.measured.difference_words import find_differences
 from cellcal.service.engineering.measured.headings import plain_name, unit_of
 from cellcal.service.engineering.measured.joint_columns import find_joints
 from cellcal.service.engineering.measured.matrix_columns import find_matrix
+from cellcal.service.engineering.measured.measurement_remedy import measurement_remedy
 from cellcal.service.engineering.measured.polar_readings import refuse_directions, with_survey_places
 from cellcal.service.engineering.measured.table import MeasurementError
-from cellcal.service.engineering.measured.typed_columns import TypedColumn, parse_columns
+from cellcal.service.engineering.measured.typed_columns import typed_columns, written_as
 from cellcal.service.engineering.measured.units import ANGLE_UNITS, LENGTH_UNITS
 
 _MEASURED = {
@@ -57,10 +59,12 @@ _TURNS = (
 class UnnamedPositionError(MeasurementError):
     """Joints are found, and no heading tells what was measured; ``candidates`` may be it."""
 
-    def __init__(self, names: Sequence[str], joints: tuple[str, ...], candidates: tuple[str, ...]) -> None:
+    def __init__(
+        self, names: Sequence[str], joints: tuple[str, ...], candidates: tuple[str, ...], *, lone: bool
+    ) -> None:
         super().__init__(
             make_message("no measurement found among the columns {names}.", names=", ".join(names)),
-            remedy="Name it: `--columns position=X,Y,Z` or `--columns length=L`; numbers count the columns from 1.",
+            remedy=_naming_remedy(names, candidates if lone else ()),
         )
         self.joints = joints
         self.candidates = candidates
@@ -84,6 +88,7 @@ class TableLayout:
     group: str = ""
     units: Mapping[str, str] = field(default_factory=dict)  # meaning -> unit
     typed: Mapping[str, TypedColumn] = field(default_factory=dict)  # columns whose sign or zero was named
+    written: Mapping[str, str] = field(default_factory=dict)  # what to type for a column
 
     def column_sign(self, name: str) -> float:
         """Return what a column is to be multiplied with."""
@@ -93,8 +98,15 @@ class TableLayout:
         """Return what is to be added to a joint's column [deg]."""
         return self.typed[name].zero_deg if name in self.typed else 0.0
 
+    def typed_columns(self, names: Sequence[str]) -> tuple[TypedColumn, ...]:
+        """Return columns as ``--columns`` takes them in a terminal."""
+        return tuple(
+            replace(self.typed.get(name, TypedColumn(name)), written=self.written.get(name, ""))
+            for name in names
+        )
+
     def as_typed(self, names: Sequence[str]) -> tuple[str, ...]:
-        """Return columns as ``--columns`` takes them."""
+        """Return columns as a layout takes them."""
         return tuple(self.typed[name].typed_text if name in self.typed else name for name in names)
 
 
@@ -115,7 +127,7 @@ def detect_layout(
     MeasurementError
         Joints or measurements are not found, with the option that names them.
     """
-    typed = _typed_columns(names, columns or {})
+    typed = typed_columns(names, columns or {}, len(joint_names))
     typed_names = {meaning: tuple(column.name for column in found) for meaning, found in typed.items()}
     plain = with_survey_places({name: plain_name(name) for name in names})
     joints = typed_names.get("joints") or find_joints(names, plain, joint_names, slides, numeric)
@@ -133,12 +145,14 @@ def detect_layout(
     if length:
         measured = ()
     if not measured and not length:
-        if remedy := _measurement_remedy(rest, plain, numeric):
+        if remedy := measurement_remedy(rest, plain, numeric):
             raise MeasurementError(
                 make_message("no measurement found among the columns {names}.", names=", ".join(names)),
                 remedy=remedy,
             )
-        raise UnnamedPositionError(names, joints, tuple(name for name in rest if _tells_no_role(plain[name])))
+        of_numbers = rest if numeric is None else [name for name in rest if name in numeric]
+        candidates = tuple(name for name in of_numbers if _tells_no_role(plain[name]))
+        raise UnnamedPositionError(names, joints, candidates, lone=len(candidates) == len(of_numbers))
     turn, fields = _find_rotation(rest, plain, measured) if measured else ((), ())
     if matrix and not turn and measured == (place or places.measured):
         turn, fields = matrix, matrix
@@ -171,41 +185,26 @@ def detect_layout(
             if (unit := _joint_units(found) if key == "joints" else _common_unit(found))
         },
         typed={column.name: column for found in typed.values() for column in found if column.is_modified},
+        written={
+            name: written_as(names, name) for each in (joints, measured, *places.further) for name in each
+        },
     )
 
 
-def _measurement_remedy(names: Sequence[str], plain: Mapping[str, str], numeric: Sequence[str] | None) -> str:
-    """Return what helps where nothing measured is found and the headings tell why; empty where they do not."""
-    triples = find_triples(names, plain, "xyz")
-    keys = {found: key_words(key) for key, found in triples.items()}
-    differences = [found for found, words in keys.items() if words & DIFFERENCE_WORDS]
-    others = [
-        found
-        for found, words in keys.items()
-        if not words & (DIFFERENCE_WORDS | SPREAD_WORDS | ATTITUDE_WORDS)
-    ]
-    if differences and others:
-        return sum_remedy(differences[0], others[0])
-    if any(plain[name].startswith("o_t_ee") for name in names):
+def _naming_remedy(names: Sequence[str], candidates: Sequence[str]) -> str:
+    """Return how to name what was measured; with the columns themselves where there is no choice."""
+    meaning = {1: "length", 3: "position"}.get(len(candidates))
+    if meaning is None:
         return (
-            "O_T_EE is the pose that the robot calculates from its joints, no measurement: add what a device outside "
-            "of it read."
+            "Name the three columns of its place, `--columns position=…,…,…`, or the one of its length, "
+            "`--columns length=…`, by their headings or by their numbers counted from 1."
         )
-    some = [name for name in names if plain[name].rpartition("_")[2] in ("x", "y", "z")]
-    if len({plain[name].rpartition("_")[2] for name in some}) in (1, 2) and not triples:
-        return make_message(
-            "{names} tell a part of a place: add the columns that are missing; a device that reads one direction "
-            'touches a plane, which a layout describes (`--layout`, `kind = "plane"`, see '
-            "`deploy/layouts/README.md`).",
-            names=", ".join(some),
-        )
-    if not (names if numeric is None else set(names).intersection(numeric)):
-        return (
-            "It holds joints alone: every row needs what a device read. If that is another file, name it first and "
-            "this one by `--joints`. Postures that touch one pin with one tip are "
-            'described by a layout (`--layout`, `kind = "pin"`, see `deploy/layouts/README.md`).'
-        )
-    return ""
+    written = [TypedColumn(name, written=written_as(names, name)) for name in candidates]
+    return make_message(
+        "If the device read {columns}, say so: {columns_option}; else add what it read.",
+        columns=", ".join(candidates),
+        columns_option=columns_option(meaning, written),
+    )
 
 
 def _tells_no_role(plain: str) -> bool:
@@ -213,22 +212,6 @@ def _tells_no_role(plain: str) -> bool:
     return not set(re.split(r"[_\d]+", plain)) & (
         CONTROLLER_WORDS | SPREAD_WORDS | DIFFERENCE_WORDS | ATTITUDE_WORDS
     )
-
-
-def _typed_columns(
-    names: Sequence[str], columns: Mapping[str, Sequence[str]]
-) -> dict[str, tuple[TypedColumn, ...]]:
-    meanings = {"joints", "position", "length", "controller", "rotation", "group"}
-    for meaning in columns:
-        if meaning not in meanings:
-            raise MeasurementError(
-                make_message("--columns knows no {meaning!r}.", meaning=meaning),
-                remedy=make_message("It knows {meanings}.", meanings=", ".join(sorted(meanings))),
-            )
-    return {
-        meaning: parse_columns(names, texts, with_zero=meaning == "joints")
-        for meaning, texts in columns.items()
-    }
 
 
 def _of_kind(

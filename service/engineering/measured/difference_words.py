@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 
+from cellcal.calibration.identification.column_options import columns_option
 from cellcal.calibration.message import make_message
 from cellcal.service.engineering.measured.column_words import DIFFERENCE_WORDS, find_triples, key_words
 from cellcal.service.engineering.measured.headings import without_unit
@@ -23,12 +24,15 @@ def sum_remedy(differences: Sequence[str], places: Sequence[str]) -> str:
     """Return how differences from places become what was measured: which way they are taken, a person knows."""
     return make_message(
         "{differences} are differences from {places}. If they are measured minus nominal, take the sum: "
-        "`--columns position={sums}`; if nominal minus measured, write - in place of +. Rows do not tell which: "
+        "{sums}; if nominal minus measured, write - in place of +. Rows do not tell which: "
         "both fit alike, and every error is turned round.",
         differences=", ".join(differences),
         places=", ".join(places),
-        sums=",".join(
-            f"{without_unit(place)}+{without_unit(each)}"
-            for place, each in zip(places, differences, strict=True)
+        sums=columns_option(
+            "position",
+            [
+                f"{without_unit(place)}+{without_unit(each)}"
+                for place, each in zip(places, differences, strict=True)
+            ],
         ),
     )

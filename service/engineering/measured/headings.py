@@ -3,6 +3,8 @@
 import re
 from collections.abc import Sequence
 
+from cellcal.calibration.message import make_message
+
 _UNIT = re.compile(r"[\[(\uff08\u3010]\s*(?P<unit>[^\])\uff09\u3011]*)\s*[\])\uff09\u3011]")
 _TRAILING_UNIT = re.compile(
     r"_(mm|deg|rad|m|degrees|radians|cm|um|inches|inch|in|ft|feet|mils|mil|grad|gon|mrad|mdeg|rev|revs)$"
@@ -115,6 +117,17 @@ PULSES_REMEDY = (
     "`--units joints=0.0001deg` for ten thousandths."
 )
 _NUMBER_FIRST = re.compile(r"(?<![a-z\d])(\d)_?(axis|joint)(?![a-z])(?!_?\d)")
+
+
+def pulses_remedy(columns: Sequence[str], count: int) -> str:
+    """Return what helps where columns are called pulses, given by their numbers: a unit goes with named columns."""
+    if len(columns) != count:
+        return PULSES_REMEDY
+    return make_message(
+        "{remedy} Name the columns with it: `--columns joints={columns}`.",
+        remedy=PULSES_REMEDY,
+        columns=",".join(columns),
+    )
 
 
 def plain_name(name: str) -> str:

@@ -6,9 +6,9 @@ from collections.abc import Mapping, Sequence
 from cellcal.calibration.message import make_message
 from cellcal.service.engineering.measured.column_words import CONTROLLER_WORDS, SPREAD_WORDS
 from cellcal.service.engineering.measured.headings import (
-    PULSES_REMEDY,
     counts_pulses,
     plain_name,
+    pulses_remedy,
     unit_of,
     without_unit,
 )
@@ -95,7 +95,7 @@ def find_joints(
             joint_name_count=count,
             names=", ".join(every),
         ),
-        remedy=PULSES_REMEDY
+        remedy=pulses_remedy([str(at) for at, name in enumerate(every, 1) if name not in names], count)
         if len(every) - len(names) >= count
         else _remedy_for(every if numeric is None else numeric, plain, joint_names),
     )

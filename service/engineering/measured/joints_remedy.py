@@ -22,8 +22,8 @@ def joints_remedy(
     missing = [joint for joint in joint_names if joint.casefold() not in present]
     if count > 2 and len(missing) == 1:
         return make_message(
-            "Only {joint} is missing: where it never moves (a wrist that rods keep level, a locked axis), add a "
-            "column {joint} of zeros.",
+            "Only {joint} is missing: if another column holds it, call that column {joint}; where it never moves (a "
+            "wrist that rods keep level, a locked axis), add a column {joint} of zeros.",
             joint=missing[0],
         )
     numbered = are_numbered(list(plain))

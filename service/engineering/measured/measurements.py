@@ -40,6 +40,7 @@ from cellcal.service.engineering.measured.table import (
     read_table,
 )
 from cellcal.service.engineering.measured.table_numbers import TableNumbers
+from cellcal.service.engineering.measured.typed_options import refuse_unknown_options
 from cellcal.service.engineering.measured.unit_choice import UnitChoice
 from cellcal.service.engineering.measured.units import to_celsius
 from cellcal.service.engineering.measured.unnamed_columns import (
@@ -64,9 +65,7 @@ class ReadOptions:
     """Options that override what would be detected in a file."""
 
     columns: Mapping[str, Sequence[str]] = field(default_factory=dict)
-    units: Mapping[str, str] = field(
-        default_factory=dict
-    )  # joints, slides, position, length, controller, rotation
+    units: Mapping[str, str] = field(default_factory=dict)  # by their meanings, of `refuse_unknown_options`
     convention: str = ""  # of the measured attitude; "none" leaves it out
     sheet: str | None = None
     joint_coupling: str = ""  # "controller", or "geometric": every angle is turned against the link before
@@ -92,6 +91,7 @@ class Measurements:
     layout: TableLayout
     units: Mapping[str, str]  # meaning -> unit, stated or guessed
     convention: str  # of the attitude; empty if none is used
+    joint_coupling: str = ""  # in which the joints were said to be
     targets: tuple[str, tuple[str, ...]] = ("", ())  # a column that tells targets apart, and their names
     unused: Mapping[str, Array] = field(
         default_factory=dict
@@ -107,6 +107,7 @@ def read_measurements(path: Path, model: RobotModel, options: ReadOptions | None
         The file, its columns or its numbers cannot be understood; the remedy names the option that helps.
     """
     options = options or ReadOptions()
+    refuse_unknown_options(options.units, options.convention)
     if options.joints_file is None:
         table = read_table(path, sheet=options.sheet)
     else:
@@ -163,6 +164,7 @@ def _interpret_table(
         layout=layout,
         units={key: unit for key, unit in units.used.items() if key != "convention"},
         convention=units.used.get("convention", ""),
+        joint_coupling=options.joint_coupling,
         targets=target_column(table, rows, used),
         unused=unused_columns(table, rows, used),
     )
