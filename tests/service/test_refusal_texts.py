@@ -15,6 +15,7 @@ from cellcal.calibration.motion.collision import CollisionCheck
 from cellcal.calibration.motion.motion_check import MotionLimits, WirePath, check_moves
 from cellcal.calibration.motion.position_uncertainty import PositionUncertainty
 from cellcal.calibration.points.touch_design import TURNS, ToolTurn
+from cellcal.drivers.draw_wire.modbus_registers import load_encoder_map
 from cellcal.drivers.errors import DeviceTimeoutError
 from cellcal.drivers.wire.tables import code_table
 from cellcal.service.translation import Translations
@@ -124,6 +125,7 @@ def told_by_devices() -> set[str]:
         (name, code_table(f"cellcal.drivers.{package}", name).values()) for package, name in CODE_TABLES
     ]
     texts = {entry.text for name, entries in tables if name != "alarms.tsv" for entry in entries}
+    texts |= set(load_encoder_map().alarms.values())
     # A name with capitals or lines below is the maker's, in every language.
     meanings = {text for text in texts if " " in text or (text.isalpha() and text.islower())}
     remedies = {step for _, entries in tables for entry in entries for step in SENTENCE.split(entry.remedy)}
