@@ -92,7 +92,9 @@ class RobotApiClient:
         path = "/system/v1/controlmode"
         mode = await self._read_mode(path)
         if mode not in ("REMOTE", "LOCAL"):
-            raise self._unreadable_error(make_message("{path} holds {mode}", path=path, mode=mode[:40]))
+            raise self._unreadable_error(
+                make_message("{path} holds the mode {mode}", path=path, mode=mode[:40])
+            )
         return mode == "REMOTE"
 
     async def operational_mode(self) -> str:
