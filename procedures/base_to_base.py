@@ -272,9 +272,7 @@ def _make_refit(spec: BaseToBaseSpec, findings: Sequence[Finding]) -> Refit | No
         ]
         gaps = np.stack(carried) - np.array(seen_m[result.reference_serial])
         worst = gaps[np.linalg.norm(gaps, axis=2).argmax(axis=0), np.arange(len(steps))]
-        values = (
-            v for serial, pose in poses.items() for v in pose_values(pose, before[serial], f"{serial}: ")
-        )
+        values = (v for serial, pose in poses.items() for v in pose_values(pose, before[serial], serial))
         u_m = max(base.pose.origin_u_m for base in result.bases)
         return RefitResult(misses_in_space(worst.tolist(), sigma_m, STANDS_OUT), u_m, tuple(values))
 

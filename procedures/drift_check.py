@@ -110,7 +110,7 @@ async def _take_reference(run: Run, spec: DriftCheck, bench: Bench) -> DriftResu
     await run.step(
         "accept the plan",
         ask_acceptance,
-        _plan_instruction(plan, "take the reference", spec.method, rounds=2),
+        _plan_instruction(plan, _TAKING, spec.method, rounds=2),
         sha256_of(to_jsonable_python(plan)),
     )
     visits = ArmVisits(run, bench, plan.pace, spec.rules.samples, bench.joints_rad)
@@ -133,7 +133,7 @@ async def _compare_with_reference(
     await run.step(
         "accept the plan",
         ask_acceptance,
-        _plan_instruction(plan, "compare", spec.method),
+        _plan_instruction(plan, _COMPARING, spec.method),
         sha256_of(to_jsonable_python(plan)),
     )
     visits = ArmVisits(run, bench, plan.pace, spec.rules.samples, bench.joints_rad)
@@ -185,10 +185,12 @@ def _refuse_scatter(first: tuple[ArmCapture, ...], again: tuple[ArmCapture, ...]
         )
 
 
+_TAKING = "the robot, to up to {ways_rad_count} poses, to take the reference"
+_COMPARING = "the robot, to up to {ways_rad_count} poses, to compare"
+
+
 def _plan_instruction(plan: DriftPlan, what: str, method: Method, rounds: int = 1) -> Instruction:
-    what_moves = make_message(
-        "the robot, to up to {ways_rad_count} poses, to {what}", ways_rad_count=len(plan.ways_rad), what=what
-    )
+    what_moves = make_message(what, ways_rad_count=len(plan.ways_rad))
     tour = PlanTour(rounds * len(plan.ways_rad), plan.total_motion().repeat_motion(rounds))
     instruction = Instruction("accept_plan", plan_words(what_moves, tour, plan.not_checked))
     checks = WIRE_CHECKS if method == "wire" else ARM_CHECKS

@@ -99,8 +99,11 @@ async def stored_backup(cell: Cell, of_run: str) -> MasteringBackup:
     fits = [backup for backup in own if of_run in ("", backup.of_run, backup.of_run.rpartition("-")[2])]
     if not fits:
         raise RefusalError(
-            "no run of this robot that wrote a mastering is in the journal"
-            + (f": {of_run}" if of_run else ""),
+            make_message(
+                "no run {of_run} of this robot that wrote a mastering is in the journal", of_run=of_run
+            )
+            if of_run
+            else "no run of this robot that wrote a mastering is in the journal",
             code="procedure.no_backup",
             remedy=make_message(
                 "Runs that can be undone: {own}.", own=", ".join(one.of_run for one in own) or "none"

@@ -114,11 +114,17 @@ def values_of(findings: Sequence[Finding]) -> Mapping[str, Any]:
     return {finding.step: finding.value for finding in findings}
 
 
-def pose_values(pose: Pose, recorded: Pose, name: str = "") -> tuple[FittedValue, ...]:
-    """Return where a frame is, and by how much it is turned from the recorded one; ``name`` goes before."""
+def pose_values(pose: Pose, recorded: Pose, owner: str = "") -> tuple[FittedValue, ...]:
+    """Return where a frame is, and by how much it is turned from the recorded one; ``owner`` is named before."""
     turned = float(np.linalg.norm(log_rotation(recorded.rotation_matrix().T @ pose.rotation_matrix())))
-    places = (FittedValue(f"{name}{axis}", "m", v) for axis, v in zip("xyz", pose.position_m, strict=True))
-    return (*places, FittedValue(f"{name}turned from the recorded result", "rad", turned))
+    before = f"{owner}: " if owner else ""
+    places = (FittedValue(f"{before}{axis}", "m", v) for axis, v in zip("xyz", pose.position_m, strict=True))
+    what = (
+        make_message("{owner}: turned from the recorded result", owner=owner)
+        if owner
+        else "turned from the recorded result"
+    )
+    return (*places, FittedValue(what, "rad", turned))
 
 
 def misses_in_space(gaps_m: Sequence[Sequence[float]], sigma_m: float, limit: float) -> tuple[PointMiss, ...]:

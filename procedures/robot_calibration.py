@@ -10,7 +10,7 @@ from dataclasses import replace
 
 from pydantic_core import to_jsonable_python
 
-from cellcal.calibration.message import make_message
+from cellcal.calibration.message import join_messages, make_message
 from cellcal.drivers.interfaces import Instruction, Joints, MasteringData
 from cellcal.procedures.accuracy_limits import CHECK, limits_in_force
 from cellcal.procedures.arm.arm_bench import (
@@ -248,28 +248,33 @@ def _refuse_zeros(found: ArmIdentification, bench: Bench) -> None:
 
 def _plan_instruction(plan: CalibrationPlan, spec: RobotCalibration) -> Instruction:
     rules, expected, checks = spec.rules, plan.expected_captures, plan.expected_checks
-    doubt = f". Beware: {plan.shortfall}" if plan.shortfall else ""
     what = make_message(
         "the robot, to about {expected} (at most {max_captures}) of {pool_count} poses, chosen a "
         "few at a time, and to {checks} more that verify. Expected then: target known within "
-        "{tip_u_mm:.3f} mm over the work (k=2, RMS), {tip_u_max_mm:.3f} mm at worst{doubt}",
+        "{tip_u_mm:.3f} mm over the work (k=2, RMS), {tip_u_max_mm:.3f} mm at worst",
         expected=expected,
         max_captures=rules.max_captures,
         pool_count=len(plan.pool),
         checks=checks,
         tip_u_mm=plan.tip_u_m * 1000.0,
         tip_u_max_mm=plan.tip_u_max_m * 1000.0,
-        doubt=doubt,
     )
+    if plan.shortfall:
+        what = make_message("{what}. Beware: {shortfall}", what=what, shortfall=plan.shortfall)
     stops, hands = expected + checks, ""
     if plan.tool is not None:
         points, poses = len(plan.tool.points), len(tool_ways(plan.tool))
         stops += poses
-        what += (
-            f"; and to about {poses} poses with {points} points of the end-effector. Expected: "
-            f"tip within {plan.tool.tip_u_m * 1e3:.3f} mm, axes within {math.degrees(plan.tool.angle_u_rad):.3f} deg"
+        what = make_message(
+            "{what}; and to about {poses} poses with {points} points of the end-effector. Expected: tip within "
+            "{tip_u_mm:.3f} mm, axes within {angle_u_deg:.3f} deg",
+            what=what,
+            poses=poses,
+            points=points,
+            tip_u_mm=plan.tool.tip_u_m * 1e3,
+            angle_u_deg=math.degrees(plan.tool.angle_u_rad),
         )
-        hands = f"change the target {points + 1} times"
+        hands = make_message("change the target {count} times", count=points + 1)
     tour = PlanTour(stops, plan.expected_motion(), hands)
     instruction = Instruction("accept_plan", plan_words(what, tour, plan.not_checked))
     return plan_page(instruction, tour, series_moves(plan, spec.rules, wired=spec.method == "wire"))
@@ -277,14 +282,22 @@ def _plan_instruction(plan: CalibrationPlan, spec: RobotCalibration) -> Instruct
 
 def _result_instruction(result: CalibrationResult) -> Instruction:
     found, out = result.identified, result.identified.hold_out
-    ended = "" if result.goal_reached else f" The goal was not reached: {result.why_ended}."
-    return Instruction(
-        "accept_parameters",
-        f"At {out.captures} poses that were not fitted the error fell from {out.before_rms_m * 1e3:.3f} to "
-        f"{out.after_rms_m * 1e3:.3f} mm RMS a coordinate; the target is known within "
-        f"{found.tip_u_m * 1e3:.3f} mm over the work (k=2, RMS). {found.saving_text}.{ended}"
-        + (" " + tool_words(found.tool) if found.tool else ""),
-    )
+    sentences = [
+        make_message(
+            "At {captures} poses that were not fitted the error fell from {before_rms_mm:.3f} to {after_rms_mm:.3f} "
+            "mm RMS a coordinate; the target is known within {tip_u_mm:.3f} mm over the work (k=2, RMS).",
+            captures=out.captures,
+            before_rms_mm=out.before_rms_m * 1e3,
+            after_rms_mm=out.after_rms_m * 1e3,
+            tip_u_mm=found.tip_u_m * 1e3,
+        ),
+        make_message("{saving_text}.", saving_text=found.saving_text),
+    ]
+    if not result.goal_reached:
+        sentences.append(make_message("The goal was not reached: {why}.", why=result.why_ended))
+    if found.tool:
+        sentences.append(tool_words(found.tool))
+    return Instruction("accept_parameters", join_messages(" ", sentences))
 
 
 def _zeros_instruction(found: ArmIdentification) -> Instruction:

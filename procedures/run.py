@@ -336,7 +336,7 @@ class Run:
         ):
             return
         doubt = (
-            f"Step '{state.past.in_doubt}' was interrupted and may have acted. "
+            make_message("Step '{step}' was interrupted and may have acted. ", step=state.past.in_doubt)
             if state.past.in_doubt
             else ""
         )

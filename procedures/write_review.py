@@ -40,7 +40,7 @@ def with_verdict(
     rules = join_messages("; ", dict.fromkeys(figure.rule for figure in decided if figure.rule))
     figures = join_messages("; ", map(_figure_text, decided))
     doubt = (
-        f" The settings say to keep it all the same: {write_anyway}."
+        make_message(" The settings say to keep it all the same: {write_anyway}.", write_anyway=write_anyway)
         if _needs_order(verdict, write_anyway)
         else ""
     )
@@ -155,7 +155,11 @@ def shift_text(before: Pose, after: Pose) -> str:
     """Return in words how far a frame goes from what the controller holds."""
     away_mm = math.dist(before.position_m, after.position_m) * 1e3
     turn_rad = float(np.linalg.norm(log_rotation(offset_between(before, after).rotation_matrix())))
-    return f"That is {away_mm:.2f} mm and {math.degrees(turn_rad):.3f} deg from what the controller holds."
+    return make_message(
+        "That is {away_mm:.2f} mm and {turn_deg:.3f} deg from what the controller holds.",
+        away_mm=away_mm,
+        turn_deg=math.degrees(turn_rad),
+    )
 
 
 def raise_first(refusals: Iterable[RefusalError | None], write_anyway: str) -> None:

@@ -14,6 +14,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from cellcal.calibration.errors import CellError
+from cellcal.calibration.message import make_message
 from cellcal.service.exit_codes import ExitCode
 
 _OURS = ("cellcal", "__main__")
@@ -47,10 +48,10 @@ def explain_os_error(error: OSError) -> tuple[str, str]:
     """Return what the operating system refused, and the cure."""
     cause, cure = _CURES.get(
         error.errno or 0,
-        (f"{error.strerror or error}", "Give a path that exists and may be read and written."),
+        (error.strerror or str(error), "Give a path that exists and may be read and written."),
     )
     where = "" if error.filename is None else f"{os.fsdecode(_file_name(error.filename))}: "
-    return f"{where}{cause}.", cure
+    return make_message("{where}{cause}.", where=where, cause=cause), cure
 
 
 def is_about_the_system(error: BaseException) -> bool:
@@ -68,9 +69,14 @@ def describe_unexpected(error: BaseException) -> tuple[str, str]:
     words = " ".join(str(error).split())[:_LONGEST]
     words = words.encode("utf-8", errors="backslashreplace").decode()
     path = write_report(error)
-    where = "No report could be written." if path is None else f"The report is in {path}."
+    where = (
+        "No report could be written." if path is None else make_message("The report is in {path}.", path=path)
+    )
+    name = type(error).__name__
     return (
-        f"Internal error: {type(error).__name__}{': ' if words else ''}{words}. {where}",
+        make_message(
+            "Internal error: {error}. {where}", error=f"{name}: {words}" if words else name, where=where
+        ),
         "This is a fault of cellcal: please send the report and what you did. Nothing that was stored is lost.",
     )
 

@@ -148,7 +148,10 @@ def _suggest_measurement(parameter: Parameter, hiding: list[Parameter]) -> str:
         (partner_roles == {"geometry"} or one_row, _NO_CURE),
         (
             True,
-            f"measure postures that turn {joint} and its neighbours further, with the tool in other attitudes",
+            make_message(
+                "measure postures that turn {joint} and its neighbours further, with the tool in other attitudes",
+                joint=joint,
+            ),
         ),
     )
     return next(cure for applies, cure in cures if applies)

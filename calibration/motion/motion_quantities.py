@@ -61,7 +61,7 @@ def joint_limit_excess(model: RobotModel, joints: Array, margin_rad: Array) -> L
         low = np.concatenate([low, [each.lower_rad for each in model.combined_limits] + margins])
         high = np.concatenate([high, [each.upper_rad for each in model.combined_limits] - margins])
         joints = np.concatenate([joints, joints @ weights], axis=1)
-        of_sums = [f"joint limits of {each.name}" for each in model.combined_limits]
+        of_sums = [make_message("joint limits of {name}", name=each.name) for each in model.combined_limits]
         told = (*("joint limits" for _ in range(model.axis_count)), *of_sums)
     below, above = low - joints, joints - high
     limit = np.where(below > above, low, high)

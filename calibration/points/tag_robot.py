@@ -215,4 +215,9 @@ def _against_controller(pairs: TagPairs, nominal: Array) -> tuple[str, ...]:
             ),
             remedy="Choose the robot's own model; see the units of the joints and how J2 and J3 are coupled.",
         )
-    return (f"the robot's poses agree with its joints and the model within {spread_m * 1e3:.3f} mm",)
+    return (
+        make_message(
+            "the robot's poses agree with its joints and the model within {spread_mm:.3f} mm",
+            spread_mm=spread_m * 1e3,
+        ),
+    )

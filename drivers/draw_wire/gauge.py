@@ -111,11 +111,19 @@ class DrawWire:
         device_type = await self._read_value("device_type", read)
         if device_type & 0xFFFF != self._table.device_profile:
             raise self._wrong_device_error(
-                f"a device of profile {device_type & 0xFFFF}, not an encoder (406)"
+                make_message(
+                    "a device of profile {profile}, not an encoder (406)", profile=device_type & 0xFFFF
+                )
             )
         serial = await self._read_value("serial", read)
         if serial != self._options.serial:
-            raise self._wrong_device_error(f"serial number {serial}, cell.toml says {self._options.serial}")
+            raise self._wrong_device_error(
+                make_message(
+                    "serial number {serial}, cell.toml says {named}",
+                    serial=serial,
+                    named=self._options.serial,
+                )
+            )
         self._step_m = await self._read_value("step", read) * self._table.objects["step"].scale
         await self._check_offset(read)
         if await self._read_value("error_register", read) == 0:
@@ -189,4 +197,6 @@ def _find_meaning(emergency: Emergency) -> CodeEntry:
     for key in (code, code & 0xFF00, code & 0xF000):
         if key in table:
             return table[key]
-    return CodeEntry(code, "fault", f"error {code:04X}h", "Look at the gauge's manual.")
+    return CodeEntry(
+        code, "fault", make_message("error {code:04X}h", code=code), "Look at the gauge's manual."
+    )

@@ -7,7 +7,7 @@ import logging
 import time
 from dataclasses import dataclass
 
-from cellcal.calibration.message import make_message
+from cellcal.calibration.message import join_messages, make_message
 from cellcal.drivers.draw_wire.ends import moved_zero_error, refuse_near_ends
 from cellcal.drivers.draw_wire.modbus_registers import EncoderMap
 from cellcal.drivers.errors import DeviceError, RefusedError, WrongDeviceError
@@ -129,11 +129,13 @@ class ModbusDrawWire:
         if not bits:
             return None
         alarm_texts = [text for bit, text in self._table.alarms.items() if bits & bit] or [
-            f"bits {bits:#04x}"
+            make_message("bits {bits:#04x}", bits=bits)
         ]
         return RefusedError(
             self.name,
-            make_message("the encoder reports an alarm: {alarm_texts}.", alarm_texts=", ".join(alarm_texts)),
+            make_message(
+                "the encoder reports an alarm: {alarm_texts}.", alarm_texts=join_messages(", ", alarm_texts)
+            ),
             remedy="Switch the encoder off and on; if it stays, exchange it.",
             vendor_code=bits,
             vendor_text=", ".join(alarm_texts),

@@ -102,7 +102,9 @@ class _ReadingFile:
         if self._worker is None:
             self._worker = CallWorker(f"file {self.device}")
         try:
-            async with answer_deadline(self.device, self.options.deadline_s, f"reading {self.options.path}"):
+            async with answer_deadline(
+                self.device, self.options.deadline_s, make_message("reading {name}", name=self.options.path)
+            ):
                 found = await self._worker.run_call(lambda: _read_file(self.options.path))
         except DeviceTimeoutError:
             self.close()

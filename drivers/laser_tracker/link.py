@@ -47,7 +47,9 @@ _BYTES = "The reading was not used. Try again; if it comes back, report it with 
 
 def status_meaning(status: int) -> CodeEntry:
     """Return what a status of the tracker means, in its maker's name for it."""
-    unknown = CodeEntry(status, "fault", f"status {status}", "Look at the tracker's own display.")
+    unknown = CodeEntry(
+        status, "fault", make_message("status {status}", status=status), "Look at the tracker's own display."
+    )
     return code_table("cellcal.drivers.laser_tracker", "statuses.tsv").get(status, unknown)
 
 
@@ -118,7 +120,9 @@ class EmsconLink:
         give_up_s = time.monotonic() + seconds - _POLL_S
         while True:
             try:
-                async with answer_deadline(self.device, seconds, f"answering {number.name}"):
+                async with answer_deadline(
+                    self.device, seconds, make_message("answering {name}", name=number.name)
+                ):
                     status, values = await self._exchange_packets(number, parameters)
             except (TimeoutError, asyncio.CancelledError):
                 self._drop_connection(
@@ -131,7 +135,10 @@ class EmsconLink:
         if status:
             raise self.refused_error(number.name, status)
         if len(values) != struct.calcsize(layout):
-            raise self._damaged_packet_error(f"the answer to {number.name} has {len(values)} bytes", values)
+            raise self._damaged_packet_error(
+                make_message("the answer to {name} has {count} bytes", name=number.name, count=len(values)),
+                values,
+            )
         return struct.unpack(layout, values)
 
     async def measure_stationary(self) -> StationaryResult:
@@ -219,7 +226,10 @@ class EmsconLink:
             LookupError,
             TypeError,
         ) as found:  # of a packet that no document has
-            error = self._damaged_packet_error(f"a packet that cannot be read ({type(found).__name__})", b"")
+            error = self._damaged_packet_error(
+                make_message("a packet that cannot be read ({error_type})", error_type=type(found).__name__),
+                b"",
+            )
             error.__cause__ = found
         finally:
             if self._writer is writer:
@@ -230,7 +240,9 @@ class EmsconLink:
         """Leave a connection whose answers are not heard any more; the next question makes a new one."""
         self._drop_connection(
             self._connection_lost_error(
-                f"the program failed while it listened: {message_and_remedy_of(error)[0]}."
+                make_message(
+                    "the program failed while it listened: {reason}.", reason=message_and_remedy_of(error)[0]
+                )
             )
         )
 
@@ -239,10 +251,14 @@ class EmsconLink:
         try:
             kind = PacketKind(number)
         except ValueError:
-            raise self._damaged_packet_error(f"a packet of type {number}", header) from None
+            raise self._damaged_packet_error(
+                make_message("a packet of type {number}", number=number), header
+            ) from None
         fits = size == SIZES.get(kind, size) and HEADER.size + WORD.size <= size <= MOST_BYTES
         if not fits or (kind is PacketKind.COMMAND and size not in self._sizes_asked):
-            raise self._damaged_packet_error(f"a packet {kind.name} of {size} bytes", header)
+            raise self._damaged_packet_error(
+                make_message("a packet {name} of {size} bytes", name=kind.name, size=size), header
+            )
         return kind
 
     def _take_packet(self, kind: PacketKind, body: bytes) -> None:
@@ -267,7 +283,9 @@ class EmsconLink:
             or self._pending_command[0] != number
             or self._pending_command[1].done()
         ):
-            raise self._damaged_packet_error(f"an answer to command {number}, which was not asked", body)
+            raise self._damaged_packet_error(
+                make_message("an answer to command {number}, which was not asked", number=number), body
+            )
         self._accepted = self._accepted or (number == TrackerCommand.START_MEASUREMENT and status == 0)
         self._pending_command[1].set_result((status, body[ANSWER.size :]))
 

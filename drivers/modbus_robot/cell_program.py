@@ -64,7 +64,11 @@ class ProgramState:
     @property
     def mode_name(self) -> str:
         """The mode switch as the maker calls its places."""
-        return SwitchMode(self.mode).name if self.mode in set(SwitchMode) else f"mode {self.mode}"
+        return (
+            SwitchMode(self.mode).name
+            if self.mode in set(SwitchMode)
+            else make_message("mode {mode}", mode=self.mode)
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -281,4 +285,6 @@ def _has_ended(state: ProgramState) -> bool:
 
 
 def _unknown_reason(reason: int) -> CodeEntry:
-    return CodeEntry(reason, "refused", f"reason {reason}", "Look at the controller's pendant.")
+    return CodeEntry(
+        reason, "refused", make_message("reason {number}", number=reason), "Look at the controller's pendant."
+    )

@@ -86,5 +86,11 @@ def _switch_conditions(position: RegisterBlock, program: ProgramState) -> list[t
         found.append((Readiness.STOPPED, "the emergency stop is pressed", remedy))
     if program.mode != SwitchMode.AUTO:
         remedy = "Switch the teach pendant off and the mode switch to AUTO."
-        found.append((Readiness.NOT_READY, f"the controller is in {program.mode_name}, not in AUTO", remedy))
+        found.append(
+            (
+                Readiness.NOT_READY,
+                make_message("the controller is in {mode}, not in AUTO", mode=program.mode_name),
+                remedy,
+            )
+        )
     return found

@@ -107,7 +107,10 @@ async def _restore_counts(
         if old.mastered:
             await program.run_request(ProgramRequest("calibrate", within_s=within_s))
     except DeviceError as error:
-        return f"Whether the old data are back is not known ({error.message}): read them back before moving."
+        return make_message(
+            "Whether the old data are back is not known ({reason}): read them back before moving.",
+            reason=error.message,
+        )
     return "The old data were restored."
 
 

@@ -156,7 +156,11 @@ class Coupler:
         mac = self.table.registers["mac"]
         serial = _mac_text(await link.read_during_check(mac.address + 1, mac.words))
         if serial != _plain_serial(self.wiring.serial):
-            raise self._wrong_device_error(f"is the coupler {serial}, cell.toml says {self.wiring.serial}")
+            raise self._wrong_device_error(
+                make_message(
+                    "is the coupler {serial}, cell.toml says {named}", serial=serial, named=self.wiring.serial
+                )
+            )
 
     def stale_image_error(self) -> UnreachableError:
         """Return the error for an image that stands still."""

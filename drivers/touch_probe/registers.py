@@ -6,6 +6,7 @@ from importlib.resources import files
 from pydantic import BaseModel, ConfigDict, Field
 
 from cellcal.calibration.documents.toml_text import parse_toml
+from cellcal.calibration.message import make_message
 
 
 class _CouplerTable(BaseModel):
@@ -42,7 +43,7 @@ class CurrentLoop(_CouplerTable):
             raise ValueError(what)
         count = word >> self.shift
         if not 0 <= count <= self.steps:
-            raise ValueError(f"the word {word:04X}h, which no current makes")
+            raise ValueError(make_message("the word {word:04X}h, which no current makes", word=word))
         return count
 
 

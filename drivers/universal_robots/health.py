@@ -121,6 +121,6 @@ def _safety_entry(sample: StateSample) -> CodeEntry | None:
 def _mode_entry(sample: StateSample) -> CodeEntry | None:
     if sample.robot_mode == MODE_RUNNING:
         return None
-    text = f"the arm is in the unknown mode {sample.robot_mode}"
+    text = make_message("the arm is in the unknown mode {mode}", mode=sample.robot_mode)
     unknown = CodeEntry(sample.robot_mode, "not_ready", text, "Look at the pendant.")
     return code_table(_PACKAGE, "robot_modes.tsv").get(sample.robot_mode, unknown)

@@ -65,7 +65,7 @@ class RobotApiClient:
         """Return the numbers of a version, whatever follows them; raise WireProtocolError where it is none."""
         found = _VERSION.match(text) if isinstance(text, str) else None
         if found is None:
-            raise self._unreadable("its version is missing")
+            raise self._unreadable_error(make_message("{name} is missing", name="version"))
         return tuple(int(part) for part in found[1].split("."))
 
     @property
@@ -84,7 +84,7 @@ class RobotApiClient:
             return None, None
         serial, model = (reply.get(key) for key in ("serialNumber", "robotType"))
         if not (isinstance(serial, str) and serial.strip() and isinstance(model, str) and model.strip()):
-            raise self._unreadable(make_message("{path} holds no serial number or no model", path=path))
+            raise self._unreadable_error(make_message("{path} holds no serial number or no model", path=path))
         return serial.strip(), model.strip()
 
     async def in_remote_control(self) -> bool:
@@ -92,7 +92,9 @@ class RobotApiClient:
         path = "/system/v1/controlmode"
         mode = await self._read_mode(path)
         if mode not in ("REMOTE", "LOCAL"):
-            raise self._unreadable(make_message("{path} holds {mode}", path=path, mode=mode[:40]))
+            raise self._unreadable_error(
+                make_message("{path} holds the mode {mode}", path=path, mode=mode[:40])
+            )
         return mode == "REMOTE"
 
     async def operational_mode(self) -> str:
@@ -116,7 +118,7 @@ class RobotApiClient:
             )
         mode = (await self._request("GET", path)).get("mode")
         if not isinstance(mode, str) or not mode:
-            raise self._unreadable(make_message("{path} holds no mode", path=path))
+            raise self._unreadable_error(make_message("{path} holds no mode", path=path))
         return mode
 
     async def _request(
@@ -127,7 +129,7 @@ class RobotApiClient:
             async with answer_deadline(self._device, self._deadline_s, "waiting for an answer"):
                 response = await self._client.request(method, path, json=fields)
         except OversizedAnswerError as error:
-            raise self._unreadable(str(error)) from error
+            raise self._unreadable_error(str(error)) from error
         except (httpx.TimeoutException, DeviceTimeoutError) as error:
             what = make_message("did not answer within {deadline_s:g} s", deadline_s=self._deadline_s)
             raise self._unreachable_error(what) from error
@@ -136,7 +138,7 @@ class RobotApiClient:
             raise self._unreachable_error(what) from error
         self.trace.add_frame("<", f"{response.status_code} {response.text[:_SHOWN]}")
         if response.request.method != method or response.url.host != self._host:
-            raise self._unreadable(make_message("{path} leads elsewhere", path=path))
+            raise self._unreadable_error(make_message("{path} leads elsewhere", path=path))
         if response.status_code not in _DONE:
             raise self._refused_error(response)
         return self.decode_answer(response.content) if response.content else {}
@@ -146,9 +148,9 @@ class RobotApiClient:
         try:
             reply = parse_json(content)
         except (DocumentError, ValueError) as error:
-            raise self._unreadable("it is no JSON") from error
+            raise self._unreadable_error("it is no JSON") from error
         if not isinstance(reply, dict):
-            raise self._unreadable("it is no JSON object")
+            raise self._unreadable_error("it is no JSON object")
         return reply
 
     def _refused_error(self, response: httpx.Response) -> RefusedError:
@@ -171,7 +173,7 @@ class RobotApiClient:
             remedy=_SWITCHED_ON,
         )
 
-    def _unreadable(self, what: str) -> WireProtocolError:
+    def _unreadable_error(self, what: str) -> WireProtocolError:
         return WireProtocolError(
             self._device,
             make_message("an answer of the Robot API cannot be read: {what}.", what=what),

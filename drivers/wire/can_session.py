@@ -140,7 +140,7 @@ class CanSession:
         except canopen.SdoCommunicationError as error:
             raise self._no_answer(error) from error
         except (can.CanError, OSError) as error:
-            self._mark_dead(f"sending failed ({error})")
+            self._mark_dead(make_message("sending failed ({error})", error=error))
             raise UnreachableError(
                 self.device, make_message("{dead}.", dead=self.dead), remedy=_WIRING
             ) from error
@@ -165,7 +165,9 @@ class CanSession:
         if "No SDO response" not in str(error):
             return self._odd_answer_error(str(error))
         if self._odd_frame:
-            return self._odd_answer_error(f"an answer of {len(self._odd_frame) // 2} bytes instead of 8")
+            return self._odd_answer_error(
+                make_message("an answer of {count} bytes instead of 8", count=len(self._odd_frame) // 2)
+            )
         return DeviceTimeoutError(
             self.device,
             make_message(
@@ -197,7 +199,11 @@ class CanSession:
                 if message is not None:
                     self._take_message(message)
             except _UNREADABLE as error:
-                self._mark_dead(f"receiving from the CAN bus failed ({type(error).__name__})")
+                self._mark_dead(
+                    make_message(
+                        "receiving from the CAN bus failed ({error_type})", error_type=type(error).__name__
+                    )
+                )
                 break
             self._check_heartbeat(idle=message is None)
         self._bus.shutdown()
@@ -212,7 +218,13 @@ class CanSession:
         """Judge the silence only once everything received has been looked at."""
         limit_s = _HEARTBEATS_MISSED * self._heartbeat_s * (1 if idle else 4)
         if self._heartbeat_s and self.heartbeat_age_s() > limit_s:
-            self._mark_dead(f"node {self._id} has not been heard for {self.heartbeat_age_s():.2f} s")
+            self._mark_dead(
+                make_message(
+                    "node {id} has not been heard for {age_s:.2f} s",
+                    id=self._id,
+                    age_s=self.heartbeat_age_s(),
+                )
+            )
 
     def _take_message(self, message: can.Message) -> None:
         if message.is_error_frame:
@@ -235,7 +247,9 @@ class CanSession:
     def _take_heartbeat(self, data: bytes) -> None:
         self._last_received_s = time.monotonic()
         if data[:1] == b"\0":
-            self._mark_dead(f"node {self._id} has restarted; what it was told before is lost")
+            self._mark_dead(
+                make_message("node {id} has restarted; what it was told before is lost", id=self._id)
+            )
 
     def _take_emergency(self, data: bytes) -> None:
         code = int.from_bytes(data[:2], "little")

@@ -161,9 +161,13 @@ class CanopenLink:
                     writer.close()
                     await writer.wait_closed()
         except TimeoutError:
-            raise self._no_daemon(f"the CAN gateway at {host}:{port} does not answer.") from None
+            raise self._no_daemon(
+                make_message("the CAN gateway at {host}:{port} does not answer.", host=host, port=port)
+            ) from None
         except (OSError, asyncio.IncompleteReadError, asyncio.LimitOverrunError) as error:
-            raise self._no_daemon(f"no CAN gateway at {host}:{port}.") from error
+            raise self._no_daemon(
+                make_message("no CAN gateway at {host}:{port}.", host=host, port=port)
+            ) from error
 
     def _no_daemon(self, message: str) -> DeviceError:
         return UnreachableError(self.device, message, remedy=_DAEMON)

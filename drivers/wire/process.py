@@ -176,7 +176,11 @@ class ChildProcess:
 
     def _end_broken(self, error: Exception) -> None:
         """End the child whose answers are not heard any more; callers are told, the next one starts another."""
-        self.kill(f"the program failed ({type(error).__name__}: {error})")
+        self.kill(
+            make_message(
+                "the program failed ({error_type}: {error})", error_type=type(error).__name__, error=error
+            )
+        )
         for answer in self._waiting.values():
             if not answer.done():
                 answer.set_exception(self.ended_error())

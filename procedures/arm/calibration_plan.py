@@ -11,6 +11,7 @@ import numpy as np
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.identification.parameters import GEOMETRY, GRAVITY, OFFSETS
 from cellcal.calibration.identification.robust import RobustFit
+from cellcal.calibration.message import make_message
 from cellcal.calibration.poses.arm_fit import (
     ArmTask,
     fit_arm,
@@ -224,7 +225,11 @@ def choose_poses(series: CalibrationSeries, standing: SeriesProgress) -> PoseCho
             enough=False,
         )
     if enough or taken >= rules.max_captures:
-        return done if enough else _end_choice(done, f"{taken} captures were allowed (max_captures)")
+        return (
+            done
+            if enough
+            else _end_choice(done, make_message("{taken} captures were allowed (max_captures)", taken=taken))
+        )
     found = find_shortfall(now, np.array(plan.pool), plan.goal.acceptance_limits(), series.test_poses())
     if found is not None and taken >= rules.min_captures:
         return _end_choice(done, found.shortfall_text)

@@ -137,7 +137,13 @@ def recommend_action(finding: DriftFinding, probability: float) -> str:
     if not finding.has_changed:
         return NEXT[NOTHING]
     if not finding.is_decided(probability):
-        names = " and ".join(suspect.name for suspect in finding.suspects[:2])
-        return f"not decided between {names}, and no pose of the reference would tell: look at both; {NEXT[OTHER]}"
+        first, second = finding.suspects[:2]
+        return make_message(
+            "not decided between {first} and {second}, and no pose of the reference would tell: "
+            "look at both; {otherwise}",
+            first=first.name,
+            second=second.name,
+            otherwise=NEXT[OTHER],
+        )
     name = finding.likeliest_cause.name
     return NEXT.get(name, NEXT["joint"])

@@ -110,12 +110,8 @@ def cure_text(changed: Iterable[Change], then: str = "resume") -> str:
     only = find_message(undone[0]) if len(undone) == 1 else None
     if only is not None and only.template in _CURES:
         return make_message(_CURES[only.template], **only.arguments, then=then)
-    words = ", ".join(undone)
     return make_message(
-        "{first_letter}{further_letters}, then {then}.",
-        first_letter=words[:1].upper(),
-        further_letters=words[1:],
-        then=then,
+        "Do all of this, then {then}: {undone}.", then=then, undone=join_messages("; ", undone)
     )
 
 
@@ -128,7 +124,7 @@ def unread_frames(frames: ActiveFrames | None) -> tuple[str, ...]:
         ("the payload", known_frames.payload_kg is None),
     )
     unknown = [what for what, missing in parts if missing]
-    return (make_message(_NO_FRAME_REPORT, what=" or ".join(unknown)),) if unknown else ()
+    return tuple(make_message(_NO_FRAME_REPORT, what=what) for what in unknown)
 
 
 _SELECTIONS = {  # what is different, and what undoes it
@@ -140,12 +136,14 @@ _SELECTIONS = {  # what is different, and what undoes it
 }
 
 
-_CURES = {  # of a single difference
+_CURES = {  # of a single difference: the template that undoes it, and what is said to a person
     "select tool {was} on the pendant again": "Select tool {was} on the pendant again, then {then}.",
     "select user frame {was} on the pendant again": "Select user frame {was} on the pendant again, then {then}.",
-    "drive the external axis {axis} back to {was:.3f}": (
-        "Drive the external axis {axis} back to {was:.3f}, then {then}."
+    "set {name} to {pose} on the pendant again": "Set {name} to {pose} on the pendant again, then {then}.",
+    "set the payload to {was} kg on the pendant again": (
+        "Set the payload to {was} kg on the pendant again, then {then}."
     ),
+    "drive the external axis {axis} back to {was}": "Drive the external axis {axis} back to {was}, then {then}.",
 }
 
 
@@ -161,8 +159,11 @@ def _tool_change(was: ActiveFrames, now: ActiveFrames) -> Change | None:
     if before is None or after is None or was.tool_number != now.tool_number or is_same_pose(before, after):
         return None
     name = "the active tool" if was.tool_number is None else f"tool {was.tool_number}"
-    undo = f"set {name} to {_pose_text(before)} on the pendant again"
-    return f"{name} is at {_pose_text(after)}, and not at {_pose_text(before)}", undo
+    pose = _pose_text(before)
+    return (
+        make_message("{name} is at {now}, and not at {pose}", name=name, now=_pose_text(after), pose=pose),
+        make_message("set {name} to {pose} on the pendant again", name=name, pose=pose),
+    )
 
 
 def _payload_change(was: float | None, now: float | None) -> Change | None:
@@ -170,7 +171,7 @@ def _payload_change(was: float | None, now: float | None) -> Change | None:
         return None
     return (
         make_message("the payload is {now:.3f} kg, and not {was:.3f} kg", now=now, was=was),
-        f"set the payload to {was:.3f} kg on the pendant again",
+        make_message("set the payload to {was:.3f} kg on the pendant again", was=was),
     )
 
 
@@ -200,7 +201,9 @@ def _pose_text(pose: Pose) -> str:
     x, y, z = (value * 1e3 for value in pose.position_m)
     w, *turn = pose.quaternion
     turned = ", ".join(f"{value:.5f}" for value in (w, *turn))
-    return f"x {x:.3f}, y {y:.3f}, z {z:.3f} mm (quaternion {turned})"
+    return make_message(
+        "x {x:.3f}, y {y:.3f}, z {z:.3f} mm (quaternion {turned})", x=x, y=y, z=z, turned=turned
+    )
 
 
 def is_same_pose(first: Pose, second: Pose) -> bool:

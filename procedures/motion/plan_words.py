@@ -4,7 +4,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from cellcal.calibration.message import join_messages
+from cellcal.calibration.message import join_messages, make_message
 from cellcal.procedures.motion.speed_limit import TimedMotion
 
 PER_POSE_S = 4.0  # to come to rest and measure
@@ -26,12 +26,28 @@ class PlanTour:
 
 def plan_words(what: str, tour: PlanTour, not_checked: Sequence[str]) -> str:
     """Return the words of a plan; ``what`` says what moves, and to what end."""
-    hands = f", and the time to {tour.hands}" if tour.hands else ""
-    left_out = join_messages("; ", not_checked) or "nothing is left out"
-    return (
-        f"What moves: {what}.\n"
-        f"How far: about {math.degrees(tour.paced.travel_rad):.0f} deg of the slowest joint in all, none faster than "
-        f"{math.degrees(tour.paced.fastest_rad_s):.1f} deg/s; every way keeps limits and distances or is not gone.\n"
-        f"How long: about {max(tour.duration_min, 1.0):.0f} min{hands}.\n"
-        f"Not checked: {left_out}. Look: is the area clear of people, are no cables or hoses in the way? May it move?"
+    minutes = max(tour.duration_min, 1.0)
+    duration_text = (
+        make_message(
+            "How long: about {minutes:.0f} min, and the time to {hands}.", minutes=minutes, hands=tour.hands
+        )
+        if tour.hands
+        else make_message("How long: about {minutes:.0f} min.", minutes=minutes)
     )
+    left_out = join_messages("; ", not_checked) or "nothing is left out"
+    lines = (
+        make_message("What moves: {what}.", what=what),
+        make_message(
+            "How far: about {travel_deg:.0f} deg of the slowest joint in all, none faster than {fastest_deg_s:.1f} "
+            "deg/s; every way keeps limits and distances or is not gone.",
+            travel_deg=math.degrees(tour.paced.travel_rad),
+            fastest_deg_s=math.degrees(tour.paced.fastest_rad_s),
+        ),
+        duration_text,
+        make_message(
+            "Not checked: {left_out}. Look: is the area clear of people, are no cables or hoses in the way? "
+            "May it move?",
+            left_out=left_out,
+        ),
+    )
+    return join_messages("\n", lines)

@@ -47,7 +47,11 @@ def verdict_on_recovery(
     )
     real = ", ".join(joint.name for joint in result.joints if not joint.exact)
     remarks = [make_message("Turn counters corrected: {moved}.", moved=moved or "none")]
-    remarks.append(f"New zero of {real}." if real else "Zero offsets unchanged; this is no calibration.")
+    remarks.append(
+        make_message("New zero of {names}.", names=real)
+        if real
+        else "Zero offsets unchanged; this is no calibration."
+    )
     return ProcedureVerdict(
         (*joints, *checks, *_flank_figures(result.flanks)),
         limits_from=limits_text(accuracy_class, own) if real else "whole turns: exact or refused",

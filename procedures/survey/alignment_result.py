@@ -67,9 +67,15 @@ def uncertain_error(result: AlignmentResult, bases: FrameLimits | None) -> Refus
     if result.base is not None and bases is not None:
         figures.append(("a base through the fixture", result.base, bases))
     missed = [
-        f"{what} is known within {found.origin_u_m * 1e3:.3f} mm and "
-        f"{math.degrees(found.angle_u_rad):.4f} deg (k=2); "
-        f"{limits.origin_m * 1e3:.3f} mm and {math.degrees(limits.angle_rad):.4f} deg are asked for"
+        make_message(
+            "{what} is known within {origin_u_mm:.3f} mm and {angle_u_deg:.4f} deg (k=2); {origin_mm:.3f} mm and "
+            "{angle_deg:.4f} deg are asked for",
+            what=what,
+            origin_u_mm=found.origin_u_m * 1e3,
+            angle_u_deg=math.degrees(found.angle_u_rad),
+            origin_mm=limits.origin_m * 1e3,
+            angle_deg=math.degrees(limits.angle_rad),
+        )
         for what, found, limits in figures
         if found.origin_u_m > limits.origin_m or found.angle_u_rad > limits.angle_rad
     ]

@@ -102,9 +102,21 @@ def bases_instruction(result: BasesResult) -> Instruction:
         x, y, z = (value * 1e3 for value in pose.other_base_base.position_m)
         ux, uy, uz = (value * 1e3 for value in pose.origin_axes_u_m)
         lines.append(
-            f"{base.robot_serial} stands at x {x:.2f}, y {y:.2f}, z {z:.2f} mm from {result.reference_serial}, U "
-            f"(k=2) x {ux:.3f}, y {uy:.3f}, z {uz:.3f} mm, in space {pose.origin_space_u_m * 1e3:.3f} mm (95 %), "
-            f"angle {math.degrees(pose.angle_u_rad):.4f} deg"
+            make_message(
+                "{robot_serial} stands at x {x:.2f}, y {y:.2f}, z {z:.2f} mm from {reference_serial}, U (k=2) x "
+                "{ux:.3f}, y {uy:.3f}, z {uz:.3f} mm, in space {space_u_mm:.3f} mm (95 %), "
+                "angle {angle_u_deg:.4f} deg",
+                robot_serial=base.robot_serial,
+                x=x,
+                y=y,
+                z=z,
+                reference_serial=result.reference_serial,
+                ux=ux,
+                uy=uy,
+                uz=uz,
+                space_u_mm=pose.origin_space_u_m * 1e3,
+                angle_u_deg=math.degrees(pose.angle_u_rad),
+            )
         )
     return Instruction(
         "accept_bases",

@@ -176,10 +176,15 @@ def _choose_distinct(
 
 def _two_places_text(spot: int, mirror: MirrorPoint, gap_m: float) -> str:
     x, y, z = (value * 1e3 for value in mirror.at_m)
-    return (
-        f"the poses at spot {spot + 1} lie nearly in one plane: the point may as well be at x {x:.0f}, y {y:.0f}, "
-        f"z {z:.0f} mm, and the pose that tells most changes the length by {gap_m * 1e3:.2f} mm; "
-        "a pose well off that plane, and a way to it, would tell"
+    return make_message(
+        "the poses at spot {spot} lie nearly in one plane: the point may as well be at x {x:.0f}, y {y:.0f}, "
+        "z {z:.0f} mm, and the pose that tells most changes the length by {gap_mm:.2f} mm; "
+        "a pose well off that plane, and a way to it, would tell",
+        spot=spot + 1,
+        x=x,
+        y=y,
+        z=z,
+        gap_mm=gap_m * 1e3,
     )
 
 

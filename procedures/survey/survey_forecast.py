@@ -117,25 +117,44 @@ def _forecast_of(survey: Survey, what: str, knowledge: Knowledge) -> Forecast:
 def _goal_text(survey: Survey, count: int, reached: tuple[float, float]) -> str:
     """Return whether the limits of the settings will be met, and if not, by what they would be."""
     goal, rules = survey.plan.goal, survey.rules
-    limit_text = f"{goal.origin_u_m * 1e3:.3f} mm"
+    origin_u_mm = goal.origin_u_m * 1e3
+    limit_text = make_message("{origin_u_mm:.3f} mm", origin_u_mm=origin_u_mm)
     if len(goal.points_in_inner_m) > 1:
-        limit_text += f" and {math.degrees(goal.angle_u_rad):.4f} deg"
+        limit_text = make_message(
+            "{origin_u_mm:.3f} mm and {angle_u_deg:.4f} deg",
+            origin_u_mm=origin_u_mm,
+            angle_u_deg=math.degrees(goal.angle_u_rad),
+        )
     if goal.is_promised_by(*reached):
-        return f"{limit_text} are asked for: in reach."
+        return make_message("{limit_text} are asked for: in reach.", limit_text=limit_text)
     samples, scale = _MORE_CARE * rules.samples, rules.scale_sigma / _MORE_CARE
     ways = (
-        (f"{samples} readings (samples) a capture", replace(rules, samples=samples)),
-        (f"a wire certified to {scale:.1e} (scale_sigma)", replace(rules, scale_sigma=scale)),
         (
-            f"{samples} readings (samples) a capture and a wire certified to {scale:.1e} (scale_sigma)",
+            make_message("{samples} readings (samples) a capture", samples=samples),
+            replace(rules, samples=samples),
+        ),
+        (
+            make_message("a wire certified to {scale:.1e} (scale_sigma)", scale=scale),
+            replace(rules, scale_sigma=scale),
+        ),
+        (
+            make_message(
+                "{samples} readings (samples) a capture and a wire certified to {scale:.1e} (scale_sigma)",
+                samples=samples,
+                scale=scale,
+            ),
             replace(rules, samples=samples, scale_sigma=scale),
         ),
     )
     for words, other_rules in ways:
         other = replace(survey, rules=other_rules)
         if goal.is_promised_by(*expected_at_least(other, count)):
-            return (
-                f"{limit_text} are asked for: not in reach so. In reach by {words}; or by more points, "
-                f"further apart."
+            return make_message(
+                "{limit_text} are asked for: not in reach so. In reach by {words}; or by more points, further apart.",
+                limit_text=limit_text,
+                words=words,
             )
-    return f"{limit_text} are asked for: not in reach so. More points tell most, further apart and not in one plane."
+    return make_message(
+        "{limit_text} are asked for: not in reach so. More points tell most, further apart and not in one plane.",
+        limit_text=limit_text,
+    )

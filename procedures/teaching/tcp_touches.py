@@ -223,7 +223,10 @@ def _alike_text(alike: AlikeTouch) -> str:
 
 
 def _mend_advice(alike: AlikeTouch) -> str:
-    return f"Turn the tool {alike.turn.describe_turn()} of the flange, or further, and touch the pin again."
+    return make_message(
+        "Turn the tool {turn} of the flange, or further, and touch the pin again.",
+        turn=alike.turn.describe_turn(),
+    )
 
 
 def _next_instruction(

@@ -3,6 +3,7 @@
 from collections import OrderedDict
 from dataclasses import dataclass
 
+from cellcal.calibration.message import make_message
 from cellcal.service.cell_process.messages import AnswerPrompt, Order
 from cellcal.service.people.authentication import Person
 from cellcal.service.people.errors import NotAllowedError, PeopleError, PinAgainError, SecondPersonError
@@ -137,4 +138,8 @@ def _refuse_order(person: Person, need: OrderNeed) -> None:
 def _roles_with(right: Right) -> str:
     if right is Right.CHANGE_LIMITS:
         return "Let an engineer sign in."
-    return f"Let a {Role.TECHNICIAN} or an {Role.ENGINEER} sign in."
+    return make_message(
+        "Let a {role} or an {higher_role} sign in.",
+        role=Role.TECHNICIAN.value,
+        higher_role=Role.ENGINEER.value,
+    )

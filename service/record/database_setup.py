@@ -10,6 +10,8 @@ import time
 from collections.abc import Iterable, Sequence
 from typing import Any, Protocol
 
+from cellcal.calibration.message import make_message
+
 DURABLE = (  # what is committed survives a power cut
     "PRAGMA busy_timeout=5000",
     "PRAGMA journal_mode=WAL",
@@ -71,4 +73,7 @@ def find_foreign_rules(database: SqlDatabase) -> str:
     rows = database.execute(
         "SELECT type, name FROM sqlite_schema WHERE type IN ('view', 'trigger') OR sql LIKE 'CREATE VIRTUAL %'"
     ).fetchall()
-    return "" if not rows else f"it holds the {rows[0][0]} {str(rows[0][1])[:60]!r}"
+    if not rows:
+        return ""
+    kind, name = rows[0]
+    return make_message("it holds the {kind} {name!r}", kind=kind, name=str(name)[:60])

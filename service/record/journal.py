@@ -134,7 +134,7 @@ class Journal:
                     make_message("the journal {path} cannot be opened: {error}", path=path, error=error),
                     code="store.io",
                 ) from error
-            self.damage = JournalDamage(0, f"not a readable database: {error}")
+            self.damage = JournalDamage(0, make_message("not a readable database: {error}", error=error))
 
     @classmethod
     def open_file(cls, path: Path) -> Self:
@@ -209,22 +209,28 @@ class Journal:
             for row in self._database.execute(f"SELECT {EVENT_COLUMNS} FROM event ORDER BY seq").fetchall():
                 event = JournalEvent(*row)
                 if event.seq != last + 1:
-                    return JournalDamage(last, f"event {last + 1} is missing")
+                    return JournalDamage(last, make_message("event {number} is missing", number=last + 1))
                 if event.prev != prev or event.hash != event.expected_hash():
-                    return JournalDamage(last, f"event {event.seq} is not what was written")
+                    return JournalDamage(
+                        last, make_message("event {number} is not what was written", number=event.seq)
+                    )
                 last, prev = event.seq, event.hash
         except sqlite3.DatabaseError as error:
-            return JournalDamage(last, f"cannot be read after event {last}: {error}")
+            return JournalDamage(
+                last, make_message("cannot be read after event {number}: {error}", number=last, error=error)
+            )
         return None
 
     def _find_damage(self) -> JournalDamage | None:
         foreign = find_foreign_rules(self._database)
         if foreign:
-            return JournalDamage(0, f"{foreign}, which no journal has")
+            return JournalDamage(0, make_message("{foreign}, which no journal has", foreign=foreign))
         found = self._database.execute("PRAGMA quick_check").fetchall()
         chain = self.verify_chain()
         if chain is None and [tuple(row) for row in found] != [("ok",)]:
-            return JournalDamage(self._chain_tail()[0], f"the file is damaged: {found[0][0]}")
+            return JournalDamage(
+                self._chain_tail()[0], make_message("the file is damaged: {reason}", reason=found[0][0])
+            )
         return chain
 
     def _insert_event(self, run_id: str, event: NewEvent, body: str, actor: str) -> JournalEvent:
@@ -307,11 +313,17 @@ class Journal:
                 code="store.busy",
             )
         safe = self._safe_points(run_id)
-        points = "everything stored before is safe" if safe is None else f"your {safe} points are safe"
+        points = (
+            "everything stored before is safe"
+            if safe is None
+            else make_message("your {count} points are safe", count=safe)
+        )
         if primary_code(error) == sqlite3.SQLITE_FULL:
-            text, code = f"disk full: nothing more can be saved, {points}.", "store.full"
+            text = make_message("disk full: nothing more can be saved, {points}.", points=points)
+            code = "store.full"
         else:
-            text, code = f"the disk refuses to store ({error}): {points}.", "store.io"
+            text = make_message("the disk refuses to store ({error}): {points}.", error=error, points=points)
+            code = "store.io"
         self._broken = StoreError(
             text, code=code, remedy="Free or repair the disk, then resume.", safe_points=safe
         )

@@ -123,9 +123,11 @@ def journal_flaw(config: CellConfig, journal: Journal) -> str:
 
 def describe_damage(damage: JournalDamage) -> str:
     """Return in words what is wrong with a journal, and what to do."""
-    return (
-        f"The journal is damaged after event {damage.after_seq}: {damage.reason}. Nothing is written to it any more. "
-        "Restore a backup of data_dir."
+    return make_message(
+        "The journal is damaged after event {after_seq}: {reason}. Nothing is written to it any more. "
+        "Restore a backup of data_dir.",
+        after_seq=damage.after_seq,
+        reason=damage.reason,
     )
 
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Any, cast
 
 from cellcal.calibration.arm.kinematics import load_model
+from cellcal.calibration.message import make_message
 from cellcal.drivers.interfaces import (
     DistanceGauge,
     GaugeCapabilities,
@@ -50,7 +51,7 @@ async def open_cell(config: CellConfig, operator: Operator, robot: str | None = 
     """
     entry = config.robot_named(robot)
     async with AsyncExitStack() as devices:
-        holder = f"another cellcal (process {os.getpid()})"
+        holder = make_message("another cellcal (process {number})", number=os.getpid())
         devices.enter_context(acquire_lease(lease_folder(config), entry.serial, holder, DEVICES))
         arm: Any = await devices.enter_async_context(entry.open())
         gauge_entry = config.gauge_for(entry.name)

@@ -35,7 +35,9 @@ def refuse_difference(view: RunView, entry: ProcedureDefinition, now: Fingerprin
     """Raise ReplayMismatchError that names every difference, and what cures it."""
     differences = []
     if view.version != entry.version:
-        differences.append(f"procedure version {view.version}, here {entry.version}")
+        differences.append(
+            make_message("procedure version {version}, here {own}", version=view.version, own=entry.version)
+        )
     was, present = dict(view.cell), to_jsonable_python(now)
     if entry.epoch_may_change:
         was, present = was | {"encoder_epoch": None}, present | {"encoder_epoch": None}

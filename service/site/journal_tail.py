@@ -53,7 +53,7 @@ def _damage_text(seq: int) -> str:
     return make_message(
         "the journal is damaged after event {after_seq}: {damage_reason}",
         after_seq=seq - 1,
-        damage_reason=f"event {seq} is not what was written",
+        damage_reason=make_message("event {number} is not what was written", number=seq),
     )
 
 

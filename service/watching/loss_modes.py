@@ -7,6 +7,7 @@ was lost, M1 turns, M2 a motor or encoder, M3 every reference, M4 the geometry, 
 from dataclasses import dataclass, replace
 from enum import StrEnum
 
+from cellcal.calibration.message import join_messages, make_message
 from cellcal.drivers.interfaces import Alarm, AlarmKind, Condition, Readiness, RobotCapabilities
 
 
@@ -190,7 +191,18 @@ def battery_warning(robot: RobotCapabilities, condition: Condition) -> str:
     if not low or condition.readiness is Readiness.POSITION_LOST:
         return ""
     axes = ", ".join(robot.axis_name(alarm.axis) for alarm in low if alarm.axis is not None)
-    return (
-        f"{low[0].code}: the encoder battery {f'of {axes} ' if axes else ''}is low, and the position is still there. "
+    remedy = (
         "Exchange it with the controller switched ON, before it is lost; then take a new mastering record."
     )
+    text = (
+        make_message(
+            "{code}: the encoder battery of {axes} is low, and the position is still there.",
+            code=low[0].code,
+            axes=axes,
+        )
+        if axes
+        else make_message(
+            "{code}: the encoder battery is low, and the position is still there.", code=low[0].code
+        )
+    )
+    return join_messages(" ", (text, remedy))

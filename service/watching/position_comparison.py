@@ -172,7 +172,13 @@ class PositionComparison:
         try:
             self._memory.save(replace(baseline, seen_utc=seen_utc or datetime.now(UTC).isoformat()))
         except OSError as error:  # the eyes on the robot matter more than the disk
-            self._warn(f"{baseline.robot}: what it shows cannot be kept: {error.strerror or error}.")
+            self._warn(
+                make_message(
+                    "{robot}: what it shows cannot be kept: {reason}.",
+                    robot=baseline.robot,
+                    reason=error.strerror or error,
+                )
+            )
             return False
         return True
 

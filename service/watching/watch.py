@@ -283,8 +283,12 @@ class RobotWatch:
             reason = error.strerror or str(error)  # without the name of the draft, which is another each time
             if self._disk != reason:
                 self._warn(
-                    f"{self._robot.name}: its healthy counts cannot be kept: {reason}. See that the disk may be "
-                    "written and has room."
+                    make_message(
+                        "{robot}: its healthy counts cannot be kept: {reason}. See that the disk may be written and "
+                        "has room.",
+                        robot=self._robot.name,
+                        reason=reason,
+                    )
                 )
             self._disk = reason
 

@@ -7,6 +7,7 @@ from fastapi.exceptions import RequestValidationError
 from pydantic import BaseModel
 
 from cellcal.calibration.errors import CellError
+from cellcal.calibration.message import make_message
 from cellcal.service.path_redaction import without_paths
 from cellcal.service.people.errors import PeopleError
 from cellcal.service.web.cell_client import CellProcessGoneError
@@ -62,7 +63,7 @@ def not_understood(_: Request, error: Exception) -> MessageJsonResponse:
     faults = "; ".join(f"{'.'.join(map(str, each['loc']))}: {each['msg']}" for each in error.errors()[:5])
     body = {
         "code": "request",
-        "message": f"The request is not understood: {faults}",
+        "message": make_message("The request is not understood: {faults}", faults=faults),
         "remedy": "See /openapi.json.",
     }
     return MessageJsonResponse(body, status_code=422)

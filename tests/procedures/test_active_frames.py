@@ -1,5 +1,6 @@
 """Tool, user frame and payload are those that a run began with: before each move, in each capture, after a resume."""
 
+import re
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -32,6 +33,7 @@ from cellcal.service.record.journal import Journal
 from cellcal.service.record.run_outcome import RunVerdict
 from cellcal.service.record.run_store import RunStore
 from cellcal.service.runs.run_procedure import RunConditions, resume_procedure, run_procedure
+from cellcal.service.translation import Translations
 from tests.procedures.ideal_devices import IdealArm
 from tests.procedures.procedure_scenes import (
     ProcedureScene,
@@ -39,6 +41,7 @@ from tests.procedures.procedure_scenes import (
     tool_touch_scene,
     user_frame_scene,
 )
+from tests.service.source_sentences import ROOT
 
 HERE = (0.2, 0.1, -0.3, 0.4, 0.5, -0.6)
 THERE = (0.5, 0.2, -0.2, 0.4, 0.6, -0.5)
@@ -236,11 +239,12 @@ async def test_a_certificate_says_what_the_robot_does_not_tell(journal: Journal,
     made.arm.payload_kg = None
     cell = replace(made.cell, frames=None if blind else made.arm)
     outcome = await run_procedure(cell, "three_point_frame", made.spec, journal, how=QUICK)
-    what = "the tool or the user frame or the payload" if blind else "the payload"
-    expected_line = (
+    untold = ("the tool", "the user frame", "the payload") if blind else ("the payload",)
+    expected_lines = [
         f"Whether {what} was changed on the controller during the run: this robot does not tell it."
-    )
-    assert outcome.judgement["not_verified"][-1] == expected_line
+        for what in untold
+    ]
+    assert [line for line in outcome.judgement["not_verified"] if "does not tell" in line] == expected_lines
 
 
 def test_only_what_both_tell_is_compared() -> None:
@@ -257,7 +261,7 @@ def test_only_what_both_tell_is_compared() -> None:
         changes_text(both) == "tool 5 is active, and not tool 3; user frame 2 is active, and not user frame 0"
     )
     assert cure_text(both) == (
-        "Select tool 3 on the pendant again, select user frame 0 on the pendant again, then resume."
+        "Do all of this, then resume: select tool 3 on the pendant again; select user frame 0 on the pendant again."
     )
     nameless = frame_changes(
         replace(expected_frames, tool_number=None), ActiveFrames(None, Pose((0.0, 0.0, 0.1)))
@@ -315,3 +319,28 @@ def test_a_rail_that_has_moved_is_a_difference_and_one_that_trembles_is_none() -
     (change,) = frame_changes(was, moved)
     assert change[0] == "the external axis E1 stands at 1200.500, and not at 1200.000"
     assert cure_text([change]) == "Drive the external axis E1 back to 1200.000, then resume."
+
+
+def test_what_differs_and_its_cure_are_told_in_the_reader_s_language() -> None:
+    was = ActiveFrames(3, TOOL, 0, 1.5, (ShownExternalAxis("E1", 1200.0),))
+    unnumbered = replace(was, tool_number=None)
+    moved_tool = Pose((0.0, 0.0, 0.1))
+    switched = [
+        (was, replace(was, tool_number=5)),
+        (was, replace(was, user_frame_number=2)),
+        (was, replace(was, flange_tool=moved_tool)),
+        (unnumbered, replace(unnumbered, flange_tool=moved_tool)),
+        (was, replace(was, payload_kg=1.8)),
+        (was, replace(was, external_axes=(ShownExternalAxis("E1", 1300.0),))),
+        (was, replace(was, tool_number=5, user_frame_number=2, payload_kg=1.8)),
+    ]
+    german = Translations.read_tables("de", ROOT / "web/src/locales")
+    english = re.compile(
+        r"\b(the|tool|frame|payload|axis|again|then|pendant|active|resume|select|and|is)\b", re.I
+    )
+    for before, after in switched:
+        changed = frame_changes(before, after)
+        assert changed
+        for text in (changes_text(changed), cure_text(changed)):
+            assert english.search(text)
+            assert not english.search(german.translate(text)), text

@@ -46,6 +46,15 @@ _CALLED = """
 """
 # Calls with (where, code, text) of a line of a program.
 _REMARKS = "Remark _element_remarks _grouped_remarks _line_remarks _of_functions add_remark"
+# What is called with words that no page shows: they are for a database, a log, a device or a program.
+_UNSPOKEN = """
+    Field MetricFamily RobotFiles _ask_dashboard _drop _query_rows _require_that _say _write_transaction add_note
+    execute finish_job log_event post print response_options say startswith
+"""
+UNSPOKEN = frozenset(_UNSPOKEN.split())
+_WORD = re.compile(r"[(\"']?[A-Za-z]?[a-z'-]+[)\"',.;:?!]*")
+_LOGS = ("_log", "_LOG", "logging.getLogger")
+_FEWEST_WORDS = 3  # of prose: names and keys have fewer
 SAID_BY_NAME, SAYING = frozenset(_BY_NAME.split()), frozenset(_CALLED.split())
 INSTRUCTION_CLASSES = frozenset(
     ("Instruction", "Question", "MeterReading", "Lint")
@@ -67,6 +76,8 @@ class SourceTexts(NamedTuple):
     """Of its errors, remedies, rules and reasons, sentence by sentence."""
     templates: tuple[tuple[int, str], ...]
     """Line and template, without formats, of each message."""
+    passed: frozenset[str]
+    """Prose that any function is called with, sentence by sentence."""
     literals: tuple[str, ...]
     f_strings: tuple[tuple[int, str], ...]
     """Line and text of each f-string, every hole written ``{0}``."""
@@ -75,17 +86,20 @@ class SourceTexts(NamedTuple):
 @cache
 def read_source(path: Path) -> SourceTexts:
     """Return the texts of a file, whose syntax tree is made once: it takes longer than all that is read from it."""
-    sentences, templates = set[str](), list[tuple[int, str]]()
+    sentences, passed, templates = set[str](), set[str](), list[tuple[int, str]]()
     literals, f_strings = list[str](), list[tuple[int, str]]()
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         sentences |= set(_sentences_of(node))
+        passed |= set(_passed_prose(node))
         if isinstance(node, ast.Constant) and isinstance(node.value, str):
             literals.append(node.value)
         elif isinstance(node, ast.JoinedStr):
             f_strings.append((node.lineno, _text_of(node)))
         elif isinstance(node, ast.Call) and getattr(node.func, "id", "") == "make_message":
             templates += ((node.lineno, _plain_template(each)) for each in _literals_of(node.args[0]))
-    return SourceTexts(frozenset(sentences), tuple(templates), tuple(literals), tuple(f_strings))
+    return SourceTexts(
+        frozenset(sentences), tuple(templates), frozenset(passed), tuple(literals), tuple(f_strings)
+    )
 
 
 def _sentences_of(node: ast.AST) -> Iterator[str]:
@@ -94,6 +108,31 @@ def _sentences_of(node: ast.AST) -> Iterator[str]:
             for part in SENTENCE.split(template):
                 if _HOLE.sub("", part).strip(" .,:;'") and not _CODE.fullmatch(part):
                     yield number_holes(part)
+
+
+def _passed_prose(node: ast.AST) -> Iterator[str]:
+    """Yield each sentence of a call's arguments: a function with any name may say it to people."""
+    if not isinstance(node, ast.Call) or _called_name(node) in UNSPOKEN or _is_logged(node.func):
+        return
+    arguments = (*node.args, *(each.value for each in node.keywords))
+    for addend in (each for argument in arguments for each in _addends(argument)):
+        for template in expression_texts(addend):
+            for part in SENTENCE.split(template):
+                if sum(_WORD.fullmatch(word) is not None for word in part.split()) >= _FEWEST_WORDS:
+                    yield number_holes(part)
+
+
+def _addends(node: ast.expr) -> Iterator[ast.expr]:
+    """Yield what a text is put together of by ``+``."""
+    if isinstance(node, ast.BinOp):
+        yield from _addends(node.left)
+        yield from _addends(node.right)
+    else:
+        yield node
+
+
+def _called_name(node: ast.Call) -> str:
+    return node.func.attr if isinstance(node.func, ast.Attribute) else getattr(node.func, "id", "")
 
 
 def _text_of(node: ast.JoinedStr) -> str:
@@ -148,8 +187,8 @@ def expression_texts(node: ast.expr) -> Iterator[str]:
     elif isinstance(node, ast.IfExp):
         yield from expression_texts(node.body)
         yield from expression_texts(node.orelse)
-    elif isinstance(node, ast.Tuple | ast.List):
-        for each in node.elts:
+    elif isinstance(node, ast.Tuple | ast.List | ast.BoolOp):
+        for each in node.values if isinstance(node, ast.BoolOp) else node.elts:
             yield from expression_texts(each)
     elif isinstance(node, ast.Dict):
         for each in node.values:
@@ -162,7 +201,7 @@ def expression_texts(node: ast.expr) -> Iterator[str]:
 
 def _sentence_expressions(node: ast.AST) -> Iterator[ast.expr]:
     if isinstance(node, ast.Call):
-        name = node.func.attr if isinstance(node.func, ast.Attribute) else getattr(node.func, "id", "")
+        name = _called_name(node)
         if name.endswith("Error") or (name in SAYING and not _is_logged(node.func)):
             yield from node.args
         elif name in REMARKING:
@@ -199,7 +238,7 @@ def _is_prose(node: ast.AST) -> TypeGuard[ast.expr]:
 
 
 def _is_logged(function: ast.expr) -> bool:
-    return isinstance(function, ast.Attribute) and getattr(function.value, "id", "") == "_log"
+    return isinstance(function, ast.Attribute) and ast.unparse(function.value).startswith(_LOGS)
 
 
 def _is_sentence_name(name: str) -> bool:

@@ -4,6 +4,7 @@ import ast
 import json
 import re
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ from cellcal.calibration.motion.collision import CollisionCheck
 from cellcal.calibration.motion.motion_check import MotionLimits, WirePath, check_moves
 from cellcal.calibration.motion.position_uncertainty import PositionUncertainty
 from cellcal.calibration.points.touch_design import TURNS, ToolTurn
+from cellcal.drivers.draw_wire.modbus_registers import load_encoder_map
 from cellcal.drivers.errors import DeviceTimeoutError
 from cellcal.drivers.wire.tables import code_table
 from cellcal.service.translation import Translations
@@ -36,7 +38,6 @@ ENGLISH_ONLY = {
 NOT_FOR_PEOPLE = ENGLISH_ONLY | {
     "touch anew {1}",
     "touch in another attitude {1}",
-    "the arm is in the unknown mode {1}",
     '"[^"\\n]*+"',
     "[{1}]",
     "+{1}",
@@ -69,6 +70,12 @@ NOT_FOR_PEOPLE = ENGLISH_ONLY | {
     "the last token is the end of a line",
     "register {1} cannot be written here",
     "1",
+    "plan the {1} face",  # of x, y and z, each of which has its words
+    "Robot Web Services",
+    "Joint moves, fastest joint {1} rad/s.",  # stand in a program file, as its warning does
+    "Compare the joints before you run it, in T1.",
+    'title = "Universal Robots {1}{2}"',  # stand in a model file
+    'Its factory calibration is {1}."',
 }
 
 
@@ -79,6 +86,12 @@ def refusal_texts(locale: str) -> dict[str, str]:
         (ROOT / f"web/src/locales/refusals/{locale}.json").read_text(encoding="utf-8")
     )
     return found
+
+
+@cache
+def translations(locale: str) -> Translations:
+    """Return a language's catalogue, as pages have it."""
+    return Translations.read_tables(locale, ROOT / "web/src/locales")  # type: ignore[arg-type]
 
 
 @cache
@@ -124,6 +137,7 @@ def told_by_devices() -> set[str]:
         (name, code_table(f"cellcal.drivers.{package}", name).values()) for package, name in CODE_TABLES
     ]
     texts = {entry.text for name, entries in tables if name != "alarms.tsv" for entry in entries}
+    texts |= set(load_encoder_map().alarms.values())
     # A name with capitals or lines below is the maker's, in every language.
     meanings = {text for text in texts if " " in text or (text.isalpha() and text.islower())}
     remedies = {step for _, entries in tables for entry in entries for step in SENTENCE.split(entry.remedy)}
@@ -135,16 +149,17 @@ def test_what_a_code_of_a_device_means_and_asks_for_has_its_words(locale: str) -
     assert not told_by_devices() - translated_sentences(locale)
 
 
+def _files_of(room: str) -> list[Path]:
+    place = ROOT / room
+    if not place.is_dir():
+        return [place]
+    return [file for file in sorted(place.rglob("*.py")) if file.name not in IN_FILES]
+
+
 @pytest.mark.parametrize("room", WHOLE)
 def test_every_refusal_and_rule_has_its_words(room: str) -> None:
-    place = ROOT / room
-    files = (
-        [file for file in sorted(place.rglob("*.py")) if file.name not in IN_FILES]
-        if place.is_dir()
-        else [place]
-    )
     source_sentences = {
-        sentence for file in files for sentence in read_source(file).sentences
+        sentence for file in _files_of(room) for sentence in read_source(file).sentences
     } - NOT_FOR_PEOPLE
     assert source_sentences
     for locale in TRANSLATED:
@@ -154,6 +169,53 @@ def test_every_refusal_and_rule_has_its_words(room: str) -> None:
             if number_holes(BEGUN.sub("", each)) not in translated_sentences(locale)
         ]
         assert not missing, (locale, missing)
+
+
+def untranslated_prose(file: Path, locale: str) -> list[str]:
+    """Return the prose that functions are called with and that stays English, whatever their names are."""
+    return [
+        each
+        for each in sorted(read_source(file).passed - NOT_FOR_PEOPLE - translated_sentences(locale))
+        if number_holes(BEGUN.sub("", each)) not in translated_sentences(locale)
+        and not _is_translated_step(each, locale)
+    ]
+
+
+def _is_translated_step(sentence: str, locale: str) -> bool:
+    """Whether a sentence is the name of a step, which may have a number, with words in this language."""
+    name = HOLE.sub("1", sentence)
+    return ": " not in name and translations(locale).translate_step(name) != name
+
+
+@pytest.mark.parametrize("room", WHOLE)
+def test_prose_for_a_function_with_any_name_has_its_words(room: str) -> None:
+    missing = {
+        f"{file.relative_to(ROOT)}: {sentence}"
+        for file in _files_of(room)
+        for locale in TRANSLATED
+        for sentence in untranslated_prose(file, locale)
+    }
+    assert not missing
+
+
+def test_a_sentence_is_found_whatever_the_function_that_takes_it_is_called(tmp_path: Path) -> None:
+    file = tmp_path / "new_driver.py"
+    file.write_text(
+        """
+raise explain_it(link, "the gearbox is full of water")
+found.note(why=name or f"axis {axis} is bent by a collision")
+found.note(make_message("the motor of {axis} is too hot", axis=axis) + " and it smells of smoke. Run away now.")
+_log.warning("this line is for a log")
+read_value("counts_at_zero", "robot[0].kit")
+"""
+    )
+    assert untranslated_prose(file, "de") == [
+        "Run away now.",
+        "and it smells of smoke.",
+        "axis {1} is bent by a collision",
+        "the gearbox is full of water",
+        "the motor of {1} is too hot",
+    ]
 
 
 @pytest.mark.parametrize("locale", TRANSLATED)

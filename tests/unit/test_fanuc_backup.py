@@ -106,7 +106,7 @@ def test_what_was_not_mastered_is_reported(fake_controller, tmp_path: Path) -> N
         "$MASTER_DONE is FALSE",
         "axis 2 was lost",
         "axis 3 was lost, only axes coupled",
-        "state 7",
+        "axis 5 was in an unknown state ($EACHMST_DON is 7)",
     ):
         assert words in findings_text
 

@@ -6,6 +6,8 @@ Which names these are is from memory of the makers' series; a wrong one costs a 
 import re
 from dataclasses import dataclass
 
+from cellcal.calibration.message import make_message
+
 _PLAIN = re.compile(r"[a-z]+|\d+")
 _PARALLEL = re.compile(
     r"delta|flexpicker|flexpacker|hexapod|stewart|quattro(650|800)|hornet565|codian"
@@ -34,7 +36,10 @@ _PARALLEL_ROBOT = OtherKind(
 )
 _LEVEL = OtherKind(
     "is a palletizer whose wrist stays level, by rods or by its controller; its numbers do not ship.",
-    f"Describe it by a model file of five joints, of which one only keeps the wrist level: {RODS_ANSWER}",
+    make_message(
+        "Describe it by a model file of five joints, of which one only keeps the wrist level: {answer}",
+        answer=RODS_ANSWER,
+    ),
 )
 
 

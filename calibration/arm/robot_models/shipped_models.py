@@ -53,7 +53,7 @@ def model_text(name: str) -> ModelText:
     there = (
         make_message("Did you mean {near}?", near=near[0])
         if near
-        else f"Known: {', '.join(model_names())} and many more."
+        else make_message("Known: {names} and many more.", names=", ".join(model_names()))
     )
     raise CalibrationError(
         make_message("there is no robot model {name!r}.", name=name),

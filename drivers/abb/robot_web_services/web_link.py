@@ -303,7 +303,7 @@ class WebLink:
         text, remedy = _WHY.get(
             response.status_code,
             (
-                f"the controller answers with status {response.status_code}.",
+                make_message("the controller answers with status {status}.", status=response.status_code),
                 "Read the event log at the pendant.",
             ),
         )

@@ -11,6 +11,7 @@ import re
 from dataclasses import dataclass
 from datetime import datetime
 
+from cellcal.calibration.message import make_message
 from cellcal.drivers.fanuc.controller_files.report_text import (
     damaged_report_error,
     decode_report,
@@ -74,7 +75,9 @@ def read_alarm_report(data: bytes, file: str = "erract.ls") -> AlarmReport:
 def _parse_line(line: str, file: str, number: int) -> ControllerAlarm:
     found = _LINE.match(line)
     if found is None:
-        raise damaged_report_error(file, f"this line is no alarm: {line.strip()[:60]!r}.", number)
+        raise damaged_report_error(
+            file, make_message("this line is no alarm: {text!r}.", text=line.strip()[:60]), number
+        )
     code, axis = _CODE.match(found[3]), _AXIS.search(found[3])
     return ControllerAlarm(
         number=int(found[1]),

@@ -13,6 +13,7 @@ Axes of further motion groups follow: numbered anew below a heading of their gro
 import re
 from dataclasses import dataclass
 
+from cellcal.calibration.message import make_message
 from cellcal.drivers.fanuc.controller_files.report_text import (
     ReportHeading,
     damaged_report_error,
@@ -95,7 +96,9 @@ def _take_line(rows: list[dict[int, int | None]], line: str, file: str, number: 
         rows.append({})
     elif _LOOKS_LIKE_ROW.match(line):
         raise damaged_report_error(
-            file, f"this line of pulses is not understood: {line.strip()[:60]!r}.", number
+            file,
+            make_message("this line of pulses is not understood: {text!r}.", text=line.strip()[:60]),
+            number,
         )
 
 
@@ -103,7 +106,7 @@ def _parse_pulse(text: str, file: str, number: int) -> int | None:
     if text.startswith(("*", "--")):
         return None
     if not -(2**31) <= int(text) < 2**31:
-        raise damaged_report_error(file, f"{text} is no count of 32 bits.", number)
+        raise damaged_report_error(file, make_message("{text} is no count of 32 bits.", text=text), number)
     return int(text)
 
 
@@ -111,7 +114,9 @@ def _whole_row(row: dict[int, int | None], file: str) -> tuple[int | None, ...]:
     first = min(row)
     if sorted(row) != list(range(first, first + len(row))):
         axes = ", ".join(f"J{axis}" for axis in sorted(row))
-        raise damaged_report_error(file, f"pulses are there of {axes} only; an axis between is missing.")
+        raise damaged_report_error(
+            file, make_message("pulses are there of {axes} only; an axis between is missing.", axes=axes)
+        )
     return tuple(row[axis] for axis in sorted(row))
 
 

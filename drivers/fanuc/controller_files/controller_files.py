@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 from datetime import datetime, timedelta
 from typing import TypeVar
 
+from cellcal.calibration.message import make_message
 from cellcal.drivers.fanuc.controller_files.alarm_report import AlarmReport, read_alarm_report
 from cellcal.drivers.fanuc.controller_files.axis_report import AxisReport, read_axis_report
 from cellcal.drivers.fanuc.controller_files.dcs_report import read_dcs_signatures
@@ -81,11 +82,15 @@ class ControllerFiles:
         found = []
         if dates and max(dates.values()) - min(dates.values()) > MOST_APART:
             listed = ", ".join(f"{name} {date:%Y-%m-%d %H:%M}" for name, date in dates.items())
-            found.append(f"the files were not written together: {listed}")
+            found.append(make_message("the files were not written together: {listed}", listed=listed))
         reports = (self.axes, self.position, self.version)
         numbers = {report.heading.f_number for report in reports if report is not None} - {""}
         if len(numbers) > 1:
-            found.append(f"the files are of different controllers: {', '.join(sorted(numbers))}")
+            found.append(
+                make_message(
+                    "the files are of different controllers: {numbers}", numbers=", ".join(sorted(numbers))
+                )
+            )
         return tuple(found)
 
 

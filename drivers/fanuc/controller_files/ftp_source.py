@@ -67,7 +67,9 @@ class ReadOnlyFtp(ftplib.FTP):
         """Read a line of a reply; one without an end, in lines, octets or time, is no reply."""
         self._reply_lines += 1
         if self._reply_lines > _MOST_REPLY_LINES:
-            raise ftplib.error_proto(f"a reply of more than {_MOST_REPLY_LINES} lines")
+            raise ftplib.error_proto(
+                make_message("a reply of more than {count} lines", count=_MOST_REPLY_LINES)
+            )
         if self._reply_lines == 1:
             self._reply_ends_s = time.monotonic() + (self.timeout or math.inf)
         while b"\n" not in self._received:
@@ -247,7 +249,7 @@ class FtpSource:
         """Return a file's bytes once the controller has confirmed that they are all; None where it has none."""
         if re.search(r"[\r\n\0]", name):
             return None
-        with self._named_failures(f"reading {name}"):
+        with self._named_failures(make_message("reading {name}", name=name)):
             try:
                 self._ftp.voidcmd("TYPE I")
                 connection = self._ftp.transfercmd(f"RETR {name}")

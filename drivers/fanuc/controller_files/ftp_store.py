@@ -62,13 +62,13 @@ class _WritingSource(FtpSource):
     def store(self, name: str, content: bytes) -> None:
         """Write a file, under the name that is there where only the case of letters differs."""
         name = self._index_names().get(name.lower(), name)
-        with self._named_failures(f"writing {name}", writes=True):
+        with self._named_failures(make_message("writing {name}", name=name), writes=True):
             self._ftp.storbinary(f"STOR {name}", io.BytesIO(content))
 
     def delete(self, name: str) -> None:
         """Delete a file; its name counts in any case of letters."""
         name = self._index_names().get(name.lower(), name)
-        with self._named_failures(f"deleting {name}", writes=True):
+        with self._named_failures(make_message("deleting {name}", name=name), writes=True):
             try:
                 self._ftp.delete(name)
             except ftplib.error_perm as error:

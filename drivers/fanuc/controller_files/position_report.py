@@ -20,6 +20,7 @@
 import re
 from dataclasses import dataclass, field
 
+from cellcal.calibration.message import make_message
 from cellcal.drivers.fanuc.controller_files.report_text import (
     ReportHeading,
     damaged_report_error,
@@ -126,10 +127,12 @@ def _take_place(group: _OpenGroup, line: str) -> None:
 
 def _take_value(values: dict[int, float | None], axis: int, text: str, file: str, number: int) -> None:
     if axis in values:
-        raise damaged_report_error(file, f"joint {axis} is there a second time.", number)
+        raise damaged_report_error(
+            file, make_message("joint {axis} is there a second time.", axis=axis), number
+        )
     unknown = set(text) == {"*"}
     if not unknown and not _ANGLE.match(text):
-        raise damaged_report_error(file, f"{text[:40]!r} is no angle.", number)
+        raise damaged_report_error(file, make_message("{text!r} is no angle.", text=text[:40]), number)
     values[axis] = None if unknown else float(text)
 
 
@@ -138,7 +141,9 @@ def _close_group(group: _OpenGroup, file: str) -> GroupPosition:
     values = {**group.joints, **{last + axis: value for axis, value in group.extended.items()}}
     if sorted(values) != list(range(1, len(values) + 1)):
         axes = ", ".join(map(str, sorted(values)))
-        raise damaged_report_error(file, f"joints {axes} are there; one between is missing.")
+        raise damaged_report_error(
+            file, make_message("joints {axes} are there; one between is missing.", axes=axes)
+        )
     joints = tuple(values[axis] for axis in sorted(values))
     world = group.world
     tip = (world["X"], world["Y"], world["Z"]) if len(world) == len("XYZ") else None

@@ -56,7 +56,7 @@ class FanucBackup:
 
     def list_findings(self) -> tuple[str, ...]:
         """Return what a person must know, as sentences."""
-        absent = tuple(f"{name} is not in the folder" for name in self.missing_files)
+        absent = tuple(make_message("{name} is not in the folder", name=name) for name in self.missing_files)
         return (*absent, *(finding for group in self.mastering.values() for finding in group.findings))
 
 

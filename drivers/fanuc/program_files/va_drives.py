@@ -126,19 +126,35 @@ def read_drives(data: VaVariable, group: int) -> ReadDrives:
     axes = len(drives.gear_ratio)
     sliding = drives.sliding_axes()
     if len(sliding) == axes:
-        return ReadDrives(axes, None, f"group {group}: {_name_axes(list(sliding))}", sliding)
+        return ReadDrives(
+            axes,
+            None,
+            make_message("group {group}: {axes_text}", group=group, axes_text=_name_axes(list(sliding))),
+            sliding,
+        )
     if axes <= _MOST_OF_POSITIONER and not sliding and not np.any(drives.radians_per_count):
         drives = drives.with_axes_alone()
     arm = max(axis for axis in range(1, axes + 1) if axis not in sliding)
     why = _find_contradiction(drives.first_axes(arm))
     if why and arm > _ARM_AXES and not _find_contradiction(drives.first_axes(_ARM_AXES)):
-        remark = f"group {group}: what follows axis {_ARM_AXES} is left out of the arm ({why})"
+        remark = make_message(
+            "group {group}: what follows axis {last} is left out of the arm ({why})",
+            group=group,
+            last=_ARM_AXES,
+            why=why,
+        )
         return ReadDrives(_ARM_AXES, drives.first_axes(_ARM_AXES), remark, sliding)
     if why:
-        finding = f"group {group}: {why}; a drive of turning axes cannot be made of that"
+        finding = make_message(
+            "group {group}: {why}; a drive of turning axes cannot be made of that", group=group, why=why
+        )
         return ReadDrives(axes, None, finding, sliding)
     remark = (
-        f"group {group}: {_name_axes(list(sliding))}, and no record of turning axes holds that"
+        make_message(
+            "group {group}: {axes_text}, and no record of turning axes holds that",
+            group=group,
+            axes_text=_name_axes(list(sliding)),
+        )
         if sliding
         else ""
     )
@@ -147,7 +163,9 @@ def read_drives(data: VaVariable, group: int) -> ReadDrives:
 
 def _name_axes(axes: Sequence[int]) -> str:
     listed = ", ".join(map(str, axes))
-    return f"axis {listed} slides" if len(axes) == 1 else f"axes {listed} slide"
+    if len(axes) == 1:
+        return make_message("axis {listed} slides", listed=listed)
+    return make_message("axes {listed} slide", listed=listed)
 
 
 def _read_all_axes(data: VaVariable, group: int) -> GroupDrives | None:
@@ -197,10 +215,19 @@ def _find_contradiction(drives: GroupDrives) -> str:
         zip(drives.counts_per_turn(), drives.counts_per_degree, strict=True)
     ):
         if not _is_whole_turn(turn):
-            return f"$ENCSCALES * 360 * $GEAR_RATIO of axis {axis + 1} is {turn:.1f} counts, not {COUNTS_PER_TURN}"
+            return make_message(
+                "$ENCSCALES * 360 * $GEAR_RATIO of axis {axis} is {turn:.1f} counts, not {expected}",
+                axis=axis + 1,
+                turn=turn,
+                expected=COUNTS_PER_TURN,
+            )
         product = abs(drives.radians_per_count[axis][axis]) * np.degrees(1.0) * scale
         if abs(product - 1) > _INTERACTION_TOLERANCE:
-            return f"$ENCSCALES and $INTERACTION of axis {axis + 1} differ by {abs(product - 1):.1e} of their size"
+            return make_message(
+                "$ENCSCALES and $INTERACTION of axis {axis} differ by {share:.1e} of their size",
+                axis=axis + 1,
+                share=abs(product - 1),
+            )
     try:
         drives.to_drive_train()
     except CalibrationError as refused:

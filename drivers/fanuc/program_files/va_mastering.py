@@ -27,7 +27,11 @@ from cellcal.drivers.fanuc.program_files.va_text import VaFile, VaVariable
 _REFERENCE_TOLERANCE = 2.0  # counts
 _SEVENTH_DIGIT = 5e-7  # a REAL is printed with seven digits: half of the last one, at worst
 MASTERED = 2  # $EACHMST_DON; 0 and 1 both ask for mastering this axis
-_STATES = {0: "lost", 1: "lost, only axes coupled with it were mastered"}
+_UNMASTERED = {  # what a state says of an axis
+    0: "group {group}, axis {axis} was lost ($EACHMST_DON is {state})",
+    1: "group {group}, axis {axis} was lost, only axes coupled with it were mastered ($EACHMST_DON is {state})",
+}
+_UNKNOWN_STATE = "group {group}, axis {axis} was in an unknown state ($EACHMST_DON is {state})"
 
 
 @dataclass(frozen=True, slots=True)
@@ -153,23 +157,30 @@ def _with_findings(group: GroupMastering, extra: tuple[str, ...]) -> GroupMaster
     findings = list(extra)
     if not group.mastered:
         findings.append(
-            f"group {group.group} was not mastered when the backup was saved ($MASTER_DONE is FALSE)"
+            make_message(
+                "group {group} was not mastered when the backup was saved ($MASTER_DONE is FALSE)",
+                group=group.group,
+            )
         )
-    for axis, state in enumerate(group.states, 1):
-        if state != MASTERED:
-            word = _STATES.get(state, f"in a state {state} that is not known")
-            findings.append(f"group {group.group}, axis {axis} was {word} ($EACHMST_DON is {state})")
+    states = [*enumerate(group.states, 1), *((each.axis, each.state) for each in group.further_axes)]
     findings += [
-        f"group {group.group}, axis {each.axis} was {_STATES.get(each.state, 'in an unknown state')} "
-        f"($EACHMST_DON is {each.state})"
-        for each in group.further_axes
-        if each.state != MASTERED
+        make_message(_UNMASTERED.get(state, _UNKNOWN_STATE), group=group.group, axis=axis, state=state)
+        for axis, state in states
+        if state != MASTERED
     ]
     if not group.reference_done:
-        findings.append(f"group {group.group} has no quick-master reference ($REF_DONE is FALSE)")
+        findings.append(
+            make_message(
+                "group {group} has no quick-master reference ($REF_DONE is FALSE)", group=group.group
+            )
+        )
     elif group.drives is not None and group.stale_axes():
         axes = ", ".join(map(str, group.stale_axes()))
         findings.append(
-            f"group {group.group}: the quick-master reference of axis {axes} is from before the last mastering"
+            make_message(
+                "group {group}: the quick-master reference of axis {axes} is from before the last mastering",
+                group=group.group,
+                axes=axes,
+            )
         )
     return replace(group, findings=tuple(findings))

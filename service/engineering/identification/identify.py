@@ -298,7 +298,9 @@ def _judge_held_out(
         by = judged.describe_method(found.grouping)
         return _HeldOutErrors(train, groups[train], judged.before_m, judged.held_out_m, smooth, by)
     others = mount_at_breaks(prepared.observations, breaks).select_rows(held_out)
-    by = f"{len(held_out)} rows, drawn at random, that neither fit nor any choice has seen"
+    by = make_message(
+        "{count} rows, drawn at random, that neither fit nor any choice has seen", count=len(held_out)
+    )
     before, after = errors_of(found.frames, others), errors_of(found.state, others)
     return _HeldOutErrors(held_out, groups[held_out], before, after, _with_residual(found, others), by)
 

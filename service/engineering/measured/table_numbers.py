@@ -124,11 +124,20 @@ class TableNumbers:
             if self.convention and not best.fits:
                 other = fitting_way(expected, attitude_ways(turns, self.layout.turn_fields, ""))
         except CalibrationError as error:
-            self.units.guesses.append(f"attitudes ({written}) left out: {error.message}")
+            self.units.guesses.append(
+                make_message("attitudes ({names}) left out: {reason}", names=written, reason=error.message)
+            )
             return points
         if best.fits:
             self.units.used["convention"] = best.name
-            self.units.guesses.append(f"attitude ({written}) read as {best.name}: {formula_of(best.name)}")
+            self.units.guesses.append(
+                make_message(
+                    "attitude ({names}) read as {convention}: {formula}",
+                    names=written,
+                    convention=best.name,
+                    formula=formula_of(best.name),
+                )
+            )
             return pose_from_points(points, best.rotations, np.full(len(points), _SIGMA_RAD))
         inverted = None if self.convention else self._with_inverted_poses(points, turns)
         if inverted is not None:

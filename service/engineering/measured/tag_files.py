@@ -251,7 +251,7 @@ def _unit_factor(
         if not unit:
             small, large = ("m", "mm") if "mm" in table else ("rad", "deg")
             unit = large if float(np.abs(values).max()) > most else small
-            guesses.append(f"{meaning} taken as {unit}")
+            guesses.append(make_message("{meaning} taken as {unit}", meaning=meaning, unit=unit))
         return table[unit]
 
     return to_factor
@@ -269,7 +269,11 @@ def _read_attitudes(
     four = len(layout.turn) == 4
     convention = options.convention or ("abb_quaternion" if four else "")
     if not convention:
-        guesses.append(f"attitudes ({', '.join(layout.turn)}) left out: no convention was named")
+        guesses.append(
+            make_message(
+                "attitudes ({names}) left out: no convention was named", names=", ".join(layout.turn)
+            )
+        )
         return ()
     if convention not in CONVENTIONS or len(CONVENTIONS[convention].fields) != len(layout.turn):
         raise MeasurementError(
