@@ -10,8 +10,8 @@ from dataclasses import replace
 
 from pydantic_core import to_jsonable_python
 
-from cellcal.calibration.message import join_messages, make_message
-from cellcal.drivers.interfaces import Instruction, Joints, MasteringData
+from cellcal.calibration.message import make_message
+from cellcal.drivers.interfaces import Joints, MasteringData
 from cellcal.procedures.accuracy_limits import CHECK, limits_in_force
 from cellcal.procedures.arm.arm_bench import (
     READY,
@@ -25,7 +25,6 @@ from cellcal.procedures.arm.arm_bench import (
 from cellcal.procedures.arm.arm_motion import MotionSpace, ordered_ways
 from cellcal.procedures.arm.arm_pages import (
     planned_steps,
-    series_moves,
     series_steps,
     tool_predictions,
     tool_ways,
@@ -34,12 +33,16 @@ from cellcal.procedures.arm.arm_pages import (
 )
 from cellcal.procedures.arm.arm_series import ArmVisits
 from cellcal.procedures.arm.calibration_plan import (
-    CalibrationPlan,
     CalibrationSeries,
     PoseChoice,
     SeriesProgress,
     choose_poses,
     plan_series,
+)
+from cellcal.procedures.arm.calibration_questions import (
+    plan_instruction,
+    result_instruction,
+    zeros_instruction,
 )
 from cellcal.procedures.arm.calibration_result import (
     ArmIdentification,
@@ -53,16 +56,14 @@ from cellcal.procedures.arm.tool_series import measure_points
 from cellcal.procedures.arm.tool_write import (
     ToolOrder,
     not_written_reason,
-    tool_words,
     write_tool,
 )
 from cellcal.procedures.canonical_json import sha256_of
 from cellcal.procedures.forecast import ANSWER_S, SAMPLE_S, Forecast, Knowledge, PlannedPose, Prediction
-from cellcal.procedures.motion.plan_words import PlanTour, plan_words
 from cellcal.procedures.procedure_definition import Phase, ProcedureDefinition, StoredResult
 from cellcal.procedures.questions import ask_acceptance, ask_confirmation
 from cellcal.procedures.run import NeedsUnmetError, RefusalError, Run
-from cellcal.procedures.steps.pages import plan_page, with_changes
+from cellcal.procedures.steps.pages import with_changes
 from cellcal.procedures.steps.write import (
     check_still_in_force,
     read_tool_frame,
@@ -86,7 +87,7 @@ async def robot_calibration(run: Run, spec: RobotCalibration) -> CalibrationResu
 
     plan = await run.solve("plan the poses", plan_series, bench, spec.series_goal(), spec.rules)
     await run.step(
-        "accept the plan", ask_acceptance, _plan_instruction(plan, spec), sha256_of(to_jsonable_python(plan))
+        "accept the plan", ask_acceptance, plan_instruction(plan, spec), sha256_of(to_jsonable_python(plan))
     )
 
     series = CalibrationSeries(bench, plan, spec.rules)
@@ -107,7 +108,7 @@ async def robot_calibration(run: Run, spec: RobotCalibration) -> CalibrationResu
         moved_m=moved_m,
     )
     shown = with_verdict(
-        _result_instruction(result), verdict_on_calibration(spec, result), "Keep the parameters?"
+        result_instruction(result), verdict_on_calibration(spec, result), "Keep the parameters?"
     )
     await run.step("accept the result", ask_acceptance, shown, sha256_of(to_jsonable_python(identified)))
     if spec.write_zeros:
@@ -198,7 +199,7 @@ async def _write_zeros(
     verdict = verdict_on_calibration(spec, result)
     refuse_failed(verdict, None, result)
     question = "Write them as the robot's mastering? Taught positions move with them."
-    shown = with_verdict(_zeros_instruction(found), verdict, question, writes=True)
+    shown = with_verdict(zeros_instruction(found), verdict, question, writes=True)
     shown = with_changes(shown, zero_changes(bench, found), **zero_displacement(bench, series.plan, found))
     await run.step("accept the zeros", ask_acceptance, shown, sha256_of(to_jsonable_python(found.mastering)))
     written = await run.write("write the mastering", write_mastering, found.mastering)
@@ -244,68 +245,6 @@ def _refuse_zeros(found: ArmIdentification, bench: Bench) -> None:
             remedy="Nothing was written. Use the parameter set: run again without write_zeros.",
             evidence=found,
         )
-
-
-def _plan_instruction(plan: CalibrationPlan, spec: RobotCalibration) -> Instruction:
-    rules, expected, checks = spec.rules, plan.expected_captures, plan.expected_checks
-    what = make_message(
-        "the robot, to about {expected} (at most {max_captures}) of {pool_count} poses, chosen a "
-        "few at a time, and to {checks} more that verify. Expected then: target known within "
-        "{tip_u_mm:.3f} mm over the work (k=2, RMS), {tip_u_max_mm:.3f} mm at worst",
-        expected=expected,
-        max_captures=rules.max_captures,
-        pool_count=len(plan.pool),
-        checks=checks,
-        tip_u_mm=plan.tip_u_m * 1000.0,
-        tip_u_max_mm=plan.tip_u_max_m * 1000.0,
-    )
-    if plan.shortfall:
-        what = make_message("{what}. Beware: {shortfall}", what=what, shortfall=plan.shortfall)
-    stops, hands = expected + checks, ""
-    if plan.tool is not None:
-        points, poses = len(plan.tool.points), len(tool_ways(plan.tool))
-        stops += poses
-        what = make_message(
-            "{what}; and to about {poses} poses with {points} points of the end-effector. Expected: tip within "
-            "{tip_u_mm:.3f} mm, axes within {angle_u_deg:.3f} deg",
-            what=what,
-            poses=poses,
-            points=points,
-            tip_u_mm=plan.tool.tip_u_m * 1e3,
-            angle_u_deg=math.degrees(plan.tool.angle_u_rad),
-        )
-        hands = make_message("change the target {count} times", count=points + 1)
-    tour = PlanTour(stops, plan.expected_motion(), hands)
-    instruction = Instruction("accept_plan", plan_words(what, tour, plan.not_checked))
-    return plan_page(instruction, tour, series_moves(plan, spec.rules, wired=spec.method == "wire"))
-
-
-def _result_instruction(result: CalibrationResult) -> Instruction:
-    found, out = result.identified, result.identified.hold_out
-    sentences = [
-        make_message(
-            "At {captures} poses that were not fitted the error fell from {before_rms_mm:.3f} to {after_rms_mm:.3f} "
-            "mm RMS a coordinate; the target is known within {tip_u_mm:.3f} mm over the work (k=2, RMS).",
-            captures=out.captures,
-            before_rms_mm=out.before_rms_m * 1e3,
-            after_rms_mm=out.after_rms_m * 1e3,
-            tip_u_mm=found.tip_u_m * 1e3,
-        ),
-        make_message("{saving_text}.", saving_text=found.saving_text),
-    ]
-    if not result.goal_reached:
-        sentences.append(make_message("The goal was not reached: {why}.", why=result.why_ended))
-    if found.tool:
-        sentences.append(tool_words(found.tool))
-    return Instruction("accept_parameters", join_messages(" ", sentences))
-
-
-def _zeros_instruction(found: ArmIdentification) -> Instruction:
-    turned = ", ".join(f"J{k + 1} {math.degrees(v):+.4f}" for k, v in enumerate(found.written_offsets_rad))
-    return Instruction(
-        "accept_zeros",
-        make_message("Joint zeros alone explain the readings: {turned} deg.", turned=turned),
-    )
 
 
 def _outline_phases(spec: RobotCalibration) -> tuple[Phase, ...]:

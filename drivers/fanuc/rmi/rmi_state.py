@@ -88,9 +88,9 @@ def _axes_beside(link: RmiLink, reply: Packet, name: str, first: int) -> tuple[S
     angles = reply.get("JointAngle", reply.get("JointAngles"))
     if not isinstance(angles, Mapping):
         raise _unreadable_error(link, "there are no joint angles")
-    told = [axis for axis in range(first + 1, _MOST_AXES + 1) if f"J{axis}" in angles]
+    numbers = [axis for axis in range(first + 1, _MOST_AXES + 1) if f"J{axis}" in angles]
     return tuple(
-        ShownExternalAxis(f"{name}{axis - first}", _number_from(link, angles, f"J{axis}")) for axis in told
+        ShownExternalAxis(f"{name}{axis - first}", _number_from(link, angles, f"J{axis}")) for axis in numbers
     )
 
 
