@@ -79,6 +79,7 @@ bench: $(VENV)/.dev service/web/dist/index.html
 types: $(VENV)/.runtime
 	@$(BIN)/python deploy/typescript_types.py
 	@$(BIN)/python deploy/page_labels.py
+	@$(BIN)/python deploy/evidence_table.py
 
 # The locks name packages and hashes, and no registry host.
 lock:

@@ -6,26 +6,18 @@ Source
     The tables [[robot]], [[gauge]], [[tracker]], [[probe]] and [fake] of a cell file; [fake.robots.NAME] holds
     what a simulated robot is besides.
 Modelled
-    Every driver that has a fake.
+    Every driver that has a fake: ``create_device`` in ``<driver>/device.py`` or ``<driver>.py`` of this folder.
 Not modelled
     Devices that are not in the file.
 """
 
 import tomllib
 from collections.abc import Callable, Mapping
+from importlib import import_module
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
+from typing import Any, cast
 
-import cellcal.fake_devices.abb.device
-import cellcal.fake_devices.draw_wire.device
-import cellcal.fake_devices.fanuc_rmi.device
-import cellcal.fake_devices.kuka.device
-import cellcal.fake_devices.laser_tracker.device
-import cellcal.fake_devices.modbus_robot.device
-import cellcal.fake_devices.touch_probe.device
-import cellcal.fake_devices.universal_robots.device
-import cellcal.fake_devices.yaskawa.device
 from cellcal.fake_devices.arm_models import ArmModel
 from cellcal.fake_devices.described_arms import read_described_arms
 from cellcal.fake_devices.device import FakeDevice
@@ -34,26 +26,22 @@ from cellcal.fake_devices.world import World
 Factory = Callable[[World, Mapping[str, Any]], FakeDevice]
 
 
-def _create_opc_ua_robot(world: World, table: Mapping[str, Any]) -> FakeDevice:
-    from cellcal.fake_devices.opc_ua.device import create_opc_ua_robot  # noqa: PLC0415  its library loads slowly
-
-    return create_opc_ua_robot(world, table)
-
-
-FACTORIES: dict[str, Factory] = {
-    "modbus_robot": cellcal.fake_devices.modbus_robot.device.create_modbus_robot,
-    "universal_robots": cellcal.fake_devices.universal_robots.device.create_universal_robot,
-    "fanuc_rmi": cellcal.fake_devices.fanuc_rmi.device.create_fanuc_rmi_robot,
-    "kuka_variables": cellcal.fake_devices.kuka.device.create_kuka_robot,
-    "abb_web_services": cellcal.fake_devices.abb.device.create_abb_robot,
-    "opc_ua": _create_opc_ua_robot,
-    "yaskawa": cellcal.fake_devices.yaskawa.device.create_yaskawa_robot,
-    "draw_wire": cellcal.fake_devices.draw_wire.device.create_draw_wire,
-    "laser_tracker": cellcal.fake_devices.laser_tracker.device.create_laser_tracker,
-    "touch_probe": cellcal.fake_devices.touch_probe.device.create_probe,
-    "dial_gauge": cellcal.fake_devices.touch_probe.device.create_dial,
-}
 WITHOUT_WIRE = frozenset({"file_import"})  # a person or a file: nothing to play
+
+
+def find_factory(driver: str) -> Factory:
+    """Return what builds the fake of a driver, found by the driver's name; ValueError where there is none.
+
+    Only what a cell names is imported: some fakes load large libraries.
+    """
+    folder = Path(__file__).parent
+    in_package, alone = folder / driver / "device.py", folder / f"{driver}.py"
+    if driver.isidentifier() and (in_package.is_file() or alone.is_file()):
+        module = f"{driver}.device" if in_package.is_file() else driver
+        factory = vars(import_module(f"cellcal.fake_devices.{module}")).get("create_device")
+        if factory is not None:
+            return cast("Factory", factory)
+    raise ValueError(f"there is no fake for the driver {driver!r}")
 
 
 def _possible_factor(factor: float) -> float:
@@ -99,10 +87,10 @@ class FakeCell:
 
     def _build_devices(self, tables: list[Mapping[str, Any]]) -> list[FakeDevice]:
         tables = [table for table in tables if table["driver"] not in WITHOUT_WIRE]
-        for table in tables:
-            if table["driver"] not in FACTORIES:
-                raise ValueError(f"there is no fake for the driver {table['driver']!r}")
-        return [FACTORIES[table["driver"]](self.world, table) for table in tables]
+        factories = [find_factory(str(table["driver"])) for table in tables]
+        return [
+            create_device(self.world, table) for create_device, table in zip(factories, tables, strict=True)
+        ]
 
     async def __aenter__(self) -> "FakeCell":
         started: list[FakeDevice] = []

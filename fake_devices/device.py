@@ -9,9 +9,9 @@ Modelled
 Not modelled
     Devices that share a socket.
 
-A package of fakes offers ``create(world, table) -> FakeDevice``; ``table`` is the device's table of the cell
-file. Its name stands in ``fake_devices.cell.FACTORIES`` under the driver that the file names. Only a device's
-server knows sockets; it opens them in ``start``.
+A fake offers ``create_device(world, table) -> FakeDevice`` in ``fake_devices/<driver>/device.py`` or
+``fake_devices/<driver>.py``; ``table`` is the device's table of the cell file. Only a device's server knows
+sockets; it opens them in ``start``.
 """
 
 from collections.abc import Callable, Mapping

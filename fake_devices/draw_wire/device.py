@@ -163,7 +163,7 @@ def _matrix_rows(pose: Array | None) -> list[list[float]] | None:
     return None if pose is None else [[float(value) for value in row] for row in pose]
 
 
-def create_draw_wire(world: World, table: Mapping[str, Any]) -> FakeDrawWire | FakeModbusDrawWire:
+def create_device(world: World, table: Mapping[str, Any]) -> FakeDrawWire | FakeModbusDrawWire:
     """Build the gauge that a cell file names, on the bus that it names."""
     if table.get("interface") == "modbus":
         return FakeModbusDrawWire(world, table)

@@ -97,6 +97,6 @@ class FakeFanucRmiRobot(NetworkedRobot):
         c.tool_number = int(parameters.pop("number", c.tool_number % FRAMES + 1))
 
 
-def create_fanuc_rmi_robot(world: World, table: Mapping[str, Any]) -> FakeFanucRmiRobot:
+def create_device(world: World, table: Mapping[str, Any]) -> FakeFanucRmiRobot:
     """Build the robot that a cell file names."""
     return FakeFanucRmiRobot(world, table)

@@ -169,6 +169,6 @@ class FakeLaserTracker:
         }
 
 
-def create_laser_tracker(world: World, table: Mapping[str, Any]) -> FakeLaserTracker:
+def create_device(world: World, table: Mapping[str, Any]) -> FakeLaserTracker:
     """Build the tracker that a cell file names."""
     return FakeLaserTracker(world, table)

@@ -218,6 +218,6 @@ class FakeModbusRobot:
         }
 
 
-def create_modbus_robot(world: World, table: Mapping[str, Any]) -> FakeModbusRobot:
+def create_device(world: World, table: Mapping[str, Any]) -> FakeModbusRobot:
     """Build the robot that a cell file names."""
     return FakeModbusRobot(world, table)

@@ -188,6 +188,6 @@ def _corrupt_value(kind: str, found: Mapping[str, Any], value: ua.DataValue) -> 
     return replace(value, Value=ua.Variant(found["value"], value.Value.VariantType))
 
 
-def create_opc_ua_robot(world: World, table: Mapping[str, Any]) -> FakeOpcUaRobot:
+def create_device(world: World, table: Mapping[str, Any]) -> FakeOpcUaRobot:
     """Build the robot that a cell file names."""
     return FakeOpcUaRobot(world, table)

@@ -92,6 +92,6 @@ class FakeUniversalRobot:
         }
 
 
-def create_universal_robot(world: World, table: Mapping[str, Any]) -> FakeUniversalRobot:
+def create_device(world: World, table: Mapping[str, Any]) -> FakeUniversalRobot:
     """Build the robot that a cell file names."""
     return FakeUniversalRobot(world, table)

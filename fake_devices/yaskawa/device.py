@@ -104,6 +104,6 @@ class FakeYaskawaRobot(NetworkedRobot):
         arm.start_move(target, float(parameters.pop("speed_rad_s", 0.5)), 2.0)
 
 
-def create_yaskawa_robot(world: World, table: Mapping[str, Any]) -> FakeYaskawaRobot:
+def create_device(world: World, table: Mapping[str, Any]) -> FakeYaskawaRobot:
     """Build the robot that a cell file names."""
     return FakeYaskawaRobot(world, table)

@@ -2,7 +2,7 @@
 
 import re
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any
 
 import pytest
 
@@ -10,19 +10,9 @@ from cellcal.drivers.registry import GaugeConfig, ProbeConfig, RobotConfig, Trac
 from cellcal.service.cli.app import run_command_line
 from cellcal.service.configuration.cell_file import CellConfig, read_cell_file
 from cellcal.service.runs.open_cell import offline_cell
+from tests.driver_configs import models_of
 
 EXAMPLES = sorted((Path(__file__).parents[2] / "deploy/example_cells").glob("*.toml"))
-
-
-def models_of(union: Any) -> set[type]:
-    """Return the configuration models of a union, which may hold unions."""
-    if isinstance(union, type):
-        return {union}
-    return {model for part in get_args(union) if not _is_note(part) for model in models_of(part)}
-
-
-def _is_note(part: Any) -> bool:
-    return type(part).__name__ == "FieldInfo"
 
 
 def configured_devices(config: CellConfig) -> list[Any]:

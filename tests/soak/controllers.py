@@ -22,9 +22,10 @@ from cellcal.service.demo.fake_cell_client import FakeCellClient
 from tests.soak.campaign_figures import CampaignFigures
 from tests.soak.input_mutations import mutated_input
 from tests.soak.opc_ua_answers import example_answer, read_opc_ua_answer
-from tests.wire.driver_cases import ROBOTS, open_retrying
+from tests.wire.driver_cases import open_retrying
 from tests.wire.fake_devices_process import run_fakes
 from tests.wire.link_cuts import cut_links
+from tests.wire.robot_cases import ROBOTS
 
 _SLOW_S = 2.0
 

@@ -14,8 +14,9 @@ from cellcal.drivers.interfaces import Readiness
 from cellcal.service.configuration.cell_file import read_cell_file
 from cellcal.service.demo.fake_cell_client import FakeCellClient
 from tests.soak.campaign_figures import CampaignFigures
-from tests.wire.driver_cases import ROBOTS, open_retrying, until_ready, wait_until
+from tests.wire.driver_cases import open_retrying, until_ready, wait_until
 from tests.wire.fake_devices_process import run_fakes
+from tests.wire.robot_cases import ROBOTS
 
 PROMISE_S = 2.0
 _PATIENCE_S = 30.0

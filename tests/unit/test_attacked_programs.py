@@ -4,9 +4,9 @@ from pathlib import Path
 
 import pytest
 
-from cellcal.fake_devices.abb.program import SOURCES as RAPID_SOURCES
-from cellcal.fake_devices.kuka.program import BOTH, SENSOR
-from cellcal.fake_devices.kuka.program import SOURCES as KRL_SOURCES
+from cellcal.fake_devices.abb_web_services.program import SOURCES as RAPID_SOURCES
+from cellcal.fake_devices.kuka_variables.program import BOTH, SENSOR
+from cellcal.fake_devices.kuka_variables.program import SOURCES as KRL_SOURCES
 from cellcal.fake_devices.program_text.expressions import ProgramTextError
 from tests.unit.helpers.program_bench import (
     BRANDS,

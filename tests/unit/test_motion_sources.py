@@ -4,9 +4,9 @@ from pathlib import Path
 
 import pytest
 
-from cellcal.fake_devices.abb.program import SOURCES as RAPID_SOURCES
+from cellcal.fake_devices.abb_web_services.program import SOURCES as RAPID_SOURCES
 from cellcal.fake_devices.krl_programs.source import parse_lines, parse_source
-from cellcal.fake_devices.kuka.program import SOURCES as KRL_SOURCES
+from cellcal.fake_devices.kuka_variables.program import SOURCES as KRL_SOURCES
 from cellcal.fake_devices.program_text.expressions import KRL, RAPID, ProgramTextError, parse_expression
 from cellcal.fake_devices.rapid_programs.source import parse_module
 from tests.unit.helpers.program_bench import (

@@ -9,9 +9,9 @@ import pytest
 from cellcal.drivers.abb.robot_web_services.motion_server import MotionServer as AbbMotionServer
 from cellcal.drivers.errors import RefusedError
 from cellcal.drivers.kuka.variables.motion_server import MotionServer as KukaMotionServer
-from cellcal.fake_devices.abb.controller import AbbController
-from cellcal.fake_devices.kuka.controller import KukaController
-from cellcal.fake_devices.kuka.variables import VariableTable
+from cellcal.fake_devices.abb_web_services.controller import AbbController
+from cellcal.fake_devices.kuka_variables.controller import KukaController
+from cellcal.fake_devices.kuka_variables.variables import VariableTable
 from cellcal.fake_devices.shown_joints import ShownJoints
 from cellcal.fake_devices.world import World
 

@@ -8,18 +8,9 @@ import pytest
 
 from cellcal.service.configuration.cell_file import CellConfig, read_cell_file
 from cellcal.service.demo.fake_cell_client import FakeCellClient
-from tests.wire.driver_cases import (
-    GAUGES,
-    PROBES,
-    ROBOTS,
-    GaugeCase,
-    ProbeCase,
-    RobotCase,
-    open_at_home,
-    open_retrying,
-    until_open,
-)
+from tests.wire.driver_cases import GAUGES, PROBES, GaugeCase, ProbeCase, open_retrying, until_open
 from tests.wire.fake_devices_process import FakesProcess, run_fakes, start_fakes
+from tests.wire.robot_cases import ROBOTS, RobotCase, open_at_home
 
 pytest.register_assert_rewrite(
     "tests.wire.contract_robot",

@@ -11,7 +11,7 @@ from cellcal.drivers.errors import BusyError, MotionStoppedError, RefusedError
 from cellcal.drivers.interfaces import MasteringData
 from cellcal.service.demo.fake_cell_client import FakeCellClient
 from tests.wire.contract_robot import AT_TARGET_RAD, truth_of, wait_for_motion
-from tests.wire.driver_cases import RobotCase
+from tests.wire.robot_cases import RobotCase
 
 
 class MasteringContract:

@@ -11,7 +11,8 @@ from cellcal.drivers.errors import BusyError, DeviceError, MotionStoppedError, R
 from cellcal.drivers.interfaces import ActiveFrames, Readiness
 from cellcal.service.configuration.cell_file import CellConfig
 from cellcal.service.demo.fake_cell_client import FakeCellClient
-from tests.wire.driver_cases import RobotCase, open_retrying, until_ready, wait_until
+from tests.wire.driver_cases import open_retrying, until_ready, wait_until
+from tests.wire.robot_cases import RobotCase
 
 AT_TARGET_RAD = math.radians(0.1)
 ABILITIES = {

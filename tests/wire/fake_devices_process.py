@@ -20,77 +20,22 @@ from tests.cell_tables import (
     dial_gauge_table,
     draw_wire_table,
     fake_table,
-    fanuc_table,
     fill_in,
-    robot_table,
     touch_probe_table,
-    universal_robots_table,
-    write_table,
 )
 from tests.machine_speed import stretched_s
+from tests.wire.robot_cases import ROBOTS
 
 TIME_FACTOR = 30.0
 _START_S = stretched_s(30.0)
 _numbers = itertools.count()
 
-_SOON = {"deadline_s": 2.0, "step_s": 0.5, "settle_s": 0.02}
-_ABB = {"driver": "abb_web_services", "model": "abb_irb1600_6_12", **_SOON, "deadline_s": 3.0}
-_STREAM = {
-    "window_s": 0.4,
-    "silent_s": 1.5,
-    "late_s": 0.5,
-}  # a test machine may be too busy for a window of 0.2
-
-KUKA_ROBOT = robot_table(
-    name="kuka",
-    driver="kuka_variables",
-    model="kuka_kr10r1420",
-    serial="864231",
-    fastest_axis_deg_s=410.0,
-    **_SOON,
-) + write_table("robot.rsi", listen="{second_address}", port=49152, **_STREAM)
-ABB_ROBOT = robot_table(name="abb", port=8080, serial="1600-500123", **_ABB)
-EGM_STREAM = write_table("robot.egm", listen="{second_address}", **_STREAM)
 FAKE_TABLE = fake_table(time_factor=TIME_FACTOR)
 
 CELL = "".join(
     (
         cell_head("wire tests"),
-        fanuc_table(deadline_s=2.0, settle_s=0.04),
-        universal_robots_table(deadline_s=2.0),
-        universal_robots_table(
-            name="ur_x",
-            address="{second_address}",  # the maker's ports are fixed
-            robot_api_port=8089,
-            serial="20235500043",
-            deadline_s=2.0,
-        ),
-        robot_table(name="rmi", driver="fanuc_rmi", model="fanuc_m6ib", serial="F-230816", **_SOON),
-        KUKA_ROBOT,
-        ABB_ROBOT,
-        robot_table(name="abb_7", port=8443, serial="460-300278", **_ABB),
-        EGM_STREAM,
-        robot_table(
-            name="motoman",
-            driver="yaskawa",
-            model="yaskawa_gp25",
-            controller_type="1-06VX25-A0*",
-            serial="Y-230815",
-            pulses_per_degree=[1341.4, 1341.4, -1341.4, 1000.0, 1000.0, -622.2],
-            fastest_axis_deg_s=885.0,
-            **_SOON,
-        ),
-        robot_table(
-            name="any_maker",
-            driver="opc_ua",
-            port=4840,
-            model="fanuc_m6ib",
-            motion="observe",
-            serial="ER-230817",
-            deadline_s=2.0,
-            still_s=0.1,
-            speed_limit_rad_s=None,
-        ),
+        *(case.table for case in ROBOTS.values()),
         draw_wire_table(deadline_s=1.0, heartbeat_s=0.4),  # a test machine may be too busy for 0.2
         draw_wire_table(
             name="wire_tcp",
@@ -113,8 +58,6 @@ CELL = "".join(
         ),
         dial_gauge_table(echo_output=2, echo_input=3, deadline_s=2.0),
         FAKE_TABLE,
-        write_table("fake.robots.abb_7", generation=2),
-        write_table("fake.robots.ur_x", software="10.12.1.0"),
     )
 )
 

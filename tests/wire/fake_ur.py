@@ -8,7 +8,7 @@ from collections.abc import AsyncIterator, Mapping
 from contextlib import asynccontextmanager, suppress
 from typing import Any
 
-from cellcal.fake_devices.universal_robots.device import FakeUniversalRobot, create_universal_robot
+from cellcal.fake_devices.universal_robots.device import FakeUniversalRobot, create_device
 from cellcal.fake_devices.world import World
 from tests.machine_speed import stretched_s
 
@@ -35,7 +35,7 @@ async def _start_robot(
     for _ in range(20):
         address = f"127.{rng.randint(1, 250)}.{rng.randint(0, 250)}.{rng.randint(1, 250)}"
         world = World(seed, time_factor)
-        robot = create_universal_robot(
+        robot = create_device(
             world,
             {
                 "name": "ur",

@@ -8,7 +8,8 @@ import numpy as np
 
 from cellcal.drivers.errors import DeviceError
 from cellcal.service.demo.fake_cell_client import FakeCellClient
-from tests.wire.driver_cases import RobotCase, wait_until
+from tests.wire.driver_cases import wait_until
+from tests.wire.robot_cases import RobotCase
 
 _AT_TARGET_RAD = 5e-4
 

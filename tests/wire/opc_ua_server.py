@@ -10,7 +10,7 @@ import pytest
 
 from cellcal.drivers.errors import DeviceError, UnreachableError
 from cellcal.drivers.opc_ua.config import OpcUaConfig
-from cellcal.fake_devices.opc_ua.device import FakeOpcUaRobot, create_opc_ua_robot
+from cellcal.fake_devices.opc_ua.device import FakeOpcUaRobot, create_device
 from cellcal.fake_devices.world import World
 from tests.machine_speed import stretched_s
 
@@ -25,7 +25,7 @@ async def fake_server(settings: Mapping[str, Any] | None = None) -> AsyncIterato
     for _ in range(20):
         address = f"127.{rng.randint(1, 250)}.{rng.randint(0, 250)}.{rng.randint(1, 250)}"
         table = {"name": "any_maker", "model": "fanuc_m6ib", "serial": SERIAL, "address": address}
-        fake = create_opc_ua_robot(World(3), {**table, "settings": settings or {}})
+        fake = create_device(World(3), {**table, "settings": settings or {}})
         try:
             await fake.start()
         except OSError:

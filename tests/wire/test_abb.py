@@ -20,7 +20,8 @@ from cellcal.drivers.errors import DeviceError, MotionStoppedError, RefusedError
 from cellcal.drivers.interfaces import AlarmKind, Readiness
 from cellcal.service.configuration.cell_file import CellConfig
 from cellcal.service.demo.fake_cell_client import FakeCellClient
-from tests.wire.driver_cases import ROBOTS, open_at_home, wait_until
+from tests.wire.driver_cases import wait_until
+from tests.wire.robot_cases import ROBOTS, open_at_home
 
 ROOT = Path(__file__).parents[2]
 CASE = ROBOTS["abb_web_services"]

@@ -20,7 +20,8 @@ from cellcal.drivers.interfaces import AlarmKind, Readiness
 from cellcal.fake_devices.listening_port import ListeningPort
 from cellcal.service.configuration.cell_file import CellConfig
 from cellcal.service.demo.fake_cell_client import FakeCellClient
-from tests.wire.driver_cases import ROBOTS, open_at_home, open_retrying, wait_until
+from tests.wire.driver_cases import open_retrying, wait_until
+from tests.wire.robot_cases import ROBOTS, open_at_home
 
 CASE = ROBOTS["abb_web_services 2"]
 pytestmark = pytest.mark.filterwarnings("ignore:Unverified HTTPS request")  # rwswrap compares no certificate

@@ -6,7 +6,7 @@ from tests.wire.contract_gauge import GaugeContract
 from tests.wire.contract_mastering import MasteringContract
 from tests.wire.contract_probe import ProbeContract
 from tests.wire.contract_robot import RobotContract
-from tests.wire.driver_cases import ROBOTS
+from tests.wire.robot_cases import ROBOTS
 
 
 class TestRobots(RobotContract):

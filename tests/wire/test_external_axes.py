@@ -11,9 +11,10 @@ from cellcal.procedures.motion.active_frames import changes_text, frame_changes
 from cellcal.service.configuration.cell_file import CellConfig, read_cell_file
 from cellcal.service.demo.fake_cell_client import FakeCellClient
 from tests.cell_tables import cell_head, fake_table, robot_table
-from tests.wire.driver_cases import ROBOTS, open_at_home, open_retrying
+from tests.wire.driver_cases import open_retrying
 from tests.wire.fake_devices_process import run_fakes
 from tests.wire.opc_ua_server import SERIAL, config_of, fake_server
+from tests.wire.robot_cases import ROBOTS, open_at_home
 from tests.wire.tp_cell import TP_CASE, TP_CELL
 
 SECOND_GROUP_CELL = (

@@ -8,15 +8,17 @@ import sys
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 import pytest
 
-from cellcal.fake_devices.cell import FACTORIES, FakeCell
+from cellcal.drivers.registry import GaugeConfig, ProbeConfig, RobotConfig, TrackerConfig
+from cellcal.fake_devices.cell import WITHOUT_WIRE, FakeCell, find_factory
 from cellcal.fake_devices.control_server import ControlServer
 from cellcal.fake_devices.device import FaultRefusedError
 from cellcal.fake_devices.link_faults import LinkFaults
+from tests.driver_configs import models_of
 from tests.machine_speed import stretched_s
 from tests.wire.fake_cells import GAUGE, ROBOT, behind_control_server, cell_document, run_cell, wait_until
 
@@ -118,7 +120,24 @@ async def test_a_taken_port_is_a_sentence_and_exit_code_2(tmp_path: Path):
 async def test_an_unknown_driver_is_a_sentence():
     with pytest.raises(ValueError, match="no fake for the driver 'toaster'"):
         FakeCell({"robot": [{"name": "x", "driver": "toaster"}]})
-    assert {"modbus_robot", "universal_robots", "draw_wire", "touch_probe", "laser_tracker"} <= set(FACTORIES)
+
+
+@pytest.mark.parametrize(
+    "driver", ["", "world", "clock", "program_text", "fanuc_files", "../cell", "a.b", "1"]
+)
+async def test_what_builds_no_device_is_no_driver(driver: str):
+    with pytest.raises(ValueError, match="no fake for the driver"):
+        FakeCell({"robot": [{"name": "x", "driver": driver}]})
+
+
+def test_every_driver_of_a_cell_file_has_a_fake():
+    drivers = {
+        get_args(model.model_fields["driver"].annotation)[0]
+        for union in (RobotConfig, GaugeConfig, TrackerConfig, ProbeConfig)
+        for model in models_of(union)
+    }
+    assert len(drivers) > 10
+    assert all(find_factory(driver) for driver in drivers - WITHOUT_WIRE)
 
 
 # the control port

@@ -21,8 +21,9 @@ from cellcal.drivers.fanuc.rmi.rmi_state import RmiStatus, condition_of
 from cellcal.drivers.interfaces import AlarmKind, Readiness
 from cellcal.service.configuration.cell_file import CellConfig
 from cellcal.service.demo.fake_cell_client import FakeCellClient
-from tests.wire.driver_cases import ROBOTS, open_at_home, open_retrying, wait_until
+from tests.wire.driver_cases import open_retrying, wait_until
 from tests.wire.link_cuts import cut_links
+from tests.wire.robot_cases import ROBOTS, open_at_home
 
 CASE = ROBOTS["fanuc_rmi"]
 CUTS = 25  # a thousand in `make soak`

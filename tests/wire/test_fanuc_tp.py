@@ -13,8 +13,9 @@ from cellcal.drivers.interfaces import Readiness
 from cellcal.service.configuration.cell_file import CellConfig, read_cell_file
 from cellcal.service.demo.fake_cell_client import FakeCellClient
 from tests.wire.contract_robot import RobotContract, far_move, truth_of, wait_for_motion
-from tests.wire.driver_cases import RobotCase, open_at_home, open_retrying, until_ready, wait_until
+from tests.wire.driver_cases import open_retrying, until_ready, wait_until
 from tests.wire.fake_devices_process import run_fakes
+from tests.wire.robot_cases import RobotCase, open_at_home
 from tests.wire.tp_cell import TP_CASE, TP_CELL
 
 

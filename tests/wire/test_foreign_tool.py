@@ -11,7 +11,8 @@ from cellcal.procedures.steps.length import capture_length
 from cellcal.service.configuration.cell_file import CellConfig
 from cellcal.service.demo.fake_cell_client import FakeCellClient
 from cellcal.service.runs.open_cell import open_cell
-from tests.wire.driver_cases import ROBOTS, Fault, RobotCase
+from tests.wire.driver_cases import Fault
+from tests.wire.robot_cases import ROBOTS, RobotCase
 
 ASIDE_RAD = 0.05
 BACK: dict[str, Fault] = {  # how a technician selects again what was active

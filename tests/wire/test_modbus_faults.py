@@ -24,7 +24,8 @@ from cellcal.service.configuration.cell_file import CellConfig, read_cell_file
 from cellcal.service.demo.fake_cell_client import FakeCellClient
 from tests.machine_speed import stretched_s
 from tests.wire.contract_robot import wait_for_motion
-from tests.wire.driver_cases import ROBOTS, open_retrying, until_ready, wait_until
+from tests.wire.driver_cases import open_retrying, until_ready, wait_until
+from tests.wire.robot_cases import ROBOTS
 
 CASE = ROBOTS["modbus_robot"]
 

@@ -13,7 +13,8 @@ from cellcal.service.demo.fake_cell_client import FakeCellClient
 from cellcal.service.exit_codes import ExitCode
 from cellcal.service.record.shown_positions import KeptPositions
 from cellcal.service.watching.nightly_look import LookedAtRobot, look_at_cell, night_exit_code
-from tests.wire.driver_cases import ROBOTS, open_at_home, open_retrying
+from tests.wire.driver_cases import open_retrying
+from tests.wire.robot_cases import ROBOTS, open_at_home
 
 CASES = {case.name: case for case in ROBOTS.values()}
 Faults = tuple[tuple[str, dict[str, Any]], ...]

@@ -36,7 +36,7 @@ from cellcal.service.engineering.delivery.stored_copies import (
     read_delivery,
 )
 from tests.wire.cutting_proxy import CuttingProxy
-from tests.wire.driver_cases import ROBOTS
+from tests.wire.robot_cases import ROBOTS
 from tests.wire.writable_ftp import PASSWORD, READ, USER, writable_ftp
 
 EVA, STANDS = Approval("Eva"), Approval("Eva", robot_stands=True)

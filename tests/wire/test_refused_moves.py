@@ -24,7 +24,8 @@ from cellcal.procedures.surroundings import NOTHING_KNOWN
 from cellcal.service.configuration.cell_file import CellConfig, read_cell_file
 from cellcal.service.demo.fake_cell_client import FakeCellClient
 from cellcal.service.runs.open_cell import open_cell
-from tests.wire.driver_cases import ROBOTS, RobotCase, until_ready, wait_until
+from tests.wire.driver_cases import until_ready, wait_until
+from tests.wire.robot_cases import ROBOTS, RobotCase
 
 FANUC = ROBOTS["modbus_robot"]
 ASIDE_RAD = 0.05

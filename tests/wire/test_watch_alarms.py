@@ -12,7 +12,8 @@ from cellcal.service.demo.fake_cell_client import FakeCellClient
 from cellcal.service.record.healthy_counts import LastHealthyCounts, remember_healthy
 from cellcal.service.watching.loss_response import PreparedAnswer, prepare_answer
 from cellcal.service.watching.watch import PositionLoss, RobotWatch
-from tests.wire.driver_cases import ROBOTS, open_retrying
+from tests.wire.driver_cases import open_retrying
+from tests.wire.robot_cases import ROBOTS
 
 NOTHING = None
 DRIFT, RECOVERY = "drift_check", "mastering_recovery"

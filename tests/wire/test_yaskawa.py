@@ -23,7 +23,8 @@ from cellcal.drivers.yaskawa.state import AlarmEntry, ControllerStatus, text_of
 from cellcal.drivers.yaskawa.tool_file import read_tools
 from cellcal.service.configuration.cell_file import CellConfig
 from cellcal.service.demo.fake_cell_client import FakeCellClient
-from tests.wire.driver_cases import ROBOTS, wait_until
+from tests.wire.driver_cases import wait_until
+from tests.wire.robot_cases import ROBOTS
 
 READY = ControllerStatus(0xC2, 0x40)
 

@@ -4,14 +4,11 @@ from typing import Any
 
 from cellcal.service.demo.fake_cell_client import FakeCellClient
 from tests.cell_tables import cell_head, fake_table, fanuc_table
-from tests.wire.driver_cases import RobotCase
 from tests.wire.fake_devices_process import TIME_FACTOR
+from tests.wire.robot_cases import RobotCase
 
-TP_CELL = (
-    cell_head("listings")
-    + fanuc_table(profile="fanuc_tp", deadline_s=2.0, settle_s=0.04)
-    + fake_table(time_factor=TIME_FACTOR)
-)
+_TABLE = fanuc_table(profile="fanuc_tp", deadline_s=2.0, settle_s=0.04)
+TP_CELL = cell_head("listings") + _TABLE + fake_table(time_factor=TIME_FACTOR)
 
 
 async def heal_tp_robot(fake_client: FakeCellClient, robot: Any) -> None:
@@ -29,6 +26,7 @@ async def heal_tp_robot(fake_client: FakeCellClient, robot: Any) -> None:
 
 TP_CASE = RobotCase(
     name="fanuc",
+    table=_TABLE,
     home_rad=(-2.2, 0.17, -0.44, 0.26, -1.05, 0.35),
     away_rad=(2.2, 0.3, -0.3, 0.3, -0.9, 0.2),
     slow_rad_s=0.03,  # a per cent of J1's speed limit

@@ -6,13 +6,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cellcal.fake_devices.abb.controller import AbbController
-from cellcal.fake_devices.abb.program import SOURCES as RAPID_SOURCES
-from cellcal.fake_devices.abb.program import RapidPrograms
-from cellcal.fake_devices.kuka.controller import KukaController
-from cellcal.fake_devices.kuka.program import BOTH, CELLCAL, KrlPrograms
-from cellcal.fake_devices.kuka.program import SOURCES as KRL_SOURCES
-from cellcal.fake_devices.kuka.variables import VariableTable
+from cellcal.fake_devices.abb_web_services.controller import AbbController
+from cellcal.fake_devices.abb_web_services.program import SOURCES as RAPID_SOURCES
+from cellcal.fake_devices.abb_web_services.program import RapidPrograms
+from cellcal.fake_devices.kuka_variables.controller import KukaController
+from cellcal.fake_devices.kuka_variables.program import BOTH, CELLCAL, KrlPrograms
+from cellcal.fake_devices.kuka_variables.program import SOURCES as KRL_SOURCES
+from cellcal.fake_devices.kuka_variables.variables import VariableTable
 from cellcal.fake_devices.shown_joints import ShownJoints
 from cellcal.fake_devices.world import World
 

@@ -16,8 +16,8 @@ import json
 import re
 import secrets
 
-from cellcal.fake_devices.abb.http_port import HttpAnswer, HttpPort, HttpRequest, SessionTable
-from cellcal.fake_devices.abb.resources import ResourceTable
+from cellcal.fake_devices.abb_web_services.http_port import HttpAnswer, HttpPort, HttpRequest, SessionTable
+from cellcal.fake_devices.abb_web_services.resources import ResourceTable
 from cellcal.fake_devices.link_faults import LinkFaults
 
 USER, PASSWORD = "Default User", "robotics"

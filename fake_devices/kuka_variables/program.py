@@ -33,7 +33,7 @@ from cellcal.fake_devices.krl_programs.tasks import RobotInterpreter, run_submit
 from cellcal.fake_devices.program_text.expressions import ProgramTextError, Value
 
 if TYPE_CHECKING:
-    from cellcal.fake_devices.kuka.controller import KukaController
+    from cellcal.fake_devices.kuka_variables.controller import KukaController
 
 SOURCES = Path(__file__).parent / "sources"  # a link to deploy/controller_setup, which a wheel holds as files
 _ACCELERATION_RAD_S2 = 4.0

@@ -32,7 +32,7 @@ from cellcal.fake_devices.rapid_programs.source import (
 from cellcal.fake_devices.rapid_programs.tasks import MotionTask
 
 if TYPE_CHECKING:
-    from cellcal.fake_devices.abb.controller import AbbController
+    from cellcal.fake_devices.abb_web_services.controller import AbbController
 
 SOURCES = Path(__file__).parent / "sources"  # a link to deploy/controller_setup, which a wheel holds as files
 NO_AXIS = 9e9

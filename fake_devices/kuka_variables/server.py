@@ -16,7 +16,7 @@ import asyncio
 import struct
 from contextlib import suppress
 
-from cellcal.fake_devices.kuka.variables import VariableTable
+from cellcal.fake_devices.kuka_variables.variables import VariableTable
 from cellcal.fake_devices.link_faults import LinkFaults
 from cellcal.fake_devices.listening_port import ListeningPort
 

@@ -18,8 +18,8 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 
-from cellcal.fake_devices.abb.files import FileFolder
-from cellcal.fake_devices.abb.program import NO_AXIS, CellcalServer, RapidPrograms
+from cellcal.fake_devices.abb_web_services.files import FileFolder
+from cellcal.fake_devices.abb_web_services.program import NO_AXIS, CellcalServer, RapidPrograms
 from cellcal.fake_devices.arm import SimulatedArm
 from cellcal.fake_devices.kinematics import Array
 from cellcal.fake_devices.program_text.expressions import Value

@@ -6,7 +6,7 @@ Imitates
 Source
     controller.py, server.py and omnicore_server.py.
 Modelled
-    The faults named below and ``fake_devices.abb.http_port.LINK_FAULTS``; a position stream with
+    The faults named below and ``fake_devices.abb_web_services.http_port.LINK_FAULTS``; a position stream with
     ``fake_devices.joint_stream.STREAM_FAULTS``.
 Not modelled
     Encoders themselves: this link does not reach them.
@@ -16,14 +16,14 @@ import asyncio
 from collections.abc import Mapping
 from typing import Any
 
-from cellcal.fake_devices.abb.controller import AbbController
-from cellcal.fake_devices.abb.http_port import LINK_FAULTS, HttpPort
-from cellcal.fake_devices.abb.omnicore_resources import OmnicoreResources
-from cellcal.fake_devices.abb.omnicore_server import OmnicorePort
-from cellcal.fake_devices.abb.position_stream import encode_robot_message
-from cellcal.fake_devices.abb.program import RapidPrograms
-from cellcal.fake_devices.abb.resources import ResourceTable
-from cellcal.fake_devices.abb.server import ServicePort
+from cellcal.fake_devices.abb_web_services.controller import AbbController
+from cellcal.fake_devices.abb_web_services.http_port import LINK_FAULTS, HttpPort
+from cellcal.fake_devices.abb_web_services.omnicore_resources import OmnicoreResources
+from cellcal.fake_devices.abb_web_services.omnicore_server import OmnicorePort
+from cellcal.fake_devices.abb_web_services.position_stream import encode_robot_message
+from cellcal.fake_devices.abb_web_services.program import RapidPrograms
+from cellcal.fake_devices.abb_web_services.resources import ResourceTable
+from cellcal.fake_devices.abb_web_services.server import ServicePort
 from cellcal.fake_devices.device import JsonObject
 from cellcal.fake_devices.joint_stream import STREAM_FAULTS, JointSender
 from cellcal.fake_devices.keep_running import keep_running
@@ -133,6 +133,6 @@ class FakeAbbRobot(NetworkedRobot):
         c.tool_name = str(parameters.pop("tool", following))
 
 
-def create_abb_robot(world: World, table: Mapping[str, Any]) -> FakeAbbRobot:
+def create_device(world: World, table: Mapping[str, Any]) -> FakeAbbRobot:
     """Build the robot that a cell file names."""
     return FakeAbbRobot(world, table)

@@ -5,7 +5,7 @@ Imitates
 Source
     controller.py and server.py.
 Modelled
-    The faults named below and ``fake_devices.kuka.server.LINK_FAULTS``; a sensor stream with
+    The faults named below and ``fake_devices.kuka_variables.server.LINK_FAULTS``; a sensor stream with
     ``fake_devices.joint_stream.STREAM_FAULTS``.
 Not modelled
     Encoders themselves: this link does not reach them.
@@ -20,11 +20,11 @@ from cellcal.fake_devices.device import JsonObject
 from cellcal.fake_devices.joint_stream import STREAM_FAULTS, JointSender
 from cellcal.fake_devices.keep_running import keep_running
 from cellcal.fake_devices.krl_programs.tasks import ACTIVE
-from cellcal.fake_devices.kuka.controller import FRAMES, KukaController
-from cellcal.fake_devices.kuka.program import BOTH, CELLCAL, KrlPrograms
-from cellcal.fake_devices.kuka.sensor_stream import encode_robot_datagram
-from cellcal.fake_devices.kuka.server import LINK_FAULTS, ProxyPort
-from cellcal.fake_devices.kuka.variables import VariableTable
+from cellcal.fake_devices.kuka_variables.controller import FRAMES, KukaController
+from cellcal.fake_devices.kuka_variables.program import BOTH, CELLCAL, KrlPrograms
+from cellcal.fake_devices.kuka_variables.sensor_stream import encode_robot_datagram
+from cellcal.fake_devices.kuka_variables.server import LINK_FAULTS, ProxyPort
+from cellcal.fake_devices.kuka_variables.variables import VariableTable
 from cellcal.fake_devices.link_faults import LinkFaults
 from cellcal.fake_devices.networked_robot import NetworkedRobot, parse_axes
 from cellcal.fake_devices.shown_joints import ShownJoints, ratios_of
@@ -146,6 +146,6 @@ class FakeKukaRobot(NetworkedRobot):
         c.load_kg = c.loads_kg[c.tool_number - 1]
 
 
-def create_kuka_robot(world: World, table: Mapping[str, Any]) -> FakeKukaRobot:
+def create_device(world: World, table: Mapping[str, Any]) -> FakeKukaRobot:
     """Build the robot that a cell file names."""
     return FakeKukaRobot(world, table)

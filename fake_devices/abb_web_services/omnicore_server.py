@@ -20,9 +20,9 @@ from dataclasses import replace
 from html import escape
 from typing import Any
 
-from cellcal.fake_devices.abb.http_port import HttpAnswer, HttpPort, HttpRequest, SessionTable
-from cellcal.fake_devices.abb.omnicore_resources import OmnicoreResources
-from cellcal.fake_devices.abb.own_certificate import make_server_context
+from cellcal.fake_devices.abb_web_services.http_port import HttpAnswer, HttpPort, HttpRequest, SessionTable
+from cellcal.fake_devices.abb_web_services.omnicore_resources import OmnicoreResources
+from cellcal.fake_devices.abb_web_services.own_certificate import make_server_context
 from cellcal.fake_devices.link_faults import LinkFaults
 
 USER, PASSWORD = "Default User", "robotics"

@@ -17,11 +17,11 @@ Not modelled
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from cellcal.fake_devices.abb.controller import AbbController
-from cellcal.fake_devices.abb.files import FOLDER
-from cellcal.fake_devices.abb.http_port import HttpRequest
-from cellcal.fake_devices.abb.program import NO_AXIS
-from cellcal.fake_devices.abb.quaternions import quaternion_of
+from cellcal.fake_devices.abb_web_services.controller import AbbController
+from cellcal.fake_devices.abb_web_services.files import FOLDER
+from cellcal.fake_devices.abb_web_services.http_port import HttpRequest
+from cellcal.fake_devices.abb_web_services.program import NO_AXIS
+from cellcal.fake_devices.abb_web_services.quaternions import quaternion_of
 
 Reply = tuple[int, Any]
 Table = dict[str, Any]

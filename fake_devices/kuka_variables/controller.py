@@ -19,7 +19,7 @@ import numpy as np
 
 from cellcal.fake_devices.arm import SimulatedArm
 from cellcal.fake_devices.kinematics import Array, invert_pose, matrix_from_xyzwpr, wpr_from_matrix
-from cellcal.fake_devices.kuka.program import CellcalPrograms, KrlPrograms
+from cellcal.fake_devices.kuka_variables.program import CellcalPrograms, KrlPrograms
 from cellcal.fake_devices.shown_joints import ShownJoints
 
 FRAMES = 16

@@ -13,7 +13,7 @@ Not modelled
 import re
 from collections.abc import Callable
 
-from cellcal.fake_devices.kuka.controller import FRAMES, KukaController, values_of
+from cellcal.fake_devices.kuka_variables.controller import FRAMES, KukaController, values_of
 
 _MEMBER = re.compile(r"([A-Z]\w*)\s+(-?[\d.]+(?:[eE][-+]?\d+)?)")
 _INDEXED = re.compile(r"(TOOL_DATA|BASE_DATA|LOAD_DATA|\$AXIS_CAL|\$MAMES)\[(\d+)\]")
