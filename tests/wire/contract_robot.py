@@ -30,19 +30,6 @@ ABILITIES = {
 }
 
 
-MODES = {  # a switch, and what the controller calls its places
-    "fanuc": ("t1_mode", "AUTO", "T1"),
-    "ur": ("local_mode", "remote control", "local control"),
-    "ur_x": ("local_mode", "remote control, automatic", "local control, automatic"),
-    "rmi": ("pendant_on", "TP off", "TP on"),
-    "kuka": ("t1_mode", "AUT", "T1"),
-    "abb": ("manual_mode", "AUTO", "MANR"),
-    "abb_7": ("manual_mode", "AUTO", "MANR"),
-    "motoman": ("teach_mode", "REMOTE", "TEACH"),
-    "any_maker": ("mode", "AUTOMATIC", "MANUAL_REDUCED_SPEED"),
-}
-
-
 def needs(*flags: str) -> Callable[[Any], Any]:
     """Mark a test of an ability that not every robot claims."""
 
@@ -247,7 +234,7 @@ class RobotContract:
     async def test_the_mode_is_the_one_switched_to(
         self, robot: Any, robot_case: RobotCase, fake_client: FakeCellClient
     ) -> None:
-        fault, before, after = MODES[robot_case.name]
+        fault, before, after = robot_case.mode_fault
         assert await robot.controller_mode() == before
         await fake_client.inject_fault(fault, device=robot_case.name)
         assert await robot.controller_mode() == after

@@ -45,6 +45,7 @@ class RobotCase:
     link_faults: tuple[Fault, ...]  # every way in which the cable can fail
     stop_fault: Fault  # the emergency stop is pressed
     slow_fault: Fault  # the speed is turned down to 15 %
+    mode_fault: tuple[str, str, str]  # a switch, and what the controller calls its places before and after
     impatient: dict[str, Any]  # of its entry: little time beyond what a move needs
     # what another one would tell; None: this link does not tell who answers
     stranger: dict[str, Any] | None = field(default_factory=lambda: {"serial": "X-000000"})
@@ -158,6 +159,7 @@ ROBOTS: dict[str, RobotCase] = {
         link_faults=(("silent", {}), ("reset", {}), ("refuse", {})),
         stop_fault=("emergency_stop", {}),
         slow_fault=("override", {"percent": 15}),
+        mode_fault=("t1_mode", "AUTO", "T1"),
         impatient={"motion_margin_s": 1.0},
     ),
     "universal_robots": RobotCase(
@@ -170,6 +172,7 @@ ROBOTS: dict[str, RobotCase] = {
         link_faults=(("link_loss_rtde", {}), ("link_loss_all", {}), ("link_stall", {})),
         stop_fault=("emergency_stop", {}),
         slow_fault=("speed_slider", {"fraction": 0.15}),
+        mode_fault=("local_mode", "remote control", "local control"),
         impatient={},
     ),
     "universal_robots_x": RobotCase(
@@ -189,6 +192,7 @@ ROBOTS: dict[str, RobotCase] = {
         link_faults=(("link_loss_rtde", {}), ("link_loss_all", {}), ("link_stall", {})),
         stop_fault=("emergency_stop", {}),
         slow_fault=("speed_slider", {"fraction": 0.15}),
+        mode_fault=("local_mode", "remote control, automatic", "local control, automatic"),
         impatient={},
         stranger={"calibration": "X-000000"},
     ),
@@ -202,6 +206,7 @@ ROBOTS: dict[str, RobotCase] = {
         link_faults=(("silent", {}), ("refuse", {}), ("reset", {})),
         stop_fault=("emergency_stop", {}),
         slow_fault=("override", {"percent": 15}),
+        mode_fault=("pendant_on", "TP off", "TP on"),
         impatient={"stuck_s": 1.0},
         stranger=None,
     ),
@@ -215,6 +220,7 @@ ROBOTS: dict[str, RobotCase] = {
         link_faults=(("silent", {}), ("refuse", {}), ("reset", {})),
         stop_fault=("open_gate", {}),
         slow_fault=("override", {"percent": 15}),
+        mode_fault=("t1_mode", "AUT", "T1"),
         impatient={"stuck_s": 1.0},
     ),
     "abb_web_services": RobotCase(
@@ -227,6 +233,7 @@ ROBOTS: dict[str, RobotCase] = {
         link_faults=(("silent", {}), ("refuse", {}), ("reset", {})),
         stop_fault=("emergency_stop", {}),
         slow_fault=("override", {"percent": 15}),
+        mode_fault=("manual_mode", "AUTO", "MANR"),
         impatient={"stuck_s": 1.0},
     ),
     "abb_web_services 2": RobotCase(
@@ -241,6 +248,7 @@ ROBOTS: dict[str, RobotCase] = {
         link_faults=(("silent", {}), ("refuse", {}), ("reset", {})),
         stop_fault=("emergency_stop", {}),
         slow_fault=("override", {"percent": 15}),
+        mode_fault=("manual_mode", "AUTO", "MANR"),
         impatient={"stuck_s": 1.0},
     ),
     "opc_ua": RobotCase(
@@ -263,6 +271,7 @@ ROBOTS: dict[str, RobotCase] = {
         link_faults=(("silent", {}), ("refuse", {}), ("reset", {})),
         stop_fault=("emergency_stop", {}),
         slow_fault=("override", {"percent": 15}),
+        mode_fault=("mode", "AUTOMATIC", "MANUAL_REDUCED_SPEED"),
         impatient={},
     ),
     "yaskawa": RobotCase(
@@ -284,6 +293,7 @@ ROBOTS: dict[str, RobotCase] = {
         link_faults=(("silent", {}), ("refuse", {}), ("cut", {})),
         stop_fault=("emergency_stop", {}),
         slow_fault=("override", {"percent": 15}),
+        mode_fault=("teach_mode", "REMOTE", "TEACH"),
         impatient={"stuck_s": 1.0},
         stranger={"controller_type": "X-000000"},
     ),

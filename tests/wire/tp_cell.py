@@ -34,5 +34,6 @@ TP_CASE = RobotCase(
     link_faults=(("silent", {}), ("reset", {}), ("refuse", {})),
     stop_fault=("emergency_stop", {}),
     slow_fault=("override", {"percent": 15}),
+    mode_fault=("t1_mode", "AUTO", "T1"),
     impatient={"motion_margin_s": 1.0},
 )
