@@ -46,6 +46,7 @@ from cellcal.drivers.kuka.program_files.taught_entries import (
     EntryMarks,
     marks_of_entries,
     with_set_entries,
+    without_entries_set_beside,
     without_set_data,
 )
 from cellcal.drivers.kuka.program_files.written_numbers import (
@@ -105,6 +106,7 @@ class KukaFile:
     routines: Mapping[int, str]  # rows written into moves, and their routine
     frame_data: Mapping[str, TaughtFrames]  # of a data list
     empty: Mapping[str, frozenset[MoveFrames]]  # a program's own points without a value
+    taken: Mapping[str, Set[str]]  # as `EntryMarks` says
     brand: str = "kuka"
 
     def to_bytes(self) -> bytes:
@@ -157,6 +159,7 @@ class KukaFile:
             },
             frame_data=summary.frame_data,
             empty=summary.empty,
+            taken=summary.entries.taken,
             positions=with_standing_bases(found.to_positions(rows, written, summary.shifts), taught),
             remarks=tuple(sorted(found.remarks, key=lambda remark: remark.line)),
             frames=frames,
@@ -187,6 +190,7 @@ class KukaFile:
         )
         cell = _cells_of(external_uses.file)[0]
         positions = with_set_entries(positions, self.keys, self._own_taught(), external_uses, cell)
+        positions = without_entries_set_beside(positions, self.taken, external_uses, cell)
         positions = _without_set_tables(positions, self.declarations.module, external_uses)
         positions = without_mixed_work(positions, self.keys, external_uses)
         positions = without_set_data(positions, self.keys, self.taught, set_data)
