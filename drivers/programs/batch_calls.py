@@ -90,6 +90,31 @@ class BatchCalls:
         """Return whether a routine of a file may be called again while it runs."""
         return any(self._circles[self._numbers[file, name]] for name in self._by_file[file].routines)
 
+    def external_tool_around(self, file: str) -> str:
+        """Return a routine of another file that lets moves of a file work with a tool in the cell; "" for none.
+
+        One around the file counts where none of the file's routines says that the robot holds the tool. A data list
+        is moved to by the program of its name.
+        """
+        below, above = self._external_tools
+        if not any(below):  # as nearly always
+            return ""
+        stem = PurePath(file).with_suffix("")
+        own = [each for each in self._names if PurePath(each[0]).with_suffix("") == stem]
+        says_itself = any(self._by_file[each].routines[name].held_tool for each, name in own)
+        numbers = [self._numbers[each] for each in own]
+        marks = [
+            mark for number in numbers for mark in (*below[number], *(() if says_itself else above[number]))
+        ]
+        subjects = {subject for _, subject in marks}.difference(numbers)
+        return self._names[min(subjects)][1] if subjects else ""
+
+    @cached_property
+    def _external_tools(self) -> "_Around":
+        routines = [self._by_file[file].routines[name] for file, name in self._names]
+        own = [frozenset([""]) if one.external_tool else frozenset() for one in routines]
+        return reached_settings(self._calls, own)
+
     def _numbers_called(self, file: str, names: Iterable[str]) -> list[int]:
         return [self._numbers[called] for name in names for called in self._called_routines(file, name)]
 

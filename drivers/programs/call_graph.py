@@ -48,11 +48,9 @@ def in_circles(calls: Sequence[Collection[int]]) -> list[bool]:
 
 
 def called_outside(routines: Mapping[str, tuple[Set[str], Set[str]]]) -> dict[str, frozenset[str]]:
-    """Return by routine what it, or one that it calls at any depth, calls outside; from its calls inside and outside."""
+    """Return by routine what it, or one that it calls, calls outside; from the calls inside and outside."""
     numbers = {name: number for number, name in enumerate(routines)}
-    calls = [
-        [numbers[each] for each in sorted(inside) if each in numbers] for inside, _ in routines.values()
-    ]
+    calls = [[numbers[each] for each in sorted(inside) if each in numbers] for inside, _ in routines.values()]
     outside = [each for _, each in routines.values()]
     return {
         name: frozenset().union(*(outside[each] for each in _reached(calls, {number})))

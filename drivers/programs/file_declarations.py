@@ -48,6 +48,8 @@ class RoutineEffects:
         frozenset()
     )  # of each call whose routine no file tells: the names that it may have, none for any name
     by_macro: bool = False  # the controller's table of macros has it
+    external_tool: bool = False  # it lets moves work with a tool that stands in the cell
+    held_tool: bool = False  # it lets moves work with the tool that the robot holds
 
 
 class BatchReasons(dict[str, str]):
@@ -163,6 +165,7 @@ class ExternalUses:
     )  # routines not given that other files start to run beside all others, and the file
 
     calls_itself: bool = False  # a routine of the file may be called again while it runs
+    external_tool: str = ""  # a routine that lets the file's moves work with a tool which stands in the cell
     other_task: str = ""  # of the same controller, whose files move, too
 
     def doubt_reason(self, tool: str | None, frame: str | None) -> str:

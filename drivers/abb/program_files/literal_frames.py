@@ -176,7 +176,7 @@ class LiteralFrames:
         return frozenset(name for name, one in self._data.items() if one.varies())
 
     def calls_outside(self) -> dict[str, frozenset[str]]:
-        """Return by routine the names that it, or one of the file that it calls, calls and that are not of the file."""
+        """Return by routine what it, or one of the file that it calls, calls outside the file."""
         return called_outside({one.name: (one.called, one.called_outside) for one in self._routines})
 
     def name_at(self, place: int, name: str | None) -> str | None:

@@ -74,7 +74,10 @@ from cellcal.drivers.programs.spans import (
 )
 from cellcal.drivers.programs.world_frames import seen_from_base, standing_remark
 
-_MODULE = re.compile(rb"^(?:\xef\xbb\xbf)?[ \t]*+(?:MODULE[ \t]++[A-Za-z]|%%%)", re.IGNORECASE | re.MULTILINE)
+_MODULE = re.compile(  # a go.mod begins with "module github.com/…"
+    rb"^(?:\xef\xbb\xbf)?[ \t]*+(?:MODULE[ \t]++[A-Za-z][\w\x80-\xff]*+(?![./-])|%%%)",
+    re.IGNORECASE | re.MULTILINE,
+)
 _BEGINS = re.compile(r"^(?:\xef\xbb\xbf)?[ \t]*+MODULE[ \t]++[A-Za-z]\w*+", re.IGNORECASE | re.MULTILINE)
 _ENDS = re.compile(r"\bENDMODULE\b", re.IGNORECASE)
 _OTHER_TASK = "{} of its backup moves, too, and may be another robot: give the files of one task"
