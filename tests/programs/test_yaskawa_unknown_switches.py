@@ -42,3 +42,13 @@ def test_what_is_no_switch_of_its_own_is_refused(on: str, off: str, at: int) -> 
     with pytest.raises(ProgramFileError, match="not understood among positions") as refused:
         read_program("A.JBI", JOB.format(on=on, off=off).encode())
     assert refused.value.line == at
+
+
+def test_an_instruction_that_is_switched_off_does_nothing() -> None:
+    text = JOB.format(on="", off="").replace("MOVL C00001 V=100.0", "//MOVL C00001 V=100.0\n//SFTON P010")
+    positions = read_program("A.JBI", text.encode()).positions
+    assert not positions.barred
+    assert not positions.shifts
+    lost = JOB.format(on="", off="").replace("END\n", "//NAME B\nEND\n")
+    with pytest.raises(ProgramFileError, match="is not understood"):
+        read_program("A.JBI", lost.encode())

@@ -51,7 +51,9 @@ _ZEROS = ",".join("0" * 6)
 _BEYOND = f"{inf}"  # of axes that are no number: nothing counts them as standing at zero
 _END_OF_FILE = "\x1a"  # which tools of DOS put behind a text
 _WORD = re.compile(r"(/{1,4})([A-Z]\w*)(?:[ \t]+(.*?))?[ \t]*\Z")
-_SLASHED = re.compile(r"^/[^\r\n]*", re.MULTILINE)
+_SLASHED = re.compile(  # not an instruction that is switched off
+    r"^(?!//(?!/|NAME\b|POS\b|INST\b|ARGINFO\b))/[^\r\n]*", re.MULTILINE
+)
 _WHOLE = re.compile(r"\d{1,9}\Z")
 _SIGNED = re.compile(r"[+-]?\d{1,9}\Z")  # as tools write turns of an axis that no RCONF states
 BLOCK_BEGINS, BLOCK_ENDS = r"IFTHEN\w*|SWITCH\w*|WHILE\w*|FOR", "ENDIF|ENDSWITCH|ENDWHILE|NEXT"
