@@ -129,3 +129,8 @@ def test_script_nodes_of_a_program_of_polyscope_call_what_it_does_not_hold():
 )  # fmt: skip
 def test_a_name_says_that_nothing_moves(name, still):
     assert moves_no_robot(name) is still
+
+
+def test_the_first_statement_of_a_rapid_function_is_a_call() -> None:
+    text = b"MODULE m\nFUNC bool done(num n)\n  PickPart n;\nRETURN TRUE;\nENDFUNC\nENDMODULE\n"
+    assert [(each.line, each.name) for each in called_procedures(text)] == [(3, "PickPart")]

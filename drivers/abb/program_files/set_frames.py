@@ -23,7 +23,10 @@ _WORD = re.compile(NAME, re.ASCII)
 _ROUTINE = re.compile(rf"\b(?:PROC|FUNC\s++\w++)\s++({NAME})", re.ASCII | re.IGNORECASE)
 _TEXT = re.compile(r'![^\n]*+|"(?:[^"\n]++|"")*+"')
 _WITH_ROUTINE = re.compile(rf'\bMove[LJC]Sync\b[^;"\n]*+"(?:{NAME}:)?+({NAME})"', re.ASCII | re.IGNORECASE)
-_OPENED = re.compile(rf"(?<![\w.\\])({NAME})[ \t]*+\(", re.ASCII)
+_LAST_OR_OPENED = re.compile(rf"(?<![\w.\\,=])({NAME})[ \t\r]*+[(;]", re.ASCII)
+_LEADING = re.compile(rf"(?:^|[;\n])[ \t]*+({NAME})(?=[ \t]++[\w\[\\+-]|\\)", re.ASCII)
+_COMPACT = re.compile(r"\bIF\b((?:(?!\bTHEN\b)[^;\n])*+);", re.ASCII | re.IGNORECASE)
+_BY_VARIABLE = re.compile(r"\bCallByVar\b", re.IGNORECASE)
 
 
 @dataclass(frozen=True)
@@ -56,13 +59,17 @@ def marks_of_set_frames(facts: FrameFacts, file: str, text: str) -> dict[str, st
 
 
 def _possible_calls(text: str) -> set[str]:
-    """Return the names, in small letters, that a file calls, or any name where one is computed."""
-    calls = called_procedures(text.encode("latin-1", "replace"))
-    names = {each.name.lower() for each in calls if not each.pattern}
-    some = [each.pattern.lower() for each in calls if each.pattern]
-    functions = {name.lower() for name in _OPENED.findall(_TEXT.sub("", text))}
-    functions |= {name.lower() for name in _WITH_ROUTINE.findall(text)}
-    return names | functions | {ANY_NAME if each.endswith("*") else each for each in some}
+    """Return the names, in small letters, that a file may call, or any name where one is computed.
+
+    Names of data are among them: a routine of another file has none of these.
+    """
+    silent = _ROUTINE.sub("", _TEXT.sub("", text))
+    names = {*_LAST_OR_OPENED.findall(silent), *_LEADING.findall(silent), *_WITH_ROUTINE.findall(text)}
+    names |= {word for one in _COMPACT.findall(silent) for word in _WORD.findall(one)}
+    if "%" in silent or _BY_VARIABLE.search(silent):
+        calls = called_procedures(text.encode("latin-1", "replace"))
+        names |= {ANY_NAME if each.pattern.endswith("*") else each.pattern for each in calls if each.pattern}
+    return {name.lower() for name in names}
 
 
 def without_frames_of_others(
