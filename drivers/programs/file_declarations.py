@@ -17,6 +17,7 @@ COPIED = "the program copies it, and only the copy is moved to"
 COMPONENT_SET = "the program sets a component of it while it runs"
 VALUES_GIVEN = frozenset((OVERWRITTEN, COMPONENT_SET))
 OPEN_COPY = "the program moves to a copy of it, in the frame that holds where its routine is called"
+CALLED_LAST, NOT_CERTAIN = ">", "?"  # in `RoutineEffects.frame_left`
 NO_MOTION = VALUES_GIVEN | {COPIED, OPEN_COPY}  # what is done to a position without going there
 
 
@@ -41,7 +42,9 @@ class RoutineEffects:
     handlers: frozenset[str] = frozenset()  # routines that interrupt it and those that it calls
     shown_handlers: frozenset[str] = frozenset()  # routines that interrupt its callers, too
     computes: frozenset[str] = frozenset()  # global places that it computes, as the brand names them
-    frame_left: str | None = None  # chosen when it ends, "" for the one that it began with; None: not certain
+    # Chosen when it ends, "" for the one that it began with; None: not certain. Before it, each with CALLED_LAST, the
+    # routines that are called behind it, the last first: each leaves its own, or what it began with.
+    frame_left: str | None = None
     tool_left: str | None = None  # the same of the tool
     beside: frozenset[str] = frozenset()  # routines of its calls that go on while it and its callers run
     likely_calls: frozenset[frozenset[str]] = (
