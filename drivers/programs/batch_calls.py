@@ -14,12 +14,18 @@ from cellcal.drivers.programs.call_graph import (
     reached_settings,
     with_interrupts,
 )
-from cellcal.drivers.programs.file_declarations import FileDeclarations, RoutineEffects
+from cellcal.drivers.programs.file_declarations import (
+    CALLED_LAST,
+    NOT_CERTAIN,
+    FileDeclarations,
+    RoutineEffects,
+)
 
 Routine: TypeAlias = tuple[str, str]  # its file and name
 _CALLED = "{} in {}, which its program calls, sets another tool or frame"
 _CALLER = "{} in {} sets the tool or frame before its program is called, or may"
 _MISSING_PROGRAM = "{} in {} calls a program that was not given, which may set another tool or frame"
+_DEEPEST = 50  # calls that are followed for what is left behind them
 _NOT_GIVEN = "~"  # what a program sets that was not given; behind all numbers and names
 
 
@@ -31,6 +37,7 @@ class BatchCalls:
         self._folders = {file: str(PurePath(file).parent) for file in declarations}
         self._names = [(file, name) for file, one in declarations.items() for name in one.routines]
         self._numbers = {routine: number for number, routine in enumerate(self._names)}
+        self._left: dict[tuple[int, int], str | None] = {}  # by routine, and 0 for the tool, 1 for the frame
         self._shown: dict[str, list[str]] = defaultdict(list)  # by routine: the files that show it
         for file, one in declarations.items():
             for name, routine in one.routines.items():
@@ -89,6 +96,31 @@ class BatchCalls:
     def calls_itself(self, file: str) -> bool:
         """Return whether a routine of a file may be called again while it runs."""
         return any(self._circles[self._numbers[file, name]] for name in self._by_file[file].routines)
+
+    def external_tool_around(self, file: str) -> str:
+        """Return a routine of another file that lets moves of a file work with a tool in the cell; "" for none.
+
+        One around the file counts where none of the file's routines says that the robot holds the tool. A data list
+        is moved to by the program of its name.
+        """
+        below, above = self._external_tools
+        if not any(below):  # as nearly always
+            return ""
+        stem = PurePath(file).with_suffix("")
+        own = [each for each in self._names if PurePath(each[0]).with_suffix("") == stem]
+        says_itself = any(self._by_file[each].routines[name].held_tool for each, name in own)
+        numbers = [self._numbers[each] for each in own]
+        marks = [
+            mark for number in numbers for mark in (*below[number], *(() if says_itself else above[number]))
+        ]
+        subjects = {subject for _, subject in marks}.difference(numbers)
+        return self._names[min(subjects)][1] if subjects else ""
+
+    @cached_property
+    def _external_tools(self) -> "_Around":
+        routines = [self._by_file[file].routines[name] for file, name in self._names]
+        own = [frozenset([""]) if one.external_tool else frozenset() for one in routines]
+        return reached_settings(self._calls, own)
 
     def _numbers_called(self, file: str, names: Iterable[str]) -> list[int]:
         return [self._numbers[called] for name in names for called in self._called_routines(file, name)]
@@ -212,7 +244,8 @@ class BatchCalls:
             lefts = (routine.tool_left, routine.frame_left)
             for some, (below, _), left in zip(found, self._effects_around, lefts, strict=True):
                 chosen = {value for value, _ in below[number] if value != _NOT_GIVEN}
-                numbers = frozenset(chosen if left is None else {left} - {""})
+                open_ = left is None or CALLED_LAST in left
+                numbers = frozenset(chosen if open_ or left is None else {left} - {""})
                 if self._by_file[file].flat and numbers:
                     some[self._folders[file]][name] = numbers
         return found
@@ -231,15 +264,34 @@ class BatchCalls:
             routine = self._by_file[file].routines[name]
             if not self._by_file[file].flat or routine.beside:
                 continue
-            tool, frame = (
-                "" if left is None and not below[number] and not routine.likely_calls else left
-                for left, (below, _) in zip(
-                    (routine.tool_left, routine.frame_left), self._effects_around, strict=True
-                )
-            )
+            tool, frame = (self._left_by(number, which) for which in range(2))
             if tool is not None or frame is not None:
                 found[self._folders[file]][name] = tool, frame
         return found
+
+    def _left_by(self, number: int, which: int, depth: int = 0) -> str | None:
+        """Return the tool (0) or frame (1) that is surely in force behind a routine, "" for the one before it."""
+        file, name = self._names[number]
+        routine = self._by_file[file].routines[name]
+        left = (routine.tool_left, routine.frame_left)[which]
+        if left is None or CALLED_LAST not in left:
+            below = self._effects_around[which][0][number]
+            return "" if left is None and not below and not routine.likely_calls else left
+        if (number, which) not in self._left:
+            self._left[number, which] = None  # also while it is looked for: it may call itself
+            self._left[number, which] = self._left_by_called(file, left.split(CALLED_LAST), (which, depth))
+        return self._left[number, which]
+
+    def _left_by_called(self, file: str, names: list[str], at: tuple[int, int]) -> str | None:
+        """Return what the first of some routines leaves that leaves its own; the last entry where none does."""
+        which, depth = at
+        *called, own = names
+        for each in called if depth < _DEEPEST else ():
+            others = self._called_routines(file, each)
+            behind = self._left_by(self._numbers[others[0]], which, depth + 1) if len(others) == 1 else None
+            if behind != "":
+                return behind
+        return None if own == NOT_CERTAIN or depth >= _DEEPEST else own
 
     def numbers_before(self, file: str) -> tuple[frozenset[str], frozenset[str]]:
         """Return the tools that callers of a file's routines, and what these call, choose, and the frames."""

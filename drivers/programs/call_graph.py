@@ -47,6 +47,17 @@ def in_circles(calls: Sequence[Collection[int]]) -> list[bool]:
     return found
 
 
+def called_outside(routines: Mapping[str, tuple[Set[str], Set[str]]]) -> dict[str, frozenset[str]]:
+    """Return by routine what it, or one that it calls, calls outside; from the calls inside and outside."""
+    numbers = {name: number for number, name in enumerate(routines)}
+    calls = [[numbers[each] for each in sorted(inside) if each in numbers] for inside, _ in routines.values()]
+    outside = [each for _, each in routines.values()]
+    return {
+        name: frozenset().union(*(outside[each] for each in _reached(calls, {number})))
+        for name, number in numbers.items()
+    }
+
+
 def _least_marks(marks: Collection[tuple[str, int]]) -> Marks:
     """Return the least marks, each of another value."""
     found: list[tuple[str, int]] = []

@@ -98,6 +98,7 @@ class BatchDeclarations:
             tools_before=tools_before,
             running=running,
             calls_itself=one.flat and self._calls.calls_itself(file),
+            external_tool=self._calls.external_tool_around(file),
             other_task=other_moving_task(file, self._moving_tasks),
         )
 

@@ -17,6 +17,7 @@ COPIED = "the program copies it, and only the copy is moved to"
 COMPONENT_SET = "the program sets a component of it while it runs"
 VALUES_GIVEN = frozenset((OVERWRITTEN, COMPONENT_SET))
 OPEN_COPY = "the program moves to a copy of it, in the frame that holds where its routine is called"
+CALLED_LAST, NOT_CERTAIN = ">", "?"  # in `RoutineEffects.frame_left`
 NO_MOTION = VALUES_GIVEN | {COPIED, OPEN_COPY}  # what is done to a position without going there
 
 
@@ -41,13 +42,17 @@ class RoutineEffects:
     handlers: frozenset[str] = frozenset()  # routines that interrupt it and those that it calls
     shown_handlers: frozenset[str] = frozenset()  # routines that interrupt its callers, too
     computes: frozenset[str] = frozenset()  # global places that it computes, as the brand names them
-    frame_left: str | None = None  # chosen when it ends, "" for the one that it began with; None: not certain
+    # Chosen when it ends, "" for the one that it began with; None: not certain. Before it, each with CALLED_LAST, the
+    # routines that are called behind it, the last first: each leaves its own, or what it began with.
+    frame_left: str | None = None
     tool_left: str | None = None  # the same of the tool
     beside: frozenset[str] = frozenset()  # routines of its calls that go on while it and its callers run
     likely_calls: frozenset[frozenset[str]] = (
         frozenset()
     )  # of each call whose routine no file tells: the names that it may have, none for any name
     by_macro: bool = False  # the controller's table of macros has it
+    external_tool: bool = False  # it lets moves work with a tool that stands in the cell
+    held_tool: bool = False  # it lets moves work with the tool that the robot holds
 
 
 class BatchReasons(dict[str, str]):
@@ -163,6 +168,7 @@ class ExternalUses:
     )  # routines not given that other files start to run beside all others, and the file
 
     calls_itself: bool = False  # a routine of the file may be called again while it runs
+    external_tool: str = ""  # a routine that lets the file's moves work with a tool which stands in the cell
     other_task: str = ""  # of the same controller, whose files move, too
 
     def doubt_reason(self, tool: str | None, frame: str | None) -> str:

@@ -89,7 +89,7 @@ class FanucInterpreter:
             jump = re.match(r"IF R\[(\d+)\]<(\d+),JMP (LBL\[\d+\])", line)
             if jump:
                 at = labels[jump[3]] if self.numbers.get(int(jump[1]), 0) < int(jump[2]) else at
-            elif not line.startswith("!"):
+            elif not line.startswith(("!", "--")):
                 self._execute_line(line)
         return self.events
 

@@ -256,7 +256,11 @@ def _add_loop(make: _ListingWriter) -> None:
 
 
 def _add_silent_change(make: _ListingWriter) -> None:
-    lines = ["!P[1] INC Offset,PR[1] ", "//L P[1] 100mm/sec FINE INC    ", "WAIT    .30(sec) ", "DO[3]=ON "]
+    lines = [
+        "!P[1] INC Offset,PR[1] ", "//L P[1] 100mm/sec FINE INC    ", "WAIT    .30(sec) ", "DO[3]=ON ",
+        "!then ; COORD P[1] INC ", "!P[1]\n    :  UFRAME_NUM=2 INC ", "--eg:L P[1] RTCP\n    :  Offset,PR[1] ",
+        "//L P[1] 100mm/sec\n    :  FINE COORD    ", "MESSAGE[P[1] INC COORD] ",
+    ]  # fmt: skip
     make.add_lines(_pick_one(make, lines))
 
 

@@ -5,6 +5,7 @@ import pytest
 
 from cellcal.calibration.arm.kinematics import load_model
 from cellcal.calibration.geometry import homogeneous_matrix, quaternion_from_rotation
+from cellcal.drivers.abb.program_files import programs as abb_programs
 from cellcal.drivers.abb.program_files.configuration import AbbConfigurations
 from cellcal.drivers.abb.program_files.programs import BRAND, writes_program
 from cellcal.drivers.programs.errors import ProgramFileError
@@ -315,3 +316,12 @@ def test_joints_and_target_of_one_posture_on_a_real_controller(joints: str, robt
         .matches_postures(model, positions.joints[:1, :6], positions.configurations[1:])
         .all()
     )
+
+
+def test_a_file_of_another_language_with_the_suffix_is_no_module() -> None:
+    wanted = abb_programs.BRAND.writes_program
+    assert wanted is not None
+    assert wanted(b"MODULE MainModule(SYSMODULE)\r\n")
+    assert wanted(b"%%%\n  VERSION:1\n%%%\nMODULE m ! mine\n")
+    assert not wanted(b"module github.com/one/two\n\ngo 1.13\n")
+    assert not wanted(b"module example.com\n")

@@ -103,7 +103,7 @@ def test_a_given_program_and_one_that_the_project_names_are_no_findings(tmp_path
     [
         (called_programs, "/PROG A\n/MN\n 1: !CALL NO ;\n 2: IF R[1]=1,CALL P2 ;\n 3: Pick Tool ;\n 4: Hand Open ;\n/POS\n", ["P2", "Pick Tool"]),
         (called_procedures, 'MODULE M\nRECORD r\nnum a;\nENDRECORD\nPROC main()\nCASE 1: rA\\Fast,3;\nIF di1=1 rB;\nx:=3;\nIF a GOTO l1;\nl1:\nTPWrite "5% of 7%";\n%"rC"+s%;\nENDPROC\nENDMODULE\n', ["rA", "rB", '%"rC"+s%']),
-        (called_routines, "DEF a()\n;FOLD SET GRP;%{PE}%MKUKATPGRP\nH51(1)\n;ENDFOLD\nINTERRUPT DECL 3 WHEN $IN[1] DO hit()\ngo_on(1)\nx[2]=f(3)\nEND\n", ["hit", "go_on"]),
+        (called_routines, "DEF a()\n;FOLD SET GRP;%{PE}%MKUKATPGRP\nH51(1)\n;ENDFOLD\nINTERRUPT DECL 3 WHEN $IN[1] DO hit()\nRSI_ON(#ABSOLUTE)\nRSI_Control(TRUE)\ngo_on(1)\nx[2]=f(3)\nEND\n", ["hit", "RSI_Control", "go_on"]),
         (called_functions, 'def a():\n  textmsg("p()") # q()\n  if (x): do_it() end\n  pick()\n  y = drop(2) + cam.move(1)\nend\n', ["pick", "drop"]),
         (called_jobs, "/JOB\n//INST\nNOP\n'CALL JOB:NO\nCALL JOB:A IF IN#(1)=ON\nPSTART JOB:B SUB1\nEND\n", ["A", "B"]),
     ],
@@ -129,3 +129,8 @@ def test_script_nodes_of_a_program_of_polyscope_call_what_it_does_not_hold():
 )  # fmt: skip
 def test_a_name_says_that_nothing_moves(name, still):
     assert moves_no_robot(name) is still
+
+
+def test_the_first_statement_of_a_rapid_function_is_a_call() -> None:
+    text = b"MODULE m\nFUNC bool done(num n)\n  PickPart n;\nRETURN TRUE;\nENDFUNC\nENDMODULE\n"
+    assert [(each.line, each.name) for each in called_procedures(text)] == [(3, "PickPart")]

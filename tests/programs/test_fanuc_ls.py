@@ -186,7 +186,6 @@ def test_a_position_with_a_number_that_is_none_leaves_the_others(old: str, new: 
     [
         ("Z =     0.000  mm", "Z =     0.000  in", "Z =     0.000  in", "expected is Z = number mm"),
         ("UF : 1, UT : 2,\t\tC", "UF : x, UT : 2,\t\tC", "UF : x", "expected is UF"),
-        ("N U T, 0, 0, 0", "N X T, 0, 0, 0", "N X T", "not a configuration"),
         ("E2=", "E3=", "E1=", "not numbered"),
         ("P[8]", "P[7]", "\n   GP1:\n\tUF : 0", "second time"),
         ("J6=     0.500 deg\n};", "J6=     0.500 deg", "/END", "expected is };"),
@@ -206,6 +205,17 @@ def test_what_is_not_understood_is_refused_with_line_and_column(old: str, new: s
     where = (before.count("\n") + 1, len(before) - before.rfind("\n"))
     assert (caught.value.line, caught.value.column) == where
     assert str(caught.value).startswith(f"pick.ls:{where[0]}:{where[1]}: ")
+
+
+def test_a_configuration_that_is_none_leaves_its_position_alone():
+    data, whole = listing_bytes(), read_ls("pick.ls", listing_bytes()).positions
+    positions = read_ls("pick.ls", data.replace(b"N U T, 0, 0, 0", b"N X T, 0, 0, 0", 1)).positions
+    row = positions.configurations.index("N X T, 0, 0, 0")
+    assert positions.kinds[row] == UNREAD
+    assert "'N X T, 0, 0, 0'" in positions.barred[row]
+    assert positions.barred.keys() - {row} == whole.barred.keys() - {row}
+    others = [at for at in range(len(whole)) if at != row]
+    assert np.array_equal(positions.frame_tip[others], whole.frame_tip[others], equal_nan=True)
 
 
 @pytest.mark.parametrize("section", ["/PROG", "/MN", "/POS", "/END"])

@@ -31,6 +31,18 @@ def taught_in_1(*lines: str, count: int, name: str) -> str:
         ([FRAME.format(2), "  CALL SUB"], ["  CALL UNKNOWN"], ""),
         ([FRAME.format(2), "  CALL UNKNOWN"], ["  DO[1]=ON"], ""),
         (["  CALL SUB", FRAME.format(1)], [FRAME.format(2)], ""),
+        (["  CALL SUB"], ["  CALL SET_2"], "user frame 2"),
+        (["  CALL SUB"], [FRAME.format(1), "  CALL SET_2", "  DO[1]=ON"], "user frame 2"),
+        (["  CALL SUB"], [FRAME.format(2), "  CALL GRIP"], "user frame 2"),
+        (["  CALL SUB"], ["  CALL SET_2", "  CALL GRIP", "  CALL GRIP"], "user frame 2"),
+        ([FRAME.format(2), "  CALL SUB"], ["  CALL GRIP"], "user frame 2"),
+        ([FRAME.format(2), "  CALL SUB"], ["  CALL SET_2", "  CALL SET_1"], ""),
+        (["  CALL SUB"], ["  IF DI[1]=ON,CALL SET_2", "  CALL GRIP"], ""),
+        (["  CALL SUB"], ["  IF DI[1]=ON,JMP LBL[1]", "  CALL SET_2", "  LBL[1]"], ""),
+        (["  CALL SUB"], ["  IF DI[1]=ON,END", "  CALL SET_2"], ""),
+        (["  CALL SUB"], ["  CALL SET_2", "  CALL UNKNOWN"], ""),
+        (["  CALL SUB"], ["  CALL SUB"], ""),
+        (["  CALL SUB"], ["  CALL SET_2", "  Hand Open"], ""),
     ],
 )
 def test_what_is_selected_behind_a_call_is_known_where_it_is_certain(
@@ -40,6 +52,8 @@ def test_what_is_selected_behind_a_call_is_known_where_it_is_certain(
         "MAIN.LS": taught_in_1(*TAUGHT, move(1), *lines, move(2), count=2, name="MAIN"),
         "SUB.LS": listing(*called, count=0, name="SUB"),
         "SET_1.LS": listing(FRAME.format(1), count=0, name="SET_1"),
+        "SET_2.LS": listing(FRAME.format(2), count=0, name="SET_2"),
+        "GRIP.LS": listing("  DO[2]=ON", count=0, name="GRIP"),
     }
     barred = read_programs(tmp_path, files)["MAIN.LS"].positions.barred
     assert sorted(barred) == ([1] if why else [])

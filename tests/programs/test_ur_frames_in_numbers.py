@@ -43,3 +43,31 @@ def test_each_pose_stands_in_the_numbers_above_its_move() -> None:
 def test_where_it_is_not_certain_no_pose_stands_in_it(lines: tuple[str, ...]) -> None:
     assert 0.4 not in places(*lines)
     assert 0.3 not in places(*lines)
+
+
+CALLED = "  def other():\n{}  end\n"
+
+
+@pytest.mark.parametrize(
+    ("lines", "found"),
+    [
+        ((CALLED.format(SECOND + MOVE), FIRST, MOVE, "  other()\n", FIRST, MOVE), [0.3, 0.4, 0.4]),
+        ((CALLED.format(SECOND + MOVE), FIRST, MOVE, "  other()\n", MOVE), [0.3, 0.4]),
+        ((CALLED.format(SECOND), FIRST, "  if other():\n", MOVE, "  end\n", MOVE), []),
+        ((CALLED.format(SECOND + "  if x:\n    other()\n  end\n" + MOVE + FIRST), FIRST, MOVE), [0.4]),
+        ((CALLED.format(SECOND), CALLED.format("  other()\n").replace("def other", "def far"), FIRST, "  far()\n", MOVE), []),
+        ((CALLED.format("  sync()\n"), FIRST, "  other()\n", MOVE, SECOND, MOVE), [0.4, 0.3]),
+        ((CALLED.format(SECOND), FIRST, "  while x:\n", MOVE, "    other()\n  end\n"), []),
+        ((CALLED.format(SECOND), FIRST, "  while x:\n  ", FIRST, MOVE, "    other()\n  end\n"), [0.4]),
+    ],
+    ids=["each", "called", "condition", "itself", "through", "harmless", "loop", "set_in_loop"],
+)  # fmt: skip
+def test_frames_that_several_functions_set(lines: tuple[str, ...], found: list[float]) -> None:
+    assert places(*lines) == found
+
+
+def test_a_pose_in_a_frame_that_is_not_certain_is_named_with_the_true_reason() -> None:
+    body = (CALLED.format(SECOND), FIRST, "  other()\n", MOVE)
+    program = read_program("r.script", (HEAD + "".join(body) + "end\nProg1()\n").encode())
+    barred = {program.positions.names[row]: why for row, why in program.positions.barred.items()}
+    assert "set while the program runs" in barred["line 8"]

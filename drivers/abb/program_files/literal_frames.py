@@ -19,9 +19,10 @@ from cellcal.drivers.abb.program_files.written_frames import (
     poses_of_numbers,
     standing_numbers,
 )
-from cellcal.drivers.programs.call_graph import in_circles
+from cellcal.drivers.programs.call_graph import called_outside, in_circles
 from cellcal.drivers.programs.text_flow import TextFlow
 
+ANY_NAME = "*"  # of a routine whose name is computed
 _KINDS = ("tooldata", "wobjdata")
 _LENGTHS, _TURN = RapidAggregate.from_shape("[nnn]"), RapidAggregate.from_shape("[nnnn]")
 _POSE = RapidAggregate.from_shape(f"[{POSE}]")
@@ -98,6 +99,14 @@ class _Data:
             found[part] = numbers
         return found
 
+    def varies(self) -> bool:
+        """Return whether a part of it may have different numbers."""
+        return any(
+            not all(_alike(some[0].values[part], one.values[part]) for one in some)
+            for part in PARTS[self.kind]
+            if (some := [one for one in self.settings if part in one.values])
+        )
+
     def _only_numbers(self, part: str, settings: list[_Setting]) -> tuple[str, ...] | None:
         """Return the numbers of a part that is declared with them, and never set to others."""
         own = None if self.declared is None else self.declared[part]
@@ -118,6 +127,7 @@ class _Routine:
     calls: list[int] = field(default_factory=list)
     handler: int | None = None  # where what runs after errors begins
     called: set[str] = field(default_factory=set)  # routines of the file, in small letters
+    called_outside: set[str] = field(default_factory=set)  # what may be routines of other files
     recurs: bool = False  # it may be called again while it runs
 
     def last_of(self, settings: list[_Setting], part: str, place: int) -> tuple[str, ...] | None:
@@ -160,6 +170,14 @@ class LiteralFrames:
     def routine_names(self) -> frozenset[str]:
         """Return the names of its routines, in small letters; none where they set no tool and no work object."""
         return frozenset(one.name for one in self._routines) if self._data else frozenset()
+
+    def varied_names(self) -> frozenset[str]:
+        """Return the tools and work objects, in small letters, that are not set to the same numbers everywhere."""
+        return frozenset(name for name, one in self._data.items() if one.varies())
+
+    def calls_outside(self) -> dict[str, frozenset[str]]:
+        """Return by routine what it, or one of the file that it calls, calls outside the file."""
+        return called_outside({one.name: (one.called, one.called_outside) for one in self._routines})
 
     def name_at(self, place: int, name: str | None) -> str | None:
         """Return a tool or work object of a move with its numbers, where these surely hold, or its name."""
@@ -278,6 +296,7 @@ class _Reader:
             flow.labels.append(place)
         elif kind == "late":
             routine.calls.append(place)
+            routine.called_outside.add(ANY_NAME)
         else:
             self._take_block(flow, kind, place)
 
@@ -304,6 +323,8 @@ class _Reader:
         if self.inside is not None:
             self.inside.calls += [found.start()] if self.calls or word in _WITH_ROUTINE else []
             self.inside.called |= {word} & self.own
+            leaves = word not in self.own and (may_set or (opens and word not in _CALLS_NOTHING))
+            self.inside.called_outside |= {word} if leaves else set()
         if word in _BY_NAME or (self.trap and word in self.own):  # at any time, whatever it sets
             self.data.clear()
         self.declares |= word in _DECLARING

@@ -32,7 +32,11 @@ from cellcal.drivers.abb.program_files.motion_configuration import (
 )
 from cellcal.drivers.abb.program_files.rapid_called import NAMES
 from cellcal.drivers.abb.program_files.rapid_module import read_module
-from cellcal.drivers.abb.program_files.set_frames import marks_of_set_frames, without_frames_of_others
+from cellcal.drivers.abb.program_files.set_frames import (
+    SetFrames,
+    marks_of_set_frames,
+    without_frames_of_others,
+)
 from cellcal.drivers.abb.program_files.unchecked_configurations import ignores_configurations
 from cellcal.drivers.abb.program_files.written_numbers import (
     LEAST_LENGTH_DECIMALS,
@@ -70,7 +74,10 @@ from cellcal.drivers.programs.spans import (
 )
 from cellcal.drivers.programs.world_frames import seen_from_base, standing_remark
 
-_MODULE = re.compile(rb"^(?:\xef\xbb\xbf)?[ \t]*+(?:MODULE[ \t]++[A-Za-z]|%%%)", re.IGNORECASE | re.MULTILINE)
+_MODULE = re.compile(  # a go.mod begins with "module github.com/…"
+    rb"^(?:\xef\xbb\xbf)?[ \t]*+(?:MODULE[ \t]++[A-Za-z][\w\x80-\xff]*+(?![./-])|%%%)",
+    re.IGNORECASE | re.MULTILINE,
+)
 _BEGINS = re.compile(r"^(?:\xef\xbb\xbf)?[ \t]*+MODULE[ \t]++[A-Za-z]\w*+", re.IGNORECASE | re.MULTILINE)
 _ENDS = re.compile(r"\bENDMODULE\b", re.IGNORECASE)
 _OTHER_TASK = "{} of its backup moves, too, and may be another robot: give the files of one task"
@@ -93,8 +100,7 @@ class AbbFile:
     keys: tuple[str, ...]  # (N,) the targets' names as other modules write them
     used: frozenset[int]  # rows that moves of this file go to
     declared: frozenset[str]  # its own tools and work objects, in small letters
-    shown_frames: frozenset[str]  # those of them that it sets to numbers, and others may set, too
-    setting_routines: frozenset[str]  # that set any of them, or may
+    set_frames: SetFrames  # those of them that it sets to numbers
     brand: str = "abb"
 
     def to_bytes(self) -> bytes:
@@ -182,8 +188,7 @@ class AbbFile:
             keys=tuple(uses.local_keys.get(row, found.names[row].lower()) for row in order.tolist()),
             used=frozenset(k for k, row in enumerate(order.tolist()) if uses.of_row.get(row)),
             declared=frozenset(module.frames.declared),
-            shown_frames=module.literal.shown_names(),
-            setting_routines=module.literal.routine_names(),
+            set_frames=SetFrames.of_literal(module.literal),
             name=module.name or PurePath(name).stem,
             positions=replace(
                 _with_configurations_that_count(
@@ -227,9 +232,7 @@ class AbbFile:
             for shift in measured_shifts(self.source, name, frames_in_other_files(uses))
         )
         positions = replace(positions, shifts=(*positions.shifts, *places, *measured))
-        positions = without_frames_of_others(
-            positions, external_uses, self.shown_frames, self.setting_routines
-        )
+        positions = without_frames_of_others(positions, external_uses, self.set_frames)
         positions = _with_agreed_tools(positions, external_uses, self.keys)
         positions = _without_other_robots(positions, external_uses.other_task)
         if is_of_unknown_robot(external_uses):

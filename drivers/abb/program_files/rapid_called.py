@@ -18,7 +18,7 @@ _BEFORE = re.compile(
     r"\b(?:THEN\b|ELSE\b|DO\b|DEFAULT[ \t]*:|ERROR\b|UNDO\b|BACKWARD\b)"
     r"|\bEND(?:IF|FOR|WHILE|TEST|PROC|FUNC|TRAP|MODULE|RECORD)\b"
     r"|\bCASE\b[^:;]{0,400}:|^[ \t]*[A-Za-z]\w*[ \t]*:(?!=)"
-    r"|\b(?:PROC|TRAP)\b[^\n(]{0,200}(?:\([^)]{0,2000}\))?"
+    r"|\b(?:PROC|TRAP|FUNC[ \t]+\w+)\b[^\n(]{0,200}(?:\([^)]{0,2000}\))?"
     r"|\bRECORD\b(?:[^;!]{0,200};){0,100}?\s{0,200}ENDRECORD\b"
     r"|\bMODULE[ \t]+\w+(?:[ \t]*\([^)]{0,200}\))?",
     re.IGNORECASE | re.MULTILINE,

@@ -131,8 +131,9 @@ def setters_beside(file: str, marks: BatchReasons) -> Sequence[str]:
 
 
 def is_made_alone(file: str, name: str, marks: BatchReasons) -> bool:
-    """Return whether another program of a file's folder sets a user frame that none calls by its name."""
-    return any(rest.partition(" ")[2] != name for rest in marks.rests_behind(_alone(file)))
+    """Return whether another program of a file's folder sets a frame or a tool that none calls by its name."""
+    frames = (rest.partition(" ")[2] for rest in marks.rests_behind(_alone(file)))
+    return any(other != name for other in (*frames, *marks.rests_behind(_tools_alone(file))))
 
 
 def mark_of_starter(file: str, name: str) -> dict[str, str]:
@@ -158,10 +159,12 @@ def without_set_frames(positions: Positions, file: str, set_by_whom: Mapping[str
 
 
 def frames_made_alone(file: str, name: str, doubtful: Mapping[str, str]) -> dict[str, str]:
-    """Return the user frames among what `frames_set` found, as marks for programs that do not call this one."""
+    """Return the user frames among what `frames_set` found, and whether tools are, as marks for other programs."""
     folder = PurePath(file).parent
     numbers = (key.removeprefix(f"{folder} frame ") for key in doubtful if key.startswith(f"{folder} frame "))
-    return {f"{_alone(file)} {number} {name}": "" for number in numbers}
+    of_tools = any(key.startswith(f"{folder} tool ") for key in doubtful)
+    tools = {f"{_tools_alone(file)} {name}": ""} if of_tools else {}
+    return {f"{_alone(file)} {number} {name}": "" for number in numbers} | tools
 
 
 def with_frames_of_people(positions: Positions, file: str, name: str, marks: BatchReasons) -> Positions:
@@ -194,6 +197,10 @@ def _starters(file: str) -> str:
 
 def _alone(file: str) -> str:
     return f"{PurePath(file).parent} alone"
+
+
+def _tools_alone(file: str) -> str:
+    return f"{PurePath(file).parent} tools alone"
 
 
 def _register_key(file: str, which: str, number: str) -> str:

@@ -8,7 +8,8 @@ import re
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from cellcal.drivers.fanuc.program_files.ls_statements import macro_of, read_statements
+from cellcal.drivers.fanuc.program_files.ls_statements import Statement, macro_of, read_statements
+from cellcal.drivers.programs.file_declarations import CALLED_LAST, NOT_CERTAIN
 
 
 class _Patterns(NamedTuple):
@@ -33,6 +34,7 @@ def _patterns_of(words: bytes, variable: bytes) -> _Patterns:
 _OF_FRAME = _patterns_of(rb"UFRAME_NUM|BENUTZER_NUM", b"MNUFRAMENUM")
 _OF_TOOL = _patterns_of(rb"UTOOL_NUM|WKZ_NUM", b"MNUTOOLNUM")
 _GETS_VALUE = re.compile(rb"(?<![A-Z])R\[ *+(\d++|[A-Z]++\[[^\]]*+\]) *+\][ \t]*+=")
+_CALL = re.compile(rb"(?:CALL|AUFRUF)[ \t]++([A-Za-z_]\w*+)[ \t]*+(?:\([^;]*\))?[ \t]*+", re.IGNORECASE)
 _ENDS = re.compile(rb"\b(?:ABORT|END|ENDE)\b")
 # A way through the program may part or meet another one here, or another program may choose a frame.
 _BRANCHES = re.compile(
@@ -43,7 +45,10 @@ _BRANCHES = re.compile(
 
 
 def frame_left_by(data: bytes) -> str | None:
-    """Return the frame in force at the end, "" for the one that the program began with; None where not certain."""
+    """Return the frame in force at the end, "" for the one that the program began with; None where not certain.
+
+    Programs that it surely calls behind all choices stand before it, as `RoutineEffects.frame_left` says.
+    """
     return _number_left(_OF_FRAME, data)
 
 
@@ -53,9 +58,41 @@ def tool_left_by(data: bytes) -> str | None:
 
 
 def _number_left(patterns: _Patterns, data: bytes) -> str | None:
+    statements = list(read_statements(data))
+    called, rest = _called_last(patterns, statements)
+    own = _own_number_left(patterns, data, rest)
+    if not called:
+        return own
+    if own is None and not patterns.selection.search(data) and not any(_is_branch(each) for each in rest):
+        own = ""  # it chooses none itself
+    return CALLED_LAST.join([*called, NOT_CERTAIN if own is None else own])
+
+
+def _called_last(
+    patterns: _Patterns, statements: Sequence[Statement]
+) -> tuple[list[str], Sequence[Statement]]:
+    """Return the programs that are called on every way behind all choices, the last first, and what is above them."""
+    called: list[str] = []
+    end = len(statements)
+    for number in range(len(statements) - 1, -1, -1):
+        text = statements[number].text
+        if (call := _CALL.fullmatch(text)) is not None:
+            called.append(call[1].decode("cp437").upper())
+            end = number
+        elif _is_branch(statements[number]) or patterns.selection.search(text):
+            break
+    if any(_ENDS.search(each.text) for each in statements[:end]):
+        return [], statements
+    return called, statements[:end]
+
+
+def _is_branch(statement: Statement) -> bool:
+    return _BRANCHES.search(statement.text) is not None or macro_of(statement) != ""
+
+
+def _own_number_left(patterns: _Patterns, data: bytes, statements: Sequence[Statement]) -> str | None:
     if not patterns.selection.search(data):
         return None  # programs that it calls may choose one
-    statements = list(read_statements(data))
     texts = [each.text for each in statements]
     chosen = [
         number
@@ -67,7 +104,7 @@ def _number_left(patterns: _Patterns, data: bytes) -> str | None:
     first, last = chosen[0], chosen[-1]
     if any(_ENDS.search(text) for text in texts[:last]):
         return None
-    if any(_BRANCHES.search(each.text) or macro_of(each) for each in statements[last + 1 :]):
+    if any(_is_branch(each) for each in statements[last + 1 :]):
         return None
     if (number := patterns.by_number.fullmatch(texts[last])) is not None:
         return str(int(number[1]))

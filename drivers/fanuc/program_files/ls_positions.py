@@ -17,6 +17,7 @@ from cellcal.drivers.fanuc.program_files.ls_records import (
     CoordinateForm,
     ListingFile,
     PositionRecord,
+    is_configuration,
     is_number,
     read_records,
 )
@@ -33,6 +34,7 @@ _KIND = {
     CoordinateForm.BROKEN: UNREAD,
     CoordinateForm.REMOTE: REMOTE,
 }
+_NO_CONFIGURATION = "its configuration {text!r} is none such as 'N U T, 0, 0, 0', and it is not read"
 _DIGITS_UNSAID = 3  # $LUPS_DIGIT as it leaves the factory
 
 
@@ -209,7 +211,11 @@ def _assemble_positions(columns: _RecordColumns) -> Positions:
         configurations=tuple(columns.configurations),
         resolution_m=resolution[:, 0],
         resolution_rad=resolution[:, 1],
-        barred={row: NO_NUMBER for row, kind in enumerate(columns.kinds) if kind == UNREAD},
+        barred={
+            row: NO_NUMBER if is_configuration(text) else make_message(_NO_CONFIGURATION, text=text)
+            for row, (kind, text) in enumerate(zip(columns.kinds, columns.configurations, strict=True))
+            if kind == UNREAD
+        },
     )
     return with_external_columns(positions, columns.units)
 

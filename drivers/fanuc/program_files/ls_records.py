@@ -30,7 +30,7 @@ class CoordinateForm(Enum):
     CARTESIAN = "cartesian"
     JOINTS = "joints"
     UNTAUGHT = "untaught"
-    BROKEN = "broken"  # a coordinate is no number
+    BROKEN = "broken"  # a coordinate is no number, or its configuration none
     REMOTE = "remote"
 
 
@@ -81,14 +81,14 @@ def read_records(place: ListingFile, start: int, end: int) -> Iterator[PositionR
         With the line and column at which something is not understood.
     """
     data, at = place.data, start
-    known_texts: set[bytes] = set()
+    known_texts: dict[bytes, bool] = {}
     while head := HEAD.match(data, at, end):
         found, at = _any_record(place, head, end)
         for record in found:
-            if record.configuration not in known_texts:
-                _check_configuration(place, record)
-                known_texts.add(record.configuration)
-        yield from found
+            text = record.configuration
+            if text not in known_texts:
+                known_texts[text] = is_configuration(text.decode("cp437"))
+            yield record if known_texts[text] else record._replace(form=CoordinateForm.BROKEN)
     gap = GAP.match(data, at, end)
     if gap is None or gap.end() != end:
         raise _not_understood(place, at, end)
@@ -173,13 +173,9 @@ def _read_axes(place: ListingFile, at: int, text: bytes) -> tuple[AxisText, ...]
     return axes
 
 
-def _check_configuration(place: ListingFile, record: PositionRecord) -> None:
-    text = record.configuration.decode("cp437")
-    if CONFIGURATION.fullmatch(text) is None:
-        at = place.data.index(record.configuration, record.offset)
-        raise place.error_at(
-            at, make_message("{text!r} is not a configuration such as 'N U T, 0, 0, 0'.", text=text)
-        )
+def is_configuration(text: str) -> bool:
+    """Return whether a text is written as controllers write configurations."""
+    return CONFIGURATION.fullmatch(text) is not None
 
 
 def _not_understood(place: ListingFile, at: int, end: int, next_is: str = "") -> ProgramFileError:

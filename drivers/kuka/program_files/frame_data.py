@@ -11,7 +11,7 @@ from cellcal.drivers.kuka.program_files.patterns import B
 from cellcal.drivers.kuka.program_files.point_uses import EXTERNAL_TOOL, data_of
 from cellcal.drivers.programs.barred import COMPUTED
 from cellcal.drivers.programs.file_declarations import COPIED, ExternalUses, MoveFrames
-from cellcal.drivers.programs.positions import Positions
+from cellcal.drivers.programs.positions import CARTESIAN, Positions
 
 _TOOL_OF = re.compile(rf"\$TOOL{B}*+={B}*+STOOL2?{B}*+\({B}*+(\w++)", re.ASCII | re.IGNORECASE)
 _BASE_OF = re.compile(rf"\$BASE{B}*+={B}*+SBASE{B}*+\({B}*+(\w++)", re.ASCII | re.IGNORECASE)
@@ -175,3 +175,14 @@ def without_mixed_work(positions: Positions, keys: Sequence[str], external_uses:
     """Return positions of which those are left that are taught for a standing tool and moved to otherwise."""
     mixed = {row: _MIXED_WORK for row in positions.held_work if external_uses.uses_of_name(keys[row])}
     return replace(positions, barred={**mixed, **positions.barred}) if mixed else positions
+
+
+def without_external_tools(positions: Positions, taught: Set[int], external_uses: ExternalUses) -> Positions:
+    """Return positions of which those are left that another file lets be moved to with a tool in the cell.
+
+    Points with frame data say themselves which tool is meant.
+    """
+    if not external_uses.external_tool:
+        return positions
+    rows = [row for row, kind in enumerate(positions.kinds) if kind == CARTESIAN and row not in taught]
+    return replace(positions, barred={**dict.fromkeys(rows, EXTERNAL_TOOL), **positions.barred})

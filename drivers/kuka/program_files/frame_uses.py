@@ -125,6 +125,8 @@ class KrlRoutine:
     reset_at: list[int] = field(default_factory=list)  # where it does so, in the order of the text
     calls_at: list[int] = field(default_factory=list)  # where it calls others, in the order of the text
     triggers: bool = False  # it lets others run during its motions
+    external_tool: bool = False  # it sets that the tool stands in the cell
+    held_tool: bool = False  # it sets that the robot holds the tool
 
     def passed_until_here(self) -> int:
         """Return a number that grows with each thing read after which another tool or base may hold."""

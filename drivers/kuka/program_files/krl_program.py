@@ -211,7 +211,10 @@ class KrlProgram(KrlMotions):
             self.found.add_remark(line.start, "foreign", patterns.COUPLED_TEXT)
             return
         if which == "IPO_MODE":
-            self.points.external_tool |= "#TCP" in text[place : line.end].upper()
+            is_external = "#TCP" in text[place : line.end].upper()
+            self.points.external_tool |= is_external
+            self.points.routines[-1].external_tool |= is_external
+            self.points.routines[-1].held_tool |= not is_external
             self.found.add_remark(line.start, "foreign", patterns.EXTERNAL_TEXT)
             return
         routine = self.points.routines[-1]

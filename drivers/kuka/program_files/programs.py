@@ -7,6 +7,7 @@ from pathlib import PurePath
 from typing import Self
 
 from cellcal.calibration.geometry import Pose
+from cellcal.drivers.kuka.program_files.cell_folders import cells_of, program_folder
 from cellcal.drivers.kuka.program_files.collected_positions import KrlPositions
 from cellcal.drivers.kuka.program_files.configuration import KukaConfigurations
 from cellcal.drivers.kuka.program_files.data_list import declared_names, read_data_list
@@ -17,6 +18,7 @@ from cellcal.drivers.kuka.program_files.frame_data import (
     marks_of_set_data,
     uses_of_own_data,
     with_frame_data,
+    without_external_tools,
     without_mixed_work,
 )
 from cellcal.drivers.kuka.program_files.frame_uses import WRITTEN_OUT
@@ -46,6 +48,7 @@ from cellcal.drivers.kuka.program_files.taught_entries import (
     EntryMarks,
     marks_of_entries,
     with_set_entries,
+    without_entries_set_beside,
     without_set_data,
 )
 from cellcal.drivers.kuka.program_files.written_numbers import (
@@ -83,7 +86,6 @@ _DEFINED_BYTES = re.compile(
     rb"^(?:\xef\xbb\xbf)?[ \t]*+(?:GLOBAL[ \t]++)?+(?:DEFDAT|DEFFCT|DEF)\b|^&[A-Z]", re.I | re.M
 )
 _TABLES = re.compile(rb"\b(?:TOOL|BASE)_DATA[ \t]*+\[|\$ROBROOT\b", re.IGNORECASE)
-_ROOT = re.compile(r"R\d", re.IGNORECASE)  # KRC/R1: where the programs of a controller stand
 Spans = dict[str, tuple[int, int]]
 _LOOKED_AT = 1 << 16  # bytes in which a program names itself
 
@@ -105,6 +107,7 @@ class KukaFile:
     routines: Mapping[int, str]  # rows written into moves, and their routine
     frame_data: Mapping[str, TaughtFrames]  # of a data list
     empty: Mapping[str, frozenset[MoveFrames]]  # a program's own points without a value
+    taken: Mapping[str, Set[str]]  # as `EntryMarks` says
     brand: str = "kuka"
 
     def to_bytes(self) -> bytes:
@@ -157,6 +160,7 @@ class KukaFile:
             },
             frame_data=summary.frame_data,
             empty=summary.empty,
+            taken=summary.entries.taken,
             positions=with_standing_bases(found.to_positions(rows, written, summary.shifts), taught),
             remarks=tuple(sorted(found.remarks, key=lambda remark: remark.line)),
             frames=frames,
@@ -185,8 +189,10 @@ class KukaFile:
             taught=self.taught,
             routines=self.routines,
         )
-        cell = _cells_of(external_uses.file)[0]
+        cell = cells_of(external_uses.file)[0]
         positions = with_set_entries(positions, self.keys, self._own_taught(), external_uses, cell)
+        positions = without_entries_set_beside(positions, self.taken, external_uses, cell)
+        positions = without_external_tools(positions, self.taught, external_uses)
         positions = _without_set_tables(positions, self.declarations.module, external_uses)
         positions = without_mixed_work(positions, self.keys, external_uses)
         positions = without_set_data(positions, self.keys, self.taught, set_data)
@@ -322,23 +328,16 @@ def _with_path(
 ) -> FileDeclarations:
     module = path.stem.upper()
     doubtful = {
-        f"{module if key[-1] == '*' else _program_folder(path)} {key}": why
+        f"{module if key[-1] == '*' else program_folder(path)} {key}": why
         for key, why in declarations.doubtful.items()
     }
-    doubtful |= marks_of_set_data(set_data, path) | entries.of_file(_program_folder(path), path)
+    doubtful |= marks_of_set_data(set_data, path) | entries.of_file(program_folder(path), path)
     return replace(declarations, module=module, public=module == "$CONFIG", doubtful=doubtful)
-
-
-def _program_folder(path: PurePath) -> str:
-    """Return the folder of a controller's programs: all below its R1, or those that lie together."""
-    parts = path.parent.parts
-    roots = [depth for depth, part in enumerate(parts, 1) if _ROOT.fullmatch(part)]
-    return str(PurePath(*parts[: roots[-1]] if roots else parts))
 
 
 def _with_carried_bases(positions: Positions, taught: Set[int], external_uses: ExternalUses) -> Positions:
     """Return positions of which those need a positioner whose base the controller's lists say one carries."""
-    cells = _cells_of(external_uses.file)
+    cells = cells_of(external_uses.file)
     carried = {
         base
         for base in set(positions.user_frames) - {None}
@@ -354,12 +353,6 @@ def _with_carried_bases(positions: Positions, taught: Set[int], external_uses: E
     return replace(positions, conditions={**positions.conditions, **conditions}) if conditions else positions
 
 
-def _cells_of(file: str) -> Sequence[str]:
-    """Return the folders whose controller's lists count for a file: its own, and those above."""
-    cell = PurePath(_program_folder(PurePath(file)))
-    return tuple(map(str, (cell, *cell.parents)))
-
-
 def _without_set_tables(positions: Positions, module: str, external_uses: ExternalUses) -> Positions:
     """Return positions of which those are left whose tool or base a program sets in the tables, or the robot's root.
 
@@ -367,7 +360,7 @@ def _without_set_tables(positions: Positions, module: str, external_uses: Extern
     """
     if not external_uses.doubtful:  # as nearly always
         return positions
-    whose = (module, *_cells_of(external_uses.file))  # a program counts for those below its folder
+    whose = (module, *cells_of(external_uses.file))  # a program counts for those below its folder
     if any(f"{one} {SET}" in external_uses.doubtful for one in whose):
         cartesian = {row: ROOT_SET for row, kind in enumerate(positions.kinds) if kind == CARTESIAN}
         return replace(positions, barred={**cartesian, **positions.barred})

@@ -30,6 +30,9 @@ class TableSettings:
 
     _of_entry: dict[tuple[str, str], list[_Setting]] = field(default_factory=lambda: defaultdict(list))
 
+    taken: dict[str, set[str]] = field(
+        default_factory=lambda: defaultdict(set)
+    )  # by entry, as "BASE 3": its numbers where they were put in its place
     _taught: dict[str, list[tuple[int, int, Branches]]] = field(default_factory=lambda: defaultdict(list))
 
     def note_setting(
@@ -81,6 +84,7 @@ class TableSettings:
             value = _value_at(settings, routine, place, branches)
             if value != UNKNOWN:
                 use.order[at] = place, value, branches
+                self.taken[f"{which} {number}"].add(value)
         use.values = {value for _, value, _ in use.order}
 
 

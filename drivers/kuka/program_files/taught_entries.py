@@ -24,11 +24,17 @@ class EntryMarks:
     values: Mapping[str, str] = field(
         default_factory=dict
     )  # by "FP1 BASE 3": what it is at the moves to the point
+    taken: Mapping[str, Set[str]] = field(default_factory=dict)  # as `TableSettings` says
+    interrupts: bool = False  # it declares handlers
+    calls: bool = False  # it calls routines
 
     def of_file(self, folder: str, path: PurePath) -> dict[str, str]:
         """Return it as marks, under the file's name and its controller's folder."""
         names = {f"{_list_of(path)} {data}": value for data, value in self.values.items()}
-        return names | {f"{folder} sets {entry} {path}": COMPUTED for entry in self.entries}
+        names |= {f"{folder} sets {entry} {path}": COMPUTED for entry in self.entries}
+        submits = path.suffix.lower() == ".sub" and (self.calls or bool(self.entries))
+        beside = self.interrupts or submits
+        return names | ({f"{folder} interrupts {path}": COMPUTED} if beside else {})
 
 
 NO_ENTRIES = EntryMarks()
@@ -36,7 +42,38 @@ NO_ENTRIES = EntryMarks()
 
 def marks_of_entries(tables: TableSettings, routines: Sequence[KrlRoutine]) -> EntryMarks:
     """Return what a program says of the entries that it sets."""
-    return EntryMarks(frozenset(tables.entries_set()), tables.taught_values(routines))
+    interrupts = any(one.handlers or one.shown_handlers for one in routines)
+    return EntryMarks(
+        frozenset(tables.entries_set()),
+        tables.taught_values(routines),
+        tables.taken,
+        interrupts,
+        calls=any(one.calls for one in routines),
+    )
+
+
+def without_entries_set_beside(
+    positions: Positions, taken: Mapping[str, Set[str]], external_uses: ExternalUses, folder: str
+) -> Positions:
+    """Return positions of which those are left whose entry another file sets that may run at any time.
+
+    That is an interrupt's handler or a submit program; between files it is not followed which of them leads there.
+    """
+    path, marks = PurePath(external_uses.file), external_uses.doubtful
+    if not taken or not marks.rests_behind(f"{folder} interrupts"):
+        return positions
+    values = {
+        f"${entry.partition(' ')[0]}={value.removeprefix(WRITTEN_OUT)}"
+        for entry, some in taken.items()
+        if _is_set_by_others(marks, folder, path, entry)
+        for value in some
+    }
+    rows = [
+        row
+        for row, names in enumerate(zip(positions.tools, positions.user_frames, strict=True))
+        if values.intersection(names)
+    ]
+    return replace(positions, barred={**dict.fromkeys(rows, COMPUTED), **positions.barred})
 
 
 def with_set_entries(

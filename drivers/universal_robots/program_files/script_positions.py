@@ -13,6 +13,7 @@ from collections.abc import Iterator
 from functools import cached_property
 from typing import NamedTuple
 
+from cellcal.drivers.programs.barred import COMPUTED
 from cellcal.drivers.programs.line_numbers import LineNumbers
 from cellcal.drivers.programs.positions import NO_NUMBER
 from cellcal.drivers.universal_robots.program_files.script_arguments import PassedArguments
@@ -76,6 +77,7 @@ class PositionFinder:
         settle_set_frames(found, text, frozenset(changed))
         self.moves_to = settle_assigned_frames(found, text)  # literals that another name stands for in moves
         self.found = found
+        self.set_names = {one.name for one in found.literals if one.role in ("value", "frame")}
         self.lines = LineNumbers(text)
         self.functions = frozenset(_FUNCTION.findall(text))  # of the script itself
         self.parameters = parameters
@@ -174,7 +176,8 @@ class PositionFinder:
     def _unread_place(self, literal: ScriptLiteral) -> ScriptPlace:
         name = literal.name if literal.role == "value" else f"line {self.line_of(literal.start)}"
         pose, joints = (literal, None) if literal.is_pose else (None, literal)
-        return ScriptPlace(name, pose, joints, BASE, (), NOT_READ)
+        in_set_frame = literal.role == "in_frame" and literal.name in self.set_names
+        return ScriptPlace(name, pose, joints, BASE, (), COMPUTED if in_set_frame else NOT_READ)
 
     def _is_offset(self, literal: ScriptLiteral) -> bool:
         """Return whether a pose is only added to others, or a step from a place that goes along with the work."""

@@ -7,6 +7,7 @@ stand inside of another one, as in all programs that PolyScope writes.
 import re
 from bisect import bisect_right
 from collections import defaultdict
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 GLOBAL, UNKNOWN = -1, -2  # in place of a function: a variable of all; one that no function around sets
@@ -116,6 +117,29 @@ class ScriptScopes:
                 return False
             number = block.around
         return number == outer
+
+    def may_meet(self, marks: Sequence[int], place: int, until: int) -> bool:
+        """Return whether a way from an offset to another below it in its function may meet one of the marks.
+
+        A loop around the other alone leads from below it to it again.
+        """
+        function, inside = self.function_at(until), self._blocks_around(place)
+        ranges = [(place, until)]
+        for number in self._blocks_around(until) - inside:
+            block = self._blocks[number]
+            ranges += [(block.start, block.end)] if block.word in _LOOPS else []
+        return any(
+            begin < mark < end and self.function_at(mark) == function
+            for begin, end in ranges
+            for mark in marks
+        )
+
+    def _blocks_around(self, offset: int) -> set[int]:
+        number, found = self._block_at(offset), set[int]()
+        while number:
+            found.add(number)
+            number = self._blocks[number].around
+        return found
 
     def _end_of_statement(self, start: int) -> int:
         deep = 0

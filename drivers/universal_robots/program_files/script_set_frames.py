@@ -11,6 +11,7 @@ from operator import attrgetter
 from cellcal.drivers.universal_robots.program_files.script_scopes import ScriptScopes
 from cellcal.drivers.universal_robots.program_files.script_text import ScriptLiteral, ScriptStatements
 
+_NAMED = re.compile(r"(?<![\w.])(?<!def )([A-Za-z_]\w*+)", re.ASCII)
 _BESIDE = re.compile(r"^[ \t]*+thread\b", re.MULTILINE)  # it may set a variable at any time
 
 
@@ -30,9 +31,7 @@ def settle_set_frames(found: ScriptStatements, text: str, changed: frozenset[str
         return
     scopes = ScriptScopes(text)
     for name in sorted(several):
-        some = settings[name]
-        if len({scopes.function_at(each.start) for each in some}) == 1:
-            _settle_frame(found, text, scopes, (name, some))
+        _settle_frame(found, text, scopes, (name, settings[name]))
 
 
 def _is_frame(found: ScriptStatements, name: str, settings: list[ScriptLiteral]) -> bool:
@@ -46,14 +45,21 @@ def _settle_frame(
     found: ScriptStatements, text: str, scopes: ScriptScopes, frame: tuple[str, list[ScriptLiteral]]
 ) -> None:
     name, settings = frame
+    calls = _calls_that_set(text, scopes, {scopes.function_at(each.start) for each in settings})
     named = set[str]()
     for row, literal in enumerate(found.literals):
         if literal.role != "in_frame" or literal.name != name:
             continue
-        at = bisect_right(settings, literal.start, key=attrgetter("start")) - 1
-        after = float(settings[at + 1].start) if at + 1 < len(settings) else float("inf")
-        if at >= 0 and scopes.surely_passes(settings[at].start, literal.start, after):
-            numbers = _name_of(name, text, settings[at])
+        function = scopes.function_at(literal.start)
+        own = [each for each in settings if scopes.function_at(each.start) == function]
+        at = bisect_right(own, literal.start, key=attrgetter("start")) - 1
+        after = float(own[at + 1].start) if at + 1 < len(own) else float("inf")
+        if (
+            at >= 0
+            and scopes.surely_passes(own[at].start, literal.start, after)
+            and not scopes.may_meet(calls, own[at].start, literal.start)
+        ):
+            numbers = _name_of(name, text, own[at])
             found.literals[row] = literal._replace(name=numbers)
             found.note_use(numbers, literal.start, "frame", "pose_trans")
             named.add(numbers)
@@ -65,6 +71,23 @@ def _settle_frame(
             found.literals[row] = (
                 literal._replace(name=numbers) if is_first else literal._replace(role="frame")
             )
+
+
+def _calls_that_set(text: str, scopes: ScriptScopes, setting: set[int]) -> list[int]:
+    """Return where functions are called that set the frame, or lead to one that does."""
+    numbers: dict[str, list[int]] = defaultdict(list)
+    for number, function in enumerate(scopes.functions):
+        numbers[function.name].append(number)
+    calls = [
+        (one.start(), scopes.function_at(one.start()), numbers[one[1]])
+        for one in _NAMED.finditer(text)
+        if one[1] in numbers
+    ]
+    reaching, grows = set(setting), True
+    while grows:
+        more = {caller for _, caller, called in calls if not reaching.isdisjoint(called)} - reaching
+        reaching, grows = reaching | more, bool(more)
+    return [place for place, _, called in calls if not reaching.isdisjoint(called)]
 
 
 def _name_of(name: str, text: str, literal: ScriptLiteral) -> str:

@@ -44,6 +44,7 @@ from cellcal.drivers.yaskawa.program_files.job_shared_variables import computed_
 from cellcal.drivers.yaskawa.program_files.job_text import ROBOT_ROWS, JobRow, YaskawaJob, jobs_of
 
 ROBOT = 1  # whose jobs are read as those of the robot, where nothing else is said
+_SWITCHED_ON = "it stands below ///{} ON, and what that says of a position is not known"
 _OTHER_ROBOT = (
     "its job moves RB{} there, and the project's robot is RB{}: give the other's own project, with control_group "
     "under [robot]"
@@ -265,6 +266,11 @@ def read_job(
     beside = rows_beside(jobs, rows)
     broken = unknown_configurations(rows) | {i: NO_NUMBER for i, row in enumerate(rows) if row.broken}
     broken |= {i: NO_NUMBER for (i, _), row in beside.items() if row.broken}
+    broken |= {
+        i: make_message(_SWITCHED_ON, row.state.switched_on)
+        for i, row in enumerate(rows)
+        if row.state.switched_on
+    }
     positions = replace(
         positions,
         barred={**barred, **broken, **others},

@@ -28,7 +28,7 @@ What a pseudo instruction says holds until the next one of its kind. A file may 
 
 import re
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from math import inf
 
 from cellcal.calibration.message import make_message
@@ -51,7 +51,9 @@ _ZEROS = ",".join("0" * 6)
 _BEYOND = f"{inf}"  # of axes that are no number: nothing counts them as standing at zero
 _END_OF_FILE = "\x1a"  # which tools of DOS put behind a text
 _WORD = re.compile(r"(/{1,4})([A-Z]\w*)(?:[ \t]+(.*?))?[ \t]*\Z")
-_SLASHED = re.compile(r"^/[^\r\n]*", re.MULTILINE)
+_SLASHED = re.compile(  # not an instruction that is switched off
+    r"^(?!//(?!/|NAME\b|POS\b|INST\b|ARGINFO\b))/[^\r\n]*", re.MULTILINE
+)
 _WHOLE = re.compile(r"\d{1,9}\Z")
 _SIGNED = re.compile(r"[+-]?\d{1,9}\Z")  # as tools write turns of an axis that no RCONF states
 BLOCK_BEGINS, BLOCK_ENDS = r"IFTHEN\w*|SWITCH\w*|WHILE\w*|FOR", "ENDIF|ENDSWITCH|ENDWHILE|NEXT"
@@ -72,6 +74,7 @@ class RowState:
     postype: str = ""
     mode: str = ""
     configuration: str = ""
+    switched_on: str = ""  # a word of which no document is known
 
 
 @dataclass(slots=True)
@@ -264,21 +267,24 @@ class _JobReader:
         else:
             raise self.error_at(line, 1, make_message("//{word} is not understood here.", word=word))
 
+    def _take_counts(self, line: int, column: int, rest: str) -> None:
+        job, counts = self.jobs[-1], rest.split(",")
+        if (
+            job.counts is not None
+            or len(counts) != 6
+            or not all(_WHOLE.match(n.strip(" \t")) for n in counts)
+        ):
+            raise self.error_at(
+                line,
+                max(column, 1),
+                make_message("///NPOS {rest} does not give six counts once.", rest=rest[:40]),
+            )
+        job.counts = tuple(int(n.strip(" \t")) for n in counts)
+
     def _take_state(self, line: int, column: int, word: str, rest: str) -> None:
-        job, row_state = self.jobs[-1], self.row_state
+        row_state = self.row_state
         if word == "NPOS":
-            counts = rest.split(",")
-            if (
-                job.counts is not None
-                or len(counts) != 6
-                or not all(_WHOLE.match(n.strip(" \t")) for n in counts)
-            ):
-                raise self.error_at(
-                    line,
-                    max(column, 1),
-                    make_message("///NPOS {rest} does not give six counts once.", rest=rest[:40]),
-                )
-            job.counts = tuple(int(n.strip(" \t")) for n in counts)
+            self._take_counts(line, column, rest)
         elif word in ("TOOL", "USER"):
             per_group = word == "TOOL" and _TOOL_PER_GROUP.match(rest)  # no project has a tool of that name
             if not (_WHOLE.match(rest) or per_group):
@@ -289,17 +295,15 @@ class _JobReader:
                 )
             number = rest if per_group else str(int(rest))
             tool, user = (number, row_state.user) if word == "TOOL" else (row_state.tool, number)
-            self.row_state = RowState(tool, user, row_state.postype, row_state.mode, row_state.configuration)
+            self.row_state = replace(row_state, tool=tool, user=user)
         elif word == "POSTYPE" and rest in _POSTYPES:
-            self.row_state = RowState(
-                row_state.tool, row_state.user, rest, row_state.mode, row_state.configuration
-            )
+            self.row_state = replace(row_state, postype=rest)
         elif word in MODES and not rest:
-            self.row_state = RowState(
-                row_state.tool, row_state.user, row_state.postype, word, row_state.configuration
-            )
+            self.row_state = replace(row_state, mode=word)
         elif word == "RCONF" and rest and all(_SIGNED.match(n.strip(" \t")) for n in rest.split(",")):
-            self.row_state = RowState(row_state.tool, row_state.user, row_state.postype, row_state.mode, rest)
+            self.row_state = replace(row_state, configuration=rest)
+        elif rest in ("ON", "OFF") and (rest == "ON" or row_state.switched_on in ("", word)):
+            self.row_state = replace(row_state, switched_on=word if rest == "ON" else "")
         else:
             raise self.error_at(
                 line,

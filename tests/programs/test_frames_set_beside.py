@@ -1,0 +1,94 @@
+"""Frames and tools that another file sets between a setting in numbers and a move: called back, or at any time."""
+
+from pathlib import Path
+
+import pytest
+
+from tests.programs import test_abb_frames_in_numbers as rapid
+from tests.programs import test_fanuc_frames_in_numbers as listings
+from tests.programs import test_kuka_set_tables as krl
+from tests.programs.test_across_files import rapid_module, read_programs
+
+CALLED_BACK = [*rapid.BEGIN, rapid.MOVE, "other;", rapid.MOVE, rapid.SET_2]
+
+
+@pytest.mark.parametrize(
+    ("files", "left"),
+    [
+        (["PROC other()\nmain;\nENDPROC"], True),
+        (["PROC other()\nthird;\nENDPROC", "PROC third()\nIF di1=1 main;\nENDPROC"], True),
+        (["PROC other()\nIF f() Stop;\nENDPROC\nFUNC bool f()\nmain;\nRETURN TRUE;\nENDFUNC"], True),
+        (['PROC other()\n%"ma"+"in"%;\nENDPROC'], True),
+        (['PROC other()\nMoveLSync p1,v1,z1,rdkTool,"main";\nENDPROC'], True),
+        (["PROC other()\nSetDO do1,1; ! main;\nENDPROC"], False),
+        (["PROC fourth()\nmain;\nENDPROC"], False),
+    ],
+)
+def test_a_rapid_routine_that_another_module_calls_back(tmp_path: Path, files: list[str], left: bool) -> None:
+    modules = {f"n{at}.mod": rapid_module(f"n{at}", one) for at, one in enumerate(files)}
+    own = read_programs(tmp_path, {"m.mod": rapid.module_of(*CALLED_BACK), **modules})["m.mod"]
+    assert (None in rapid.places(own)) is left
+
+
+def test_a_rapid_routine_that_is_called_back_with_one_frame_stands_in_it(tmp_path: Path) -> None:
+    own = rapid.module_of(*rapid.BEGIN, rapid.MOVE, "other;", rapid.MOVE)
+    back = rapid_module("n", "PROC other()\nmain;\nENDPROC")
+    assert rapid.places(read_programs(tmp_path, {"m.mod": own, "n.mod": back})["m.mod"]) == [807.8, 807.8]
+
+
+INTERRUPT = "INTERRUPT DECL 4 WHEN $IN[1]==TRUE DO {}()\n"
+STARTS = f"DEF begin()\nGLOBAL {INTERRUPT.format('sub')}INTERRUPT ON 4\nk()\nEND\n"
+SETS_1, SETS_2 = krl.SUB, krl.SUB.replace("BASE_DATA[1]", "BASE_DATA[2]")
+SUBMIT = f"DEF sps()\nLOOP\n{krl.ENTRY.format(1, 700)}ENDLOOP\nEND\n"
+
+
+@pytest.mark.parametrize(
+    ("files", "left"),
+    [
+        ({"begin.src": STARTS, "sub.src": SETS_1}, True),
+        ({"begin.src": STARTS, "sub.src": SETS_2}, False),
+        ({"begin.src": STARTS.replace("sub()", "IR_STOPM()"), "sub.src": SETS_1}, False),
+        ({"sps.sub": SUBMIT}, True),
+        ({"sps.sub": "DEF sps()\nLOOP\nsub()\nENDLOOP\nEND\n", "sub.src": SETS_1}, True),
+        ({"sps.sub": "DEF sps()\nLOOP\n$OUT[1]=TRUE\nENDLOOP\nEND\n", "sub.src": SETS_1}, False),
+    ],
+)
+def test_an_entry_that_a_handler_or_a_submit_program_of_another_file_sets(
+    tmp_path: Path, files: dict[str, str], left: bool
+) -> None:
+    own = f"DEF k()\n{krl.TOOL}{krl.ENTRY.format(1, 300)}{krl.TAKEN}{krl.LINE}END\n"
+    found = read_programs(tmp_path, {"k.src": own, **files})["k.src"]
+    assert bool(found.positions.barred) is left
+
+
+WORK = "$TOOL={X 0,Y 0,Z 1,A 0,B 0,C 0}\n$BASE={X 1,Y 0,Z 0,A 0,B 0,C 0}\n" + krl.LINE
+
+
+@pytest.mark.parametrize(
+    ("main", "first", "left"),
+    [
+        ("", "far()\n", True),
+        ("DEF main()\nfar()\nwork()\nEND\n", "", True),
+        ("DEF main()\nfar()\nwork()\nEND\n", "$IPO_MODE=#BASE\n", False),
+        ("DEF main()\nwork()\nEND\n", "", False),
+    ],
+)
+def test_a_tool_in_the_cell_that_another_krl_file_chooses(
+    tmp_path: Path, main: str, first: str, left: bool
+) -> None:
+    files = {"far.src": "DEF far()\n$IPO_MODE=#TCP\nEND\n", "work.src": f"DEF work()\n{first}{WORK}END\n"}
+    files |= {"main.src": main} if main else {}
+    found = read_programs(tmp_path, files)["work.src"]
+    assert bool(found.positions.barred) is left
+
+
+def test_a_macro_of_another_name_may_set_a_tool_alone(tmp_path: Path) -> None:
+    files = {
+        "RDK.LS": listings.listing(
+            *listings.TOOL, *listings.FIRST, listings.move(1), "  Set Tool", listings.move(2), count=2
+        ),
+        "XYZ.LS": listings.listing(*listings.set_lines("UTOOL", 99.5), count=0, name="XYZ"),
+    }
+    positions = read_programs(tmp_path, files)["RDK.LS"].positions
+    assert list(positions.barred) == [1]
+    assert (positions.tools[0] or "").startswith("9={62.5,")
