@@ -54,11 +54,12 @@ def errors_without_folds(fit: ArmFit, problem: FitProblem, weights: Array, folds
         inverse = inverse_information(information - _products(columns[..., held_rows]))
         others, rows, left = weighed.select_rows(training), columns[..., training], residuals[:, training]
         state, step = fit.state, np.zeros(len(layout))
-        for _ in range(_STEPS):
+        for taken in range(_STEPS):
+            if taken:
+                left = whitened_residuals(state, others) * root[training]
             gradient = np.tensordot(rows, left, axes=2) - layout.prior_deviations(state) / prior
             step = inverse @ gradient
             state = layout.apply_step(state, step * prior)
-            left = whitened_residuals(state, others) * root[training]
         if not is_settled(step, np.sqrt(np.diag(inverse)), prior):
             state = estimate_arm(layout, state, others, weights[training]).state
         errors[held_rows] = errors_m(state, problem.select_rows(held_rows))

@@ -10,7 +10,7 @@ from cellcal.calibration.arm.kinematics import RobotModel
 from cellcal.calibration.errors import DegenerateDataError
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.identification.estimator import ArmFit
-from cellcal.calibration.identification.frame_fits import SHORTEST_MOUNTING, FrameFits, linearise_fit
+from cellcal.calibration.identification.frame_fits import SHORTEST_MOUNTING, FrameFits
 from cellcal.calibration.identification.observations import Observations, Rows
 
 _MOST_BREAKS = 8
@@ -64,8 +64,7 @@ def candidate_breaks(
     while len(breaks) < most and len(observations) >= 4 * SHORTEST_MOUNTING:
         rows = [found.row for found in breaks]
         try:
-            fit = fits.fit_breaks(rows)
-            cut = _best_cut(fit, observations, rows, None)
+            cut = _best_cut(fits.linearise_breaks(rows), rows, None)
         except DegenerateDataError:
             return
         if cut is None or cut.bic_gain <= 0:
@@ -90,7 +89,7 @@ def find_small_break(fits: FrameFits, breaks: Sequence[SeriesBreak]) -> SeriesBr
         return None
     try:
         linear = fits.fit_geometry(rows)
-        cut = _best_cut_of(linear, rows, None)
+        cut = _best_cut(linear, rows, None)
     except DegenerateDataError:
         return None
     if cut is None or cut.bic_gain <= max(0.0, *(_drift_gain(linear, rows, cut, power) for power in (1, 2))):
@@ -210,8 +209,7 @@ def _settle_breaks(fits: FrameFits, breaks: list[SeriesBreak]) -> list[SeriesBre
     for index in range(len(breaks)):
         others = [found.row for found in breaks if found is not breaks[index]]
         around = _free_span(breaks[index].row, others, len(observations))
-        fit = fits.fit_breaks(others)
-        moved = _best_cut(fit, observations, others, around)
+        moved = _best_cut(fits.linearise_breaks(others), others, around)
         if moved is not None:
             breaks = [*breaks[:index], moved, *breaks[index + 1 :]]
     return breaks
@@ -224,12 +222,6 @@ def _free_span(row: int, others: list[int], count: int) -> tuple[int, int]:
 
 
 def _best_cut(
-    fit: ArmFit, observations: Observations, breaks: Sequence[int], within: tuple[int, int] | None
-) -> SeriesBreak | None:
-    return _best_cut_of((fit, *linearise_fit(fit, observations, breaks)), breaks, within)
-
-
-def _best_cut_of(
     linear: tuple[ArmFit, Array, Array], breaks: Sequence[int], within: tuple[int, int] | None
 ) -> SeriesBreak | None:
     fit, columns, residuals = linear
