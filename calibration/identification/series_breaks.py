@@ -169,11 +169,16 @@ def _window_gains(
     """Return the windows between these edges that are long enough, and what the criterion gains for each."""
     cross, own, gradient, inverse = sums
     size = gradient.shape[1]
-    begin, end = (edges.reshape(-1) for edges in np.meshgrid(begins, ends, indexing="ij"))
-    long = end - begin >= SHORTEST_MOUNTING
-    begin, end = begin[long], end[long]
-    inside = cross[begin] - cross[end]
-    schur = own[begin] - own[end] - np.einsum("npd,pq,nqe->nde", inside, inverse, inside, optimize=True)
+    at_begin, at_end = np.nonzero(ends - begins[:, None] >= SHORTEST_MOUNTING)
+    begin, end = begins[at_begin], ends[at_end]
+    # The rows of a window are the difference of two sums: what these share is made once for each edge, not window.
+    first, last = cross[begins].transpose(0, 2, 1), cross[ends].transpose(0, 2, 1)  # (…, d, p)
+    bent = last @ inverse
+    between = np.tensordot(first, bent, axes=(2, 2)).transpose(0, 2, 1, 3)[at_begin, at_end]
+    of_begin = (first @ inverse) @ first.transpose(0, 2, 1)
+    of_end = bent @ last.transpose(0, 2, 1)
+    shared = of_begin[at_begin] + of_end[at_end] - between - between.transpose(0, 2, 1)
+    schur = own[begin] - own[end] - shared
     schur = schur + _RIDGE * np.trace(schur, axis1=1, axis2=2)[:, None, None] * np.eye(size)
     pull = gradient[begin] - gradient[end]
     drop = np.einsum("nd,nd->n", pull, np.linalg.solve(schur, pull[..., None])[..., 0])
