@@ -8,7 +8,7 @@ import re
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from cellcal.drivers.fanuc.program_files.ls_statements import macro_of, read_statements
+from cellcal.drivers.fanuc.program_files.ls_statements import before_positions, macro_of, read_statements
 
 
 class _Patterns(NamedTuple):
@@ -53,7 +53,7 @@ def tool_left_by(data: bytes) -> str | None:
 
 
 def _number_left(patterns: _Patterns, data: bytes) -> str | None:
-    if not patterns.selection.search(data):
+    if not patterns.selection.search(before_positions(data)):
         return None  # programs that it calls may choose one
     statements = list(read_statements(data))
     texts = [each.text for each in statements]
