@@ -3,9 +3,6 @@
 import sys
 import time
 from datetime import date, datetime
-from typing import Annotated
-
-from pydantic import AfterValidator
 
 # Linux' goes on while the computer sleeps.
 _UPTIME = time.CLOCK_BOOTTIME if sys.platform == "linux" else time.CLOCK_MONOTONIC
@@ -43,19 +40,3 @@ def has_time_zone(text: str) -> bool:
     except ValueError:
         return False
     return True
-
-
-def _checked_time(text: str) -> str:
-    read_time(text)
-    return text
-
-
-def _checked_day(text: str) -> str:
-    if read_day(text).isoformat() != text:
-        raise ValueError("a day is written as YYYY-MM-DD")  # other forms of ISO 8601 do not sort with it
-    return text
-
-
-# fields of models that are read from files and messages
-ZonedTime = Annotated[str, AfterValidator(_checked_time)]
-Day = Annotated[str, AfterValidator(_checked_day)]

@@ -36,6 +36,7 @@ from cellcal.calibration.geometry import Array, exp_twist, is_rigid
 
 MODEL_TOLERANCE_M = 0.05  # no robot leaves its maker with so much; the arm of another model is further off
 _MOST_REMEMBERED = 8192  # postures; of more, comparing and storing would cost memory that a fit needs
+_BLOCK = 2048  # postures at once, of more than are remembered: frames of all would not stay in the cache
 
 
 class _LastFrames(local):
@@ -164,8 +165,13 @@ class RobotModel:
 
     def base_flange(self, joints_rad: Array) -> Array:
         """Return (N, 4, 4): the flange in the base for each of (N, n) joint vectors."""
-        rotations, origins = chain_frames(self, joints_rad)
-        return _stack_matrices(rotations[-1], origins[-1])
+        if len(joints_rad) <= _MOST_REMEMBERED:
+            rotations, origins = chain_frames(self, joints_rad)
+            return _stack_matrices(rotations[-1], origins[-1])
+        flanges = np.empty((len(joints_rad), 4, 4))
+        for first in range(0, len(joints_rad), _BLOCK):
+            flanges[first : first + _BLOCK] = self.base_flange(joints_rad[first : first + _BLOCK])
+        return flanges
 
     def tip_positions(self, joints_rad: Array, tip_in_flange_m: Array) -> Array:
         """Return (N, 3): where a point of the flange, (3,) or one per pose (N, 3), is in the base [m]."""
@@ -216,14 +222,7 @@ class RobotModel:
         """Return the model whose DH rows are changed by ``errors`` (n, 5) [rad, m]."""
         dh = DhTable.from_rows(self._dh_table().to_rows() + np.asarray(errors, dtype=float))
         placements = np.concatenate([self.placements[:1], dh.to_placements()])
-        if not (np.isfinite(placements).all() and np.isfinite(dh.theta_rad).all()):
-            return replace(self, dh=dh, placements=placements, theta0_rad=dh.theta_rad)  # which refuses them
-        # Finite rows of a DH table are rigid, and nothing else changes: fits make thousands of such models.
-        changed = copy(self)
-        object.__setattr__(changed, "dh", dh)
-        object.__setattr__(changed, "placements", read_only(placements))
-        object.__setattr__(changed, "theta0_rad", read_only(dh.theta_rad))
-        return changed
+        return self._with_geometry(dh, placements, dh.theta_rad)
 
     def with_twists(self, twists: Array) -> "RobotModel":
         """Return the model with ``P_k exp(v, w)`` in place of each ``P_k``; twists (n + 1, 6) [m, rad].
@@ -235,7 +234,17 @@ class RobotModel:
             raise CalibrationError(
                 f"{self.label}: twists must be ({self.axis_count + 1}, 6), not {twists.shape}"
             )
-        return replace(self, dh=None, placements=self.placements @ exp_twist(twists))
+        return self._with_geometry(None, self.placements @ exp_twist(twists), self.theta0_rad)
+
+    def _with_geometry(self, dh: DhTable | None, placements: Array, theta0_rad: Array) -> "RobotModel":
+        if not (np.isfinite(placements).all() and np.isfinite(theta0_rad).all()):
+            return replace(self, dh=dh, placements=placements, theta0_rad=theta0_rad)  # which refuses them
+        # Finite DH rows and twists are rigid, and nothing else changes: fits make thousands of such models.
+        changed = copy(self)
+        object.__setattr__(changed, "dh", dh)
+        object.__setattr__(changed, "placements", read_only(placements))
+        object.__setattr__(changed, "theta0_rad", read_only(theta0_rad))
+        return changed
 
     def _dh_table(self) -> DhTable:
         if self.dh is None:

@@ -46,19 +46,23 @@ def errors_without_folds(fit: ArmFit, problem: FitProblem, weights: Array, folds
     root = np.sqrt(weights)
     weighed = replace(problem, root=root)
     columns, residuals = place_columns(layout, fit.state, weighed)
-    columns *= prior[:, None, None]
-    information = np.eye(len(layout)) + _products(columns)
+    told = [
+        _products(columns[..., folds == fold]) * np.outer(prior, prior)
+        for fold in range(int(folds.max()) + 1)
+    ]
+    information = np.eye(len(layout)) + sum(told)
     errors = np.empty(len(folds))
-    for fold in range(int(folds.max()) + 1):
+    for fold, of_fold in enumerate(told):
         training, held_rows = np.flatnonzero(folds != fold), np.flatnonzero(folds == fold)
-        inverse = inverse_information(information - _products(columns[..., held_rows]))
-        others, rows, left = weighed.select_rows(training), columns[..., training], residuals[:, training]
+        inverse = inverse_information(information - of_fold)
+        others, left = weighed.select_rows(training), np.where(folds == fold, 0.0, residuals)
         state, step = fit.state, np.zeros(len(layout))
-        for _ in range(_STEPS):
-            gradient = np.tensordot(rows, left, axes=2) - layout.prior_deviations(state) / prior
-            step = inverse @ gradient
+        for taken in range(_STEPS):
+            if taken:
+                left[:, training] = whitened_residuals(state, others) * root[training]
+            pull = np.tensordot(columns, left, axes=2) * prior
+            step = inverse @ (pull - layout.prior_deviations(state) / prior)
             state = layout.apply_step(state, step * prior)
-            left = whitened_residuals(state, others) * root[training]
         if not is_settled(step, np.sqrt(np.diag(inverse)), prior):
             state = estimate_arm(layout, state, others, weights[training]).state
         errors[held_rows] = errors_m(state, problem.select_rows(held_rows))

@@ -58,6 +58,7 @@ class FrameFits:
     def __init__(self, model: RobotModel, observations: Observations) -> None:
         self.model, self.observations = model, observations
         self._fits: dict[tuple[int, ...], ArmFit] = {}
+        self._linear: dict[tuple[int, ...], tuple[ArmFit, Array, Array]] = {}
         self._with_geometry: dict[tuple[int, ...], tuple[ArmFit, Array, Array]] = {}
 
     def fit_breaks(self, breaks: Sequence[int]) -> ArmFit:
@@ -71,6 +72,14 @@ class FrameFits:
                 else self._fit_places(near, key)
             )
         return self._fits[key]
+
+    def linearise_breaks(self, breaks: Sequence[int]) -> tuple[ArmFit, Array, Array]:
+        """Return the fit with these breaks, its columns (p, m, N) and its residuals (m, N)."""
+        key = tuple(sorted(breaks))
+        if key not in self._linear:
+            fit = self.fit_breaks(key)
+            self._linear[key] = (fit, *_linearise_fit(fit, self.observations, key))
+        return self._linear[key]
 
     def _places_from(self, known: tuple[int, ...], breaks: tuple[int, ...]) -> ArmState | None:
         """Return the places of a fit whose breaks differ by one, with each mounting where its middle row was.
@@ -112,11 +121,11 @@ class FrameFits:
             mounted = mount_at_breaks(self.observations, key)
             layout = make_layout(self.model, mounted.kind, len(key) + 1, level=GEOMETRY)
             fit = estimate_arm(layout, frames, FitProblem.from_observations(frames, mounted))
-            self._with_geometry[key] = (fit, *linearise_fit(fit, self.observations, key))
+            self._with_geometry[key] = (fit, *_linearise_fit(fit, self.observations, key))
         return self._with_geometry[key]
 
 
-def linearise_fit(fit: ArmFit, observations: Observations, breaks: Sequence[int]) -> tuple[Array, Array]:
+def _linearise_fit(fit: ArmFit, observations: Observations, breaks: Sequence[int]) -> tuple[Array, Array]:
     """Return the columns (p, m, N) and residuals (m, N) of a fit with these breaks."""
     mounted = mount_at_breaks(observations, breaks)
     return place_columns(fit.layout, fit.state, FitProblem.from_observations(fit.state, mounted))

@@ -10,7 +10,7 @@ from cellcal.calibration.arm.kinematics import RobotModel
 from cellcal.calibration.errors import DegenerateDataError
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.identification.estimator import ArmFit
-from cellcal.calibration.identification.frame_fits import SHORTEST_MOUNTING, FrameFits, linearise_fit
+from cellcal.calibration.identification.frame_fits import SHORTEST_MOUNTING, FrameFits
 from cellcal.calibration.identification.observations import Observations, Rows
 
 _MOST_BREAKS = 8
@@ -64,8 +64,7 @@ def candidate_breaks(
     while len(breaks) < most and len(observations) >= 4 * SHORTEST_MOUNTING:
         rows = [found.row for found in breaks]
         try:
-            fit = fits.fit_breaks(rows)
-            cut = _best_cut(fit, observations, rows, None)
+            cut = _best_cut(fits.linearise_breaks(rows), rows, None)
         except DegenerateDataError:
             return
         if cut is None or cut.bic_gain <= 0:
@@ -90,7 +89,7 @@ def find_small_break(fits: FrameFits, breaks: Sequence[SeriesBreak]) -> SeriesBr
         return None
     try:
         linear = fits.fit_geometry(rows)
-        cut = _best_cut_of(linear, rows, None)
+        cut = _best_cut(linear, rows, None)
     except DegenerateDataError:
         return None
     if cut is None or cut.bic_gain <= max(0.0, *(_drift_gain(linear, rows, cut, power) for power in (1, 2))):
@@ -170,11 +169,16 @@ def _window_gains(
     """Return the windows between these edges that are long enough, and what the criterion gains for each."""
     cross, own, gradient, inverse = sums
     size = gradient.shape[1]
-    begin, end = (edges.reshape(-1) for edges in np.meshgrid(begins, ends, indexing="ij"))
-    long = end - begin >= SHORTEST_MOUNTING
-    begin, end = begin[long], end[long]
-    inside = cross[begin] - cross[end]
-    schur = own[begin] - own[end] - np.einsum("npd,pq,nqe->nde", inside, inverse, inside, optimize=True)
+    at_begin, at_end = np.nonzero(ends - begins[:, None] >= SHORTEST_MOUNTING)
+    begin, end = begins[at_begin], ends[at_end]
+    # The rows of a window are the difference of two sums: what these share is made once for each edge, not window.
+    first, last = cross[begins].transpose(0, 2, 1), cross[ends].transpose(0, 2, 1)  # (…, d, p)
+    bent = last @ inverse
+    between = np.tensordot(first, bent, axes=(2, 2)).transpose(0, 2, 1, 3)[at_begin, at_end]
+    of_begin = (first @ inverse) @ first.transpose(0, 2, 1)
+    of_end = bent @ last.transpose(0, 2, 1)
+    shared = of_begin[at_begin] + of_end[at_end] - between - between.transpose(0, 2, 1)
+    schur = own[begin] - own[end] - shared
     schur = schur + _RIDGE * np.trace(schur, axis1=1, axis2=2)[:, None, None] * np.eye(size)
     pull = gradient[begin] - gradient[end]
     drop = np.einsum("nd,nd->n", pull, np.linalg.solve(schur, pull[..., None])[..., 0])
@@ -210,8 +214,7 @@ def _settle_breaks(fits: FrameFits, breaks: list[SeriesBreak]) -> list[SeriesBre
     for index in range(len(breaks)):
         others = [found.row for found in breaks if found is not breaks[index]]
         around = _free_span(breaks[index].row, others, len(observations))
-        fit = fits.fit_breaks(others)
-        moved = _best_cut(fit, observations, others, around)
+        moved = _best_cut(fits.linearise_breaks(others), others, around)
         if moved is not None:
             breaks = [*breaks[:index], moved, *breaks[index + 1 :]]
     return breaks
@@ -224,12 +227,6 @@ def _free_span(row: int, others: list[int], count: int) -> tuple[int, int]:
 
 
 def _best_cut(
-    fit: ArmFit, observations: Observations, breaks: Sequence[int], within: tuple[int, int] | None
-) -> SeriesBreak | None:
-    return _best_cut_of((fit, *linearise_fit(fit, observations, breaks)), breaks, within)
-
-
-def _best_cut_of(
     linear: tuple[ArmFit, Array, Array], breaks: Sequence[int], within: tuple[int, int] | None
 ) -> SeriesBreak | None:
     fit, columns, residuals = linear

@@ -144,17 +144,13 @@ class CollisionCheck:
         """
         joints = np.asarray(joints_rad, dtype=float)
         pairs = list(self._pair_clearances(joints))
-        quantity_names = [
-            make_message("clearance of {first} and {second}", first=first, second=second)
-            for first, second, _, _ in pairs
-        ]
         found = np.array([clearance for _, _, clearance, _ in pairs]).T.reshape(len(joints), len(pairs))
         limit = np.broadcast_to(np.array([margin for *_, margin in pairs]), found.shape)
         more = (
             None if position_uncertainty is None else self._pair_uncertainties(joints, position_uncertainty)
         )
         limit = limit if more is None else limit + more
-        return LimitExcess("clearance", found, limit, limit - found, "m", tuple(quantity_names), more)
+        return LimitExcess("clearance", found, limit, limit - found, "m", self._quantity_names, more)
 
     def _pair_uncertainties(self, joints: Array, of_posture: PositionUncertainty) -> Array:
         """Return (N, Q), pairs as ``_pair_clearances``: by how much each pair may be nearer than computed [m]."""
@@ -235,6 +231,14 @@ class CollisionCheck:
             wire_apart = pair_distances([(wire, segments[k]) for k in beside], len(joints))
             for k, apart in zip(beside, wire_apart, strict=True):
                 yield arm[k].name, "draw-wire", apart - arm[k].radius_m, shape.wire_margin_m
+
+    @cached_property
+    def _quantity_names(self) -> tuple[str, ...]:
+        """What each pair's clearance is called: the same in every posture."""
+        return tuple(
+            make_message("clearance of {first} and {second}", first=first, second=second)
+            for first, second, _, _ in self._pair_clearances(np.zeros((1, self.model.axis_count)))
+        )
 
     @cached_property
     def _checked_pairs(self) -> list[tuple[int, int]]:

@@ -269,7 +269,7 @@ def _criterion_gradient(task: DesignTask, information: Array) -> Array:
     """Return d criterion / d weight of every candidate (C,)."""
     half = np.linalg.inv(_cholesky_factor(information))
     flat = task.columns.reshape(len(task.columns), -1)
-    product = half @ flat if task.interest is None else (half @ task.interest).T @ (half @ flat)
+    product = (half if task.interest is None else (half @ task.interest).T @ half) @ flat
     by_candidate: Array = np.einsum("pj,pj->j", product, product).reshape(task.columns.shape[1:]).sum(axis=0)
     return by_candidate
 

@@ -24,12 +24,13 @@ def check(cell: Path, /, *, as_json: Annotated[bool, Parameter(name="--json")] =
 
     from rich.markup import escape
 
-    from cellcal.service.cli.printing import STDERR_CONSOLE, PlainTable, print_json
+    from cellcal.service.cli.printing import STDERR_CONSOLE, PlainTable, print_json, say_while_waiting
     from cellcal.service.configuration.cell_file import read_cell_file
     from cellcal.service.exit_codes import ExitCode
     from cellcal.service.runs.cell_check import check_cell
 
-    report = asyncio.run(check_cell(read_cell_file(cell)))
+    with say_while_waiting("asking the devices of the cell"):
+        report = asyncio.run(check_cell(read_cell_file(cell)))
     if as_json:
         print_json(report.as_object())
     else:

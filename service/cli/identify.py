@@ -150,8 +150,6 @@ def identify(  # noqa: PLR0913  # a command's options are its arguments
     """
     # Before numpy is imported: on matrices of this size a second BLAS thread only waits for the first.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    from cellcal.calibration.cells.levels import CellOptions
-    from cellcal.service.cli.identify_cell import CellCommand, identify_cell, refuse_for_a_cell
     from cellcal.service.cli.identify_outputs import IdentifyOutputs
     from cellcal.service.engineering.identification.identify_start import StartOptions
     from cellcal.service.engineering.identification.identify_verdicts import IdentificationLimits
@@ -170,6 +168,9 @@ def identify(  # noqa: PLR0913  # a command's options are its arguments
     outputs.refuse_unwritable(robot, residual_model=residual_model)
     at_options = _at_options(at, at_csv, at_convention, identified=at_identified)
     if layout is not None and describes_a_cell(layout):
+        from cellcal.calibration.cells.levels import CellOptions
+        from cellcal.service.cli.identify_cell import CellCommand, identify_cell, refuse_for_a_cell
+
         refuse_for_a_cell({
             "check": check, "train_rows": train_rows, "start": start != "nominal", "columns": columns,
             "residual_model": residual_model, "units": units, "convention": convention, "sheet": sheet,

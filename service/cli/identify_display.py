@@ -1,4 +1,4 @@
-"""What `cellcal identify` shows while it works: a bar and what is being done, where there is a terminal."""
+"""What `cellcal identify` and `cellcal poses` show while they work, on a terminal: a bar and what is being done."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -21,7 +21,7 @@ class _BarDisplay:
 
 
 @contextmanager
-def work_display() -> Iterator[WorkDisplay]:
+def work_display(first_stage: str = "reading the measurements") -> Iterator[WorkDisplay]:
     """Show a bar on a terminal's standard error, nothing elsewhere.
 
     It is drawn anew by the work itself: a thread of its own would be in the way of processes that are forked.
@@ -31,6 +31,6 @@ def work_display() -> Iterator[WorkDisplay]:
         return
     columns = (SpinnerColumn(), TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
     with Progress(*columns, console=STDERR_CONSOLE, transient=True, auto_refresh=False) as bars:
-        display = _BarDisplay(bars, bars.add_task("reading the measurements", total=None))
-        display.show_stage("reading the measurements")
+        display = _BarDisplay(bars, bars.add_task(first_stage, total=None))
+        display.show_stage(first_stage)
         yield display

@@ -86,19 +86,20 @@ def record(
     whose
         Which robot of the controller it is.
     """
-    from cellcal.service.cli.printing import STDERR_CONSOLE, print_json
+    from cellcal.service.cli.printing import STDERR_CONSOLE, print_json, say_while_waiting
     from cellcal.service.engineering.controller_files.copied_mastering import with_copies_named
     from cellcal.service.engineering.controller_files.nightly_watch import confirm_controller, read_controller
     from cellcal.service.engineering.controller_files.record_from_files import make_records
     from cellcal.service.engineering.controller_files.stored_records import store_record
     from cellcal.service.exit_codes import ExitCode
 
-    files = read_controller(source, _login(ftp), with_programs=ftp.programs)
-    made = with_copies_named(
-        make_records(files, group=whose.group, model=whose.model, serial=whose.serial), records
-    )
-    if files.is_live:
-        confirm_controller(source, _login(ftp), files)
+    with say_while_waiting(f"reading the files of {source}"):
+        files = read_controller(source, _login(ftp), with_programs=ftp.programs)
+        made = with_copies_named(
+            make_records(files, group=whose.group, model=whose.model, serial=whose.serial), records
+        )
+        if files.is_live:
+            confirm_controller(source, _login(ftp), files)
     stored = [store_record(records, each, files) for each in made.records]
     if as_json:
         print_json(_records_document(made, stored))

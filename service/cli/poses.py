@@ -1,5 +1,6 @@
 """``cellcal poses``: which poses to measure, and how good the result will be, before anything is measured."""
 
+import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -14,7 +15,7 @@ if TYPE_CHECKING:
 
     from cellcal.calibration.poses.enough_poses import AcceptanceLimits
     from cellcal.calibration.poses.measurement_poses import DesignCriterion
-    from cellcal.service.engineering.identification.pose_planning import PlanReport
+    from cellcal.service.engineering.identification.pose_planning import PlanReport, PlanRequest
 
 _MOST_SHOWN = 40
 _UNKNOWN_M = 1.0
@@ -103,19 +104,20 @@ def poses(  # noqa: PLR0913  # a command's options are its arguments
     as_json
         Print one JSON object on standard output.
     """
+    # Before numpy is imported: on matrices of this size a second BLAS thread only waits for the first.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     from cellcal.calibration.poses.measurement_prediction import DesignInstrument
     from cellcal.service.cli.printing import STDERR_CONSOLE, print_json
     from cellcal.service.engineering.identification.pose_planning import (
         PlanRequest,
         RobotDescription,
-        plan_poses,
         write_plan,
     )
     from cellcal.service.exit_codes import ExitCode
 
     acceptance = _build_acceptance(accept_tip_mm, accept_worst_tip_mm, accept_offset_deg, offsets)
     instrument = DesignInstrument(kind, sigma_mm / 1e3, sigma_deg / DEGREES_PER_RADIAN, _to_metres(anchor_mm))
-    report = plan_poses(
+    report = _plan_and_show(
         PlanRequest(
             robot=robot,
             instrument=instrument,
@@ -144,6 +146,19 @@ def poses(  # noqa: PLR0913  # a command's options are its arguments
         write_plan(out, report)
         STDERR_CONSOLE.print(f"wrote {out}", markup=False, soft_wrap=True)
     return ExitCode.PASS
+
+
+def _plan_and_show(request: "PlanRequest") -> "PlanReport":
+    """Plan poses, and show what is being done; all processors identify what was measured already."""
+    from cellcal.service.cli.identify_display import work_display
+    from cellcal.service.engineering.identification.forked_parts import DisplayedRunner, share_parts
+    from cellcal.service.engineering.identification.pose_planning import plan_poses
+
+    with work_display("looking at the robot") as display:
+        if request.after is None:
+            return plan_poses(request, DisplayedRunner(display))
+        with share_parts(display) as runner:
+            return plan_poses(request, runner)
 
 
 def _to_metres(millimetres: tuple[float, float, float]) -> tuple[float, float, float]:

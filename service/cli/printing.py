@@ -2,7 +2,8 @@
 
 import json
 import sys
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from typing import Any
 
 from rich.console import Console, RenderableType
@@ -23,6 +24,16 @@ class PlainConsole(Console):
 
 
 STDERR_CONSOLE = PlainConsole(stderr=True, highlight=False, emoji=False)
+
+
+@contextmanager
+def say_while_waiting(text: str) -> Iterator[None]:
+    """Show on a terminal's standard error what is waited for, as long as it is."""
+    if not STDERR_CONSOLE.is_terminal:
+        yield
+        return
+    with STDERR_CONSOLE.status(Text(text)):
+        yield
 
 
 class PlainTable(Table):

@@ -18,7 +18,7 @@ from cellcal.calibration.documents.json_text import parse_json
 from cellcal.calibration.documents.plain_files import read_plain_bytes, read_plain_text
 from cellcal.calibration.message import make_message
 from cellcal.service.site.keys import SiteError
-from cellcal.service.times import ZonedTime
+from cellcal.service.site.time_fields import ZonedTime
 
 ROUTER_FILE, CELL_FILE, MONITOR_FILE = "router.json5", "cell.json5", "monitor.json5"
 STATION_FILE, STATIONS_FILE = "station.json", "stations.json"

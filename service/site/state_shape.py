@@ -5,7 +5,7 @@ from typing import Annotated
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from cellcal.calibration.message import make_message
-from cellcal.service.times import Day, ZonedTime
+from cellcal.service.site.time_fields import Day, ZonedTime
 
 _MOST = 500
 _Word = Annotated[str, Field(max_length=300)]

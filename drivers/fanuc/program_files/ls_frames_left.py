@@ -8,7 +8,12 @@ import re
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from cellcal.drivers.fanuc.program_files.ls_statements import Statement, macro_of, read_statements
+from cellcal.drivers.fanuc.program_files.ls_statements import (
+    Statement,
+    before_positions,
+    macro_of,
+    read_statements,
+)
 from cellcal.drivers.programs.file_declarations import CALLED_LAST, NOT_CERTAIN
 
 
@@ -63,7 +68,8 @@ def _number_left(patterns: _Patterns, data: bytes) -> str | None:
     own = _own_number_left(patterns, data, rest)
     if not called:
         return own
-    if own is None and not patterns.selection.search(data) and not any(_is_branch(each) for each in rest):
+    chooses = patterns.selection.search(before_positions(data)) is not None
+    if own is None and not chooses and not any(_is_branch(each) for each in rest):
         own = ""  # it chooses none itself
     return CALLED_LAST.join([*called, NOT_CERTAIN if own is None else own])
 
@@ -91,7 +97,7 @@ def _is_branch(statement: Statement) -> bool:
 
 
 def _own_number_left(patterns: _Patterns, data: bytes, statements: Sequence[Statement]) -> str | None:
-    if not patterns.selection.search(data):
+    if not patterns.selection.search(before_positions(data)):
         return None  # programs that it calls may choose one
     texts = [each.text for each in statements]
     chosen = [

@@ -17,6 +17,7 @@ from cellcal.drivers.fanuc.program_files.ls_computed import places_named
 from cellcal.drivers.fanuc.program_files.ls_flow import ways_on
 from cellcal.drivers.fanuc.program_files.ls_statements import (
     Statement,
+    before_positions,
     macro_of,
     motion_of,
     read_statements,
@@ -71,7 +72,8 @@ def written_frames(
     ``others_set`` says that other programs of the controller set some, which a call may then do; ``by_macro`` that
     such a program is called by no name, so that a macro, which has its own, may mean it.
     """
-    if not _SETS_FRAME.search(data) or not _NAMES_REGISTER.search(data):
+    before = before_positions(data)
+    if not _SETS_FRAME.search(before) or not _NAMES_REGISTER.search(before):
         return WrittenFrames()
     statements = list(read_statements(data))
     if any(_BESIDE.search(each.text) for each in statements):

@@ -9,7 +9,12 @@ from dataclasses import replace
 from typing import TypeAlias
 
 from cellcal.calibration.message import make_message
-from cellcal.drivers.fanuc.program_files.ls_statements import Statement, motion_of, read_statements
+from cellcal.drivers.fanuc.program_files.ls_statements import (
+    Statement,
+    before_positions,
+    motion_of,
+    read_statements,
+)
 from cellcal.drivers.programs.positions import CARTESIAN, Positions
 
 _OTHER_FRAME = "line {} goes there with {} {}, and it was taught with {}: the controller stops there"
@@ -57,7 +62,11 @@ def is_told_by_called(data: bytes, left: Left) -> bool:
 
 
 def _left_by_called(data: bytes, left: Left) -> set[tuple[str | None, str | None]]:
-    names = {name.decode("cp437").upper() for name in _CALLED.findall(data)} if left else set[str]()
+    names = (
+        {name.decode("cp437").upper() for name in _CALLED.findall(before_positions(data))}
+        if left
+        else set[str]()
+    )
     return {left[name] for name in names if name in left}
 
 
@@ -83,8 +92,10 @@ def _may_differ(positions: Positions, data: bytes, left: Left) -> bool:
     Nearly none does.
     """
     selected: set[tuple[bool, bytes]] = set()
-    if _SELECTION.search(data):
-        selected = {(word in _FRAMES, b"%d" % int(number)) for word, number in _NUMBERS.findall(data.upper())}
+    statements = before_positions(data)
+    if _SELECTION.search(statements):
+        numbers = _NUMBERS.findall(statements.upper())
+        selected = {(word in _FRAMES, b"%d" % int(number)) for word, number in numbers}
     for tool, frame in _left_by_called(data, left):
         selected |= {(is_frame, one.encode()) for is_frame, one in ((True, frame), (False, tool)) if one}
     if not selected:

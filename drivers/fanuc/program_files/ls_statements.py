@@ -81,6 +81,12 @@ class MotionStatement:
         return not (self.relative or self.led or self.standing_tool or self.camera or self.offset)
 
 
+def before_positions(data: bytes) -> bytes:
+    """Return a listing up to its positions, often its larger part: none of them holds a statement to be found."""
+    end = data.rfind(b"/POS")
+    return data[:end] if end > max(data.find(b"/MN"), 0) else data
+
+
 def read_statements(data: bytes) -> Iterator[Statement]:
     """Yield the statements of a listing; comments, remarks and disabled lines are blank."""
     line, text = statements_of(data)

@@ -17,6 +17,7 @@ from cellcal.calibration.geometry import Array
 from cellcal.calibration.identification.identifiability import NotIdentified
 from cellcal.calibration.identification.observations import Observations, with_mounting
 from cellcal.calibration.identification.parameters import GEOMETRY
+from cellcal.calibration.identification.work_parts import SERIAL, PartRunner
 from cellcal.calibration.message import make_message
 from cellcal.calibration.motion.cell_shapes import assumed_shape
 from cellcal.calibration.motion.collision import CollisionCheck
@@ -131,8 +132,10 @@ class PlanReport:
         }
 
 
-def plan_poses(request: PlanRequest) -> PlanReport:
-    """Plan measurement poses, and predict what they will tell.
+def plan_poses(request: PlanRequest, runner: PartRunner = SERIAL) -> PlanReport:
+    """Plan measurement poses, and predict what they will tell; the runner shows what is being done.
+
+    It also carries out the parts of the identification of earlier measurements.
 
     Raises
     ------
@@ -142,7 +145,8 @@ def plan_poses(request: PlanRequest) -> PlanReport:
     if not 1 <= request.poses <= request.candidates:
         raise PlanError(f"{request.poses} poses cannot be chosen from {request.candidates} candidates.")
     model = load_model(request.robot)
-    prediction = _prediction_basis(request, model)
+    prediction = _prediction_basis(request, model, runner)
+    runner.show_stage("drawing postures that can be measured")
     limits, check = MotionLimits(wire=_wire_path(request)), _collision_check(request, model)
     described = _description_check(request, model, check)
     filters = (check.is_free,) if described is None else (check.is_free, described.is_free)
@@ -152,7 +156,9 @@ def plan_poses(request: PlanRequest) -> PlanReport:
     )
     tests = TestPoses(_test_joints(request, model, check))
     before = predict_accuracy(prediction, tests)
+    runner.show_stage("choosing poses")
     plan, accuracy, reason, after = _choose_poses(request, prediction, drawn, tests)
+    runner.show_stage("comparing them with the best that any choice could be")
     order: tuple[int, ...] = ()
     free: tuple[bool, ...] = ()
     if plan is not None and len(plan.indices):
@@ -220,7 +226,7 @@ def read_joints(path: Path, arm: RobotModel | int) -> Array:
         raise PlanError(broken.message, remedy=broken.remedy) from broken
 
 
-def _prediction_basis(request: PlanRequest, model: RobotModel) -> MeasurementPrediction:
+def _prediction_basis(request: PlanRequest, model: RobotModel, runner: PartRunner) -> MeasurementPrediction:
     if request.after is None:
         return predict_from_poses(
             model,
@@ -229,7 +235,7 @@ def _prediction_basis(request: PlanRequest, model: RobotModel) -> MeasurementPre
             level=request.level,
             drop_redundant=request.drop_redundant,
         )
-    found = identify_file(request.after, request.robot, IdentifyOptions(level=request.level))
+    found = identify_file(request.after, request.robot, IdentifyOptions(level=request.level), runner)
     fit = found.identification.robust.fit
     if fit.layout.kind != request.instrument.kind:
         raise PlanError(
