@@ -352,6 +352,8 @@ def test_a_server_that_is_not_ours_is_read(foreign_server: tuple[int, Path], tmp
 
 
 def test_a_client_that_is_not_ours_reads_the_fake(served: FanucFtpServer) -> None:
+    cabinet = served.cabinet
+    cabinet.alarms.append(("SRVO-065", "BLAL alarm (Group:1 Axis:5)"))
     ftp = ftplib.FTP()
     ftp.connect("127.0.0.1", served.port, timeout=10)
     assert ftp.login().startswith("230")
@@ -360,6 +362,16 @@ def test_a_client_that_is_not_ours_reads_the_fake(served: FanucFtpServer) -> Non
         lines: list[str] = []
         ftp.retrlines(f"RETR {name}", lines.append)
         assert any("Machine     Motion" in line for line in lines)
+
+    def text_of(name: str) -> str:
+        found: list[str] = []
+        ftp.retrlines(f"RETR {name}", found.append)
+        return "\n".join(found)
+
+    assert cabinet.software in text_of("version.dg")  # the state
+    assert all(f"{joint:.2f}" in text_of("curpos.dg") for joint in cabinet.joints_deg)
+    assert f"{cabinet.tools[1][2]:.3f}" in text_of("sysframe.va")
+    assert "SRVO-065 BLAL alarm (Group:1 Axis:5)" in text_of("erract.ls")  # of motion this link has none
     assert {"sysmast.va", "main.ls"} <= set(ftp.nlst())
     with pytest.raises(ftplib.error_perm, match="550"):
         ftp.voidcmd("STOR main.ls")
