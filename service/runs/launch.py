@@ -103,7 +103,7 @@ async def _save_healthy_counts(config: CellConfig, cell: Cell, outcome: RunOutco
         await remember_healthy(cell.robot.name, cell.mastering, LastHealthyCounts(config.cell.data_dir))
     except (DeviceError, OSError) as error:
         _LOG.warning(
-            "the counts of %s were not kept as healthy: %s. The watch keeps them at its next look.",
+            "the counts of %s were not kept as healthy: %s The watch keeps them at its next look.",
             cell.robot.name,
             error,
         )
