@@ -16,6 +16,7 @@ from typing import Any
 from cellcal.calibration.message import make_message
 from cellcal.drivers.errors import DeviceError, RefusedError, UnreachableError, WireProtocolError
 from cellcal.drivers.universal_robots.rtde import PORT, MessageType, RtdeLink, pack_message
+from cellcal.drivers.wire.link_errors import find_reason
 from cellcal.drivers.wire.possible_values import are_possible_joints
 from cellcal.drivers.wire.trace import FrameTrace
 
@@ -121,7 +122,7 @@ class StateClient:
             ) from None
         except OSError as error:
             raise self._unreachable_error(
-                make_message("cannot be reached ({error})", error=error.strerror or error)
+                make_message("cannot be reached ({error})", error=find_reason(error))
             ) from error
         except BaseException:
             self.close()
