@@ -64,6 +64,7 @@ CAMPAIGNS: dict[str, tuple[Callable[[int], CampaignFigures], int]] = {
     "poor": (losses.poor, 1000),
     "pendant": (pendant.pendant, 200),
     "pendant_cut": (interrupted_pendant.interrupted_pendant, 2),
+    "abb_cut": (interrupted_pendant.interrupted_abb, 2),
     "cures": (guided_cures.guided_cures, 50),
     "cures_cut": (interrupted_cures.interrupted_cures, 5),
     "exchanged": (losses.exchanged, 300),
