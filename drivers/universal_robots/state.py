@@ -21,7 +21,7 @@ from cellcal.drivers.wire.possible_values import are_possible_joints
 from cellcal.drivers.wire.trace import FrameTrace
 
 UPDATE = "Update the controller: CB3 to 3.12, PolyScope 5 to 5.6 or PolyScope X to 10.11, or later."
-CABLE = "Check that the controller is switched on and the network cable is plugged in."
+CABLE = "Check that the controller is switched on, the network cable plugged in and the address its own."
 
 _KEPT_SAMPLES = 512
 _HEX_SHOWN = 48
@@ -248,7 +248,9 @@ class StateClient:
     def _on_lost(self, error: Exception | None) -> None:
         self._fail_with(
             self._unreachable_error(
-                make_message("closed the connection{error}", error=f" ({error})" if error else "")
+                make_message(
+                    "closed the connection{error}", error=f" ({find_reason(error)})" if error else ""
+                )
             )
         )
 
