@@ -1,5 +1,6 @@
 """``cellcal mastering record``: a signed record from a controller's files, and no record where they disagree."""
 
+import asyncio
 import ftplib
 import json
 import subprocess
@@ -28,6 +29,7 @@ from cellcal.service.engineering.controller_files.stored_records import list_rec
 from cellcal.service.engineering.parameters.mastering_files import import_record, in_force
 from cellcal.service.exit_codes import ExitCode
 from tests.procedures.certified_runs import cell_config
+from tests.wire.cutting_proxy import CuttingProxy
 from tests.wire.fanuc_ftp import address_of, ftp_controllers, save_backup
 
 ROOT = Path(__file__).parents[2]
@@ -378,3 +380,17 @@ def test_a_client_that_is_not_ours_reads_the_fake(served: FanucFtpServer) -> Non
     with pytest.raises(ftplib.error_perm, match="550"):
         ftp.delete("main.ls")
     ftp.quit()
+
+
+@pytest.mark.parametrize("octets", range(3, 480, 54))
+async def test_a_link_cut_anywhere_leaves_no_record_and_says_what_to_do(
+    served: FanucFtpServer, tmp_path: Path, capsys: pytest.CaptureFixture[str], octets: int
+) -> None:
+    async with CuttingProxy("127.0.0.1", served.port, octets) as proxy:
+        code = await asyncio.to_thread(take_record, f"127.0.0.1:{proxy.port}", tmp_path)
+        assert proxy.was_cut
+    said = " ".join(capsys.readouterr().err.split())
+    assert code == ExitCode.UNREACHABLE
+    assert not list_records(tmp_path)
+    assert "the FTP connection was lost while" in said
+    assert "What to do: Read it once more" in said
