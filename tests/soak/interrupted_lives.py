@@ -50,6 +50,7 @@ class InterruptedCase:
     make_operator: Callable[[FakeCellClient], Operator]
     is_needless: Callable[[Instruction, dict[str, Any]], bool]
     link_faults: tuple[str, ...] = ("refuse", "reset")
+    between: tuple[str, ...] = ()  # what happens at the controller before the next entry
 
     async def read_truth(self) -> dict[str, Any]:
         """Return the truth about the robot."""
@@ -218,6 +219,8 @@ def _last_procedure(case: InterruptedCase) -> str:
 
 async def _mend(case: InterruptedCase) -> None:
     await case.fake_client.send_command("clear")
+    for event in case.between:
+        await case.fake_client.inject_fault(event, device=case.robot)
     async with open_retrying(read_cell_file(case.cell_file).robot_named(case.robot)):
         pass  # it answers again
 
