@@ -39,8 +39,8 @@ pages: $(PAGES)
 $(NODE_CLIENTS): $(VENV)/.runtime tests/node_clients/package-lock.json
 	@./deploy/install_node_clients.sh
 
-# A client of others that a test runs as a Rust program, where cargo is installed.
-$(RUST_CLIENTS): tests/rust_clients/Cargo.lock tests/rust_clients/src/main.rs
+# A client and a server of others that tests run as Rust programs, where cargo is installed.
+$(RUST_CLIENTS): tests/rust_clients/Cargo.lock tests/rust_clients/src/main.rs tests/rust_clients/src/bin/mock-yaskawa.rs
 	@./deploy/install_rust_clients.sh
 
 # In a terminal it opens the pages until Ctrl-C; anywhere else it tells the story and ends.

@@ -9,8 +9,9 @@ import numpy as np
 
 from cellcal.calibration.mastering.counts import DriveTrain
 from cellcal.calibration.mastering.position_record import drive_of_ratios
-from cellcal.drivers.errors import RefusedError, UnreachableError
-from cellcal.drivers.interfaces import Condition, Counts, MasteringData, Readiness, Robot
+from cellcal.drivers.errors import RefusedError
+from cellcal.drivers.interfaces import Counts, MasteringData, Readiness, Robot
+from cellcal.procedures.robot_condition import read_reached_condition
 
 
 class ShownMotors:
@@ -30,10 +31,10 @@ class ShownMotors:
 
     async def encoder_epoch(self) -> int:
         """Return 1 while an axis has lost its position, else 0: a loss after the cure ends what is measured."""
-        return int((await self._read_condition()).readiness is Readiness.POSITION_LOST)
+        return int((await read_reached_condition(self._robot)).readiness is Readiness.POSITION_LOST)
 
     async def read_mastering(self) -> MasteringData:
-        lost = (await self._read_condition()).readiness is Readiness.POSITION_LOST
+        lost = (await read_reached_condition(self._robot)).readiness is Readiness.POSITION_LOST
         return MasteringData(self._zeros, mastered=not lost)
 
     async def write_mastering(self, counts_at_zero: Counts) -> MasteringData:
@@ -50,12 +51,6 @@ class ShownMotors:
         here = (await self._robot.read_joints()).joints_rad
         there = tuple(joint + delta_rad * (k == axis) for k, joint in enumerate(here))
         await self._robot.move_joints(there, speed_rad_s=speed_rad_s)
-
-    async def _read_condition(self) -> Condition:
-        condition = await self._robot.read_condition()
-        if condition.readiness is Readiness.UNREACHABLE:
-            raise UnreachableError(self._robot.name, condition.message, remedy=condition.remedy)
-        return condition
 
     def _refused_error(self) -> RefusedError:
         return RefusedError(

@@ -42,7 +42,10 @@ BUSY = 1  # ES_RS_ServerBusy: an earlier command, of ours or of another program,
 _POLL_S = 0.1
 _CANCEL_AGAIN_S = 0.5
 _CABLE = "Check the network cable and that the tracker's controller is on."
-_BYTES = "The reading was not used. Try again; if it comes back, report it with the trace of the link."
+_BYTES = (
+    "The reading was not used. Check that address and port are those of an emScon server; "
+    "if they are, try again, and report it with the trace of the link."
+)
 
 
 def status_meaning(status: int) -> CodeEntry:

@@ -4,7 +4,7 @@ from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from typing import TYPE_CHECKING, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, field_validator
+from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
 from cellcal.drivers.interfaces import RobotCapabilities
 from cellcal.drivers.modbus_robot.profile import load_profile, profile_names
@@ -29,6 +29,7 @@ class ModbusRobotConfig(BaseModel):
     port: int = Field(default=502, ge=1, le=65535)
     model: str = Field(min_length=1)  # name of the nominal robot model
     serial: str = Field(min_length=1)
+    second_group: bool = False  # a positioner or rail: its axes are compared between captures, too
     deadline_s: float = Field(default=2.0, gt=0, le=60)
     speed_limit_rad_s: float = Field(gt=0, le=3.0)
     settle_s: float = Field(default=1.0, ge=0, le=60)
@@ -40,6 +41,12 @@ class ModbusRobotConfig(BaseModel):
         if name not in profile_names():
             raise ValueError(f"there is no profile {name!r}; known: {', '.join(profile_names())}")
         return name
+
+    @model_validator(mode="after")
+    def _check_second_group(self) -> "ModbusRobotConfig":
+        if self.second_group and not load_profile(self.profile).has_second_group:
+            raise ValueError(f"second_group: profile {self.profile!r} tells of no second motion group")
+        return self
 
     @property
     def capabilities(self) -> RobotCapabilities:
@@ -72,7 +79,11 @@ class ModbusRobotConfig(BaseModel):
         )
         panel = RegisterClient(link, profile)
         options = ModbusMotionOptions(
-            self.deadline_s, self.speed_limit_rad_s, self.settle_s, self.motion_margin_s
+            self.deadline_s,
+            self.speed_limit_rad_s,
+            self.settle_s,
+            self.motion_margin_s,
+            self.second_group,
         )
         robot = ModbusRobot(panel, CellProgram(panel, deadline_s=self.deadline_s), options)
         async with connection_to(robot):

@@ -9,6 +9,7 @@ from cellcal.calibration.message import make_message
 from cellcal.calibration.orientation import rotation_from, values_from
 from cellcal.drivers.errors import RefusedError
 from cellcal.drivers.interfaces import ActiveFrames, ShownExternalAxis
+from cellcal.drivers.modbus_robot.profile import SECOND_GROUP
 from cellcal.drivers.modbus_robot.register_client import RegisterBlock, RegisterClient
 from cellcal.drivers.wire.frame_readback import frames_agree
 
@@ -70,10 +71,27 @@ async def flange_pose(panel: RegisterClient, position: RegisterBlock) -> Pose:
     return pose
 
 
-async def active_frames(panel: RegisterClient, position: RegisterBlock) -> ActiveFrames:
-    """Return what is active and where further axes of the group stand. No payload or second group is assigned."""
+async def active_frames(panel: RegisterClient, position: RegisterBlock, *, group_2: bool) -> ActiveFrames:
+    """Return what is active and where axes beside the arm stand. No payload is assigned."""
     user, tool = position.integer_of("user_number"), position.integer_of("tool_number")
     flange_tool = await read_frame(panel, "tool", tool) if tool else Pose((0.0, 0.0, 0.0))
     places = enumerate(position.numbers_of("external"), 1)
     external_axes = tuple(ShownExternalAxis(f"E{axis}", shown) for axis, shown in places)
+    external_axes += await _read_second_group(panel) if group_2 else ()
     return ActiveFrames(tool, flange_tool, user, external_axes=external_axes)
+
+
+async def _read_second_group(panel: RegisterClient) -> tuple[ShownExternalAxis, ...]:
+    """Return where the axes of motion group 2 stand.
+
+    Where assignment 21 was not made its registers read 0, and so not valid.
+    """
+    block = await panel.read_block(SECOND_GROUP)
+    if block.integer_of("group_2_valid") != 1:
+        raise RefusedError(
+            panel.device,
+            "the controller tells no position of motion group 2.",
+            remedy="Make assignment 21 of the set-up page, or take second_group out of the cell file.",
+        )
+    places = enumerate(block.numbers_of("group_2_joints"), 1)
+    return tuple(ShownExternalAxis(f"group 2 J{axis}", shown) for axis, shown in places)

@@ -11,6 +11,7 @@ from cellcal.calibration.documents.toml_text import parse_toml
 from cellcal.drivers.modbus_robot.registers import RobotRegister
 
 Operation = Literal["move", "jog", "calibrate", "reset_alarms"]
+SECOND_GROUP = "second_group"  # the block with its position
 LONGEST_READ = 125  # registers in one telegram, Modbus Application Protocol 6.3
 
 
@@ -59,6 +60,11 @@ class ControllerProfile(_ProfileTable):
             if count > LONGEST_READ:
                 raise ValueError(f"block {name} from {first} is {count} words, more than {LONGEST_READ}")
         return self
+
+    @property
+    def has_second_group(self) -> bool:
+        """Whether the document assigns the position of motion group 2."""
+        return SECOND_GROUP in self.blocks
 
     @staticmethod
     def register_span(registers: Sequence[RobotRegister]) -> tuple[int, int]:

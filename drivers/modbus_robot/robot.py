@@ -32,7 +32,12 @@ from cellcal.drivers.interfaces import (
 )
 from cellcal.drivers.modbus_robot.cell_program import CellProgram, ProgramRequest, ProgramState
 from cellcal.drivers.modbus_robot.condition import condition_of, read_alarms
-from cellcal.drivers.modbus_robot.frames import active_frames, flange_pose, read_frame, write_frame
+from cellcal.drivers.modbus_robot.frames import (
+    active_frames,
+    flange_pose,
+    read_frame,
+    write_frame,
+)
 from cellcal.drivers.modbus_robot.joint_speed import read_speed_share
 from cellcal.drivers.modbus_robot.mastering import (
     read_drive_train,
@@ -61,6 +66,7 @@ class ModbusMotionOptions:
     speed_limit_rad_s: float
     settle_s: float
     motion_margin_s: float
+    has_second_group: bool
 
 
 def capabilities_of(profile: ControllerProfile) -> RobotCapabilities:
@@ -242,7 +248,8 @@ class ModbusRobot:
     async def active_frames(self) -> ActiveFrames:
         async with self._answer_deadline("reading the active tool"):
             # selections need no look at the program's counter: a run also begins while it does not run
-            return await active_frames(self._panel, await self._panel.read_block("position"))
+            position = await self._panel.read_block("position")
+            return await active_frames(self._panel, position, group_2=self._options.has_second_group)
 
     async def controller_mode(self) -> str:
         async with self._answer_deadline("reading the mode"):

@@ -22,6 +22,7 @@ from cellcal.drivers.opc_ua.bounded_protocol import BoundedProtocol, bound_answe
 from cellcal.drivers.opc_ua.server_access import ServerAccess, prepare_client
 from cellcal.drivers.wire.backoff import Backoff
 from cellcal.drivers.wire.deadline import timeout_error
+from cellcal.drivers.wire.link_errors import find_reason
 
 T = TypeVar("T")
 _CABLE = "Check that the controller is on, its OPC UA server runs, and address and port of the cell file are its own."
@@ -176,7 +177,7 @@ class ServerLink:
             ) from None
         except OSError as error:
             self.drop()
-            raise self._lost_error(str(error) or type(error).__name__) from error
+            raise self._lost_error(find_reason(error)) from error
         except ua.UaStatusCodeError as error:
             raise self._status_error(error, asking) from error
         except Exception as error:

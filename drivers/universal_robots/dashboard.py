@@ -14,6 +14,7 @@ from contextlib import asynccontextmanager
 from cellcal.calibration.message import make_message
 from cellcal.drivers.errors import RefusedError, UnreachableError, WireProtocolError
 from cellcal.drivers.universal_robots.state import CABLE
+from cellcal.drivers.wire.link_errors import find_reason
 
 PORT = 29999
 _LONGEST_LINE = 4096
@@ -82,7 +83,8 @@ class UrDashboard:
                 make_message("did not answer within {deadline_s:g} s", deadline_s=self._deadline_s)
             ) from None
         except (OSError, EOFError) as error:
-            raise self._unreachable_error(make_message("cannot be reached ({error})", error=error)) from error
+            what = make_message("cannot be reached ({error})", error=find_reason(error))
+            raise self._unreachable_error(what) from error
         except ValueError as error:
             raise WireProtocolError(
                 self._device,

@@ -11,6 +11,7 @@ from struct import Struct
 
 from cellcal.calibration.message import make_message
 from cellcal.drivers.errors import UnreachableError, WireProtocolError
+from cellcal.drivers.wire.link_errors import find_reason
 
 PORT = 30001
 _PACKET = Struct(">iB")
@@ -48,7 +49,7 @@ async def read_sub_packages(
     except TimeoutError:
         what = make_message("did not describe the arm within {deadline_s:g} s", deadline_s=deadline_s)
     except (OSError, EOFError) as error:
-        what = make_message("cannot be reached ({error})", error=error)
+        what = make_message("cannot be reached ({error})", error=find_reason(error))
     raise UnreachableError(
         device,
         make_message("the primary interface of {address} {what}.", address=address, what=what),

@@ -17,6 +17,7 @@ from cellcal.calibration.message import make_message
 from cellcal.drivers.errors import DeviceTimeoutError, RefusedError, UnreachableError, WireProtocolError
 from cellcal.drivers.wire.deadline import answer_deadline
 from cellcal.drivers.wire.http_answers import STEP_SHARE, BoundedTransport, OversizedAnswerError
+from cellcal.drivers.wire.link_errors import find_reason
 from cellcal.drivers.wire.trace import FrameTrace
 
 _BASE = "/universal-robots/robot-api"
@@ -134,7 +135,7 @@ class RobotApiClient:
             what = make_message("did not answer within {deadline_s:g} s", deadline_s=self._deadline_s)
             raise self._unreachable_error(what) from error
         except (httpx.HTTPError, httpx.InvalidURL, RuntimeError) as error:  # RuntimeError: closed by us
-            what = make_message("cannot be reached ({error})", error=str(error) or type(error).__name__)
+            what = make_message("cannot be reached ({error})", error=find_reason(error))
             raise self._unreachable_error(what) from error
         self.trace.add_frame("<", f"{response.status_code} {response.text[:_SHOWN]}")
         if response.request.method != method or response.url.host != self._host:

@@ -16,11 +16,12 @@ from typing import Any
 from cellcal.calibration.message import make_message
 from cellcal.drivers.errors import DeviceError, RefusedError, UnreachableError, WireProtocolError
 from cellcal.drivers.universal_robots.rtde import PORT, MessageType, RtdeLink, pack_message
+from cellcal.drivers.wire.link_errors import find_reason
 from cellcal.drivers.wire.possible_values import are_possible_joints
 from cellcal.drivers.wire.trace import FrameTrace
 
 UPDATE = "Update the controller: CB3 to 3.12, PolyScope 5 to 5.6 or PolyScope X to 10.11, or later."
-CABLE = "Check that the controller is switched on and the network cable is plugged in."
+CABLE = "Check that the controller is switched on, the network cable plugged in and the address its own."
 
 _KEPT_SAMPLES = 512
 _HEX_SHOWN = 48
@@ -121,7 +122,7 @@ class StateClient:
             ) from None
         except OSError as error:
             raise self._unreachable_error(
-                make_message("cannot be reached ({error})", error=error.strerror or error)
+                make_message("cannot be reached ({error})", error=find_reason(error))
             ) from error
         except BaseException:
             self.close()
@@ -247,7 +248,9 @@ class StateClient:
     def _on_lost(self, error: Exception | None) -> None:
         self._fail_with(
             self._unreachable_error(
-                make_message("closed the connection{error}", error=f" ({error})" if error else "")
+                make_message(
+                    "closed the connection{error}", error=f" ({find_reason(error)})" if error else ""
+                )
             )
         )
 

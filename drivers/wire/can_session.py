@@ -19,6 +19,7 @@ from cellcal.drivers.errors import (
     WireProtocolError,
 )
 from cellcal.drivers.supervision import start_link_thread
+from cellcal.drivers.wire.link_errors import find_reason
 from cellcal.drivers.wire.socketcand import SafeSocketcandBus
 from cellcal.drivers.wire.trace import FrameTrace
 
@@ -37,6 +38,7 @@ _UNREADABLE = (
     ArithmeticError,
     struct.error,
 )
+_INTERFACE = "Check that the CAN interface of the cell file exists and is up (`ip link`), then try again."
 _WIRING = "Check the power and the cable of the device, and the CAN termination; then try again."
 
 
@@ -86,8 +88,8 @@ class CanSession:
         try:
             self._bus = options.open(handshake_s=self._answer_s)
         except (can.CanError, OSError, ValueError) as error:
-            message = make_message("the CAN bus cannot be opened ({error}).", error=error)
-            raise UnreachableError(self.device, message, remedy=_WIRING) from error
+            message = make_message("the CAN bus cannot be opened ({error}).", error=find_reason(error))
+            raise UnreachableError(self.device, message, remedy=_INTERFACE) from error
         self._network = _CountingNetwork(self._bus, 0x600 + self._id)
         nothing_known = canopen.ObjectDictionary()  # type: ignore[no-untyped-call]  # objects are our data
         self._node = self._network.add_node(canopen.RemoteNode(self._id, nothing_known))

@@ -1,6 +1,7 @@
 """Errors of a network connection to a controller that cannot be made or is lost."""
 
 import os
+import ssl
 
 from cellcal.calibration.message import make_message
 from cellcal.drivers.errors import UnreachableError, WireProtocolError
@@ -39,6 +40,9 @@ def find_reason(error: BaseException) -> str:
         if each is None or id(each) in visited:
             continue
         visited.add(id(each))
+        if isinstance(each, ssl.SSLError):  # its number is none of the system's
+            what = (each.reason or "the handshake broke off").replace("_", " ").lower()
+            return make_message("no TLS connection ({what})", what=what)
         if isinstance(each, OSError) and each.errno is not None:
             return os.strerror(each.errno) if each.errno > 0 else str(each.strerror)
         waiting += [*getattr(each, "exceptions", ()), each.__cause__, each.__context__]

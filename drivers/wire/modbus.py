@@ -12,7 +12,7 @@ What pymodbus leaves to its caller, and what is done about it here:
 """
 
 import asyncio
-from collections.abc import Awaitable, Callable, Sequence
+from collections.abc import Awaitable, Callable, Coroutine, Sequence
 from contextlib import suppress
 from functools import partial
 from typing import Any
@@ -32,6 +32,7 @@ from cellcal.drivers.errors import (
 from cellcal.drivers.wire.backoff import Backoff
 from cellcal.drivers.wire.cancellation import cancel_until_done
 from cellcal.drivers.wire.deadline import AnswerDeadline
+from cellcal.drivers.wire.link_errors import no_connection_error
 from cellcal.drivers.wire.tables import CodeEntry, code_table
 from cellcal.drivers.wire.trace import FrameTrace
 
@@ -44,6 +45,9 @@ _BUSY_PAUSES_S = (0.02, 0.05, 0.1)
 _NEVER = 10.0  # deadlines: the library's own time-out ends a wait whose answer has come, see Limit
 _CANCEL_AGAIN_S = 0.5
 _NO_MODBUS = "Check that address and port are those of the device's Modbus server, and the network cable."
+_NEVER_ANSWERED = (
+    "Check power and network cable, and that address and port of the cell file are its Modbus server's."
+)
 _CABLE = "Check its power and the network cable; the next call connects again by itself."
 _UNKNOWN = "Report this to the maker of the profile; the reading was not used."
 
@@ -61,7 +65,7 @@ class ModbusLink:
     ) -> None:
         self.device = device
         self.trace = FrameTrace(device)
-        self._is_unreadable = False
+        self._is_unreadable = self._has_answered = False
         self._host, self._port, self._deadline_s = host, port, deadline_s
         self.check_server = check_server
         self._client: AsyncModbusTcpClient | None = None
@@ -169,15 +173,24 @@ class ModbusLink:
             trace_packet=self._trace_packet, trace_connect=self._connection_changed,
         )  # fmt: skip
         self._client.ctx.data_received = partial(self._take_received, self._client)  # type: ignore[method-assign]
+        reasons: list[OSError] = []
+        self._client.ctx.call_create = partial(_note_reason, self._client.ctx.call_create, reasons)
         connected = False
         with suppress(TimeoutError):
             async with AnswerDeadline(self._deadline_s):
                 connected = await self._client.connect()
         if not connected:
             where = f"{self._host}:{self._port}"
+            if reasons:
+                raise no_connection_error(self.device, where, reasons[0], self._remedy)
             raise UnreachableError(
-                self.device, make_message("no connection to {where}.", where=where), remedy=_CABLE
+                self.device, make_message("no connection to {where}.", where=where), remedy=self._remedy
             )
+
+    @property
+    def _remedy(self) -> str:
+        """What to do about a loss: what never answered may be another device."""
+        return _CABLE if self._has_answered else _NEVER_ANSWERED
 
     async def _exchange_request(self, ask: _Ask, function: int) -> ModbusPDU:
         """Send one request and return its own answer; on anything else the connection is dropped."""
@@ -187,6 +200,7 @@ class ModbusLink:
         try:
             answer = await self._answer_or_loss(ask, client, lost)
             self._check_answer(client, answer, function)
+            self._has_answered = True
         except BaseException as error:
             if not isinstance(error, (RefusedError, _BusyAnswer)):
                 self._drop_connection()
@@ -207,7 +221,7 @@ class ModbusLink:
             if self._is_unreadable:
                 raise self._foreign_answer_error("sent what is no Modbus answer") from None
             raise UnreachableError(
-                self.device, make_message("the connection broke: {error}.", error=error), remedy=_CABLE
+                self.device, make_message("the connection broke: {error}.", error=error), remedy=self._remedy
             ) from error
 
     def _check_answer(self, client: AsyncModbusTcpClient, answer: ModbusPDU, function: int) -> None:
@@ -249,7 +263,7 @@ class ModbusLink:
         return WireProtocolError(
             self.device,
             make_message("the device {what}.", what=what),
-            remedy=_UNKNOWN,
+            remedy=_UNKNOWN if self._has_answered else _NO_MODBUS,
             frame=self.trace.last_received(),
         )
 
@@ -266,7 +280,7 @@ class ModbusLink:
         return DeviceTimeoutError(
             self.device,
             make_message("no answer within {deadline_s:g} s.", deadline_s=self._deadline_s),
-            remedy=_CABLE,
+            remedy=self._remedy,
         )
 
     def _trace_packet(self, sending: bool, packet: bytes) -> bytes:
@@ -294,6 +308,15 @@ class ModbusLink:
         client.close()
         if isinstance(transport, asyncio.Transport):
             transport.abort()  # close() alone would wait for a peer that may never read again
+
+
+async def _note_reason(create: Callable[[], Coroutine[Any, Any, Any]], reasons: list[OSError]) -> Any:
+    """Make a connection, and keep why it cannot be made: the library only logs it."""
+    try:
+        return await create()
+    except OSError as error:
+        reasons.append(error)
+        raise
 
 
 async def _first_result(asking: Awaitable[ModbusPDU], lost: asyncio.Future[None]) -> ModbusPDU:

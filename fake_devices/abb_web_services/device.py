@@ -74,6 +74,7 @@ class FakeAbbRobot(NetworkedRobot):
             "second_robot": lambda p: setattr(c, "has_second_robot", bool(p.pop("there", True))),
             "events_logged": lambda p: c.note_programs(int(p.pop("count", 1))),
             "log_cleared": lambda _: c.log.clear(),
+            "sessions_expired": lambda _: self.server.sessions.end_all(),
             "files_deleted": lambda _: c.files.contents.clear(),
         }
 

@@ -72,6 +72,8 @@ class HttpAnswer:
 class HttpPort(ListeningPort):
     """A port that answers one request after the other."""
 
+    sessions: "SessionTable"
+
     def __init__(
         self, host: str, port: int, faults: LinkFaults, *, tls: ssl.SSLContext | None = None
     ) -> None:
@@ -152,3 +154,7 @@ class SessionTable:
     def end(self, session: str) -> None:
         """Close a session."""
         self._open.discard(session)
+
+    def end_all(self) -> None:
+        """Close all, as idle ones are after some minutes."""
+        self._open.clear()

@@ -38,16 +38,16 @@ class OmnicorePort(HttpPort):
     def __init__(self, host: str, port: int, resources: OmnicoreResources, faults: LinkFaults) -> None:
         super().__init__(host, port, faults, tls=make_server_context("omnicore"))
         self._resources = resources
-        self._sessions = SessionTable(faults, _SESSIONS)
+        self.sessions = SessionTable(faults, _SESSIONS)
 
     def answer_request(self, request: HttpRequest) -> HttpAnswer:
         """Return the answer of the resources to a client that is known."""
         if not _is_known(request.headers.get("authorization", "")):
             return HttpAnswer(401, headers=('WWW-Authenticate: Basic realm="validusers@robapi.abb"',))
         more: tuple[str, ...] = ()
-        session = self._sessions.find(request.headers.get("cookie", ""), _COOKIE)
+        session = self.sessions.find(request.headers.get("cookie", ""), _COOKIE)
         if session is None:
-            session = self._sessions.begin()
+            session = self.sessions.begin()
             if session is None:
                 return HttpAnswer(503)
             more = (f"Set-Cookie: {_COOKIE}={session}; path=/; Secure; HttpOnly",)
@@ -55,7 +55,7 @@ class OmnicorePort(HttpPort):
 
     def _answer_session(self, request: HttpRequest, session: str) -> HttpAnswer:
         if request.path == "/logout":
-            self._sessions.end(session)
+            self.sessions.end(session)
             self._resources.end_session(session)
             return HttpAnswer(204)
         kind = _accepted_form(request.headers.get("accept", "*/*"))

@@ -34,7 +34,7 @@ class ServicePort(HttpPort):
         super().__init__(host, port, faults)
         self._table = table
         self._nonce = secrets.token_hex(16)
-        self._sessions = SessionTable(faults, _SESSIONS)
+        self.sessions = SessionTable(faults, _SESSIONS)
 
     def answer_request(self, request: HttpRequest) -> HttpAnswer:
         """Return the answer of the resources to a client that is known."""
@@ -44,9 +44,9 @@ class ServicePort(HttpPort):
             )
             return HttpAnswer(401, headers=(f"WWW-Authenticate: {challenge}",))
         more: tuple[str, ...] = ()
-        session = self._sessions.find(request.headers.get("cookie", ""), _COOKIE)
+        session = self.sessions.find(request.headers.get("cookie", ""), _COOKIE)
         if session is None:
-            session = self._sessions.begin()
+            session = self.sessions.begin()
             if session is None:
                 return HttpAnswer(503)
             more = (
@@ -54,7 +54,7 @@ class ServicePort(HttpPort):
                 f"Set-Cookie: {_COOKIE}={session}; path=/",
             )
         if request.path == "/logout":
-            self._sessions.end(session)
+            self.sessions.end(session)
         status, content = self._table.answer(request)
         if isinstance(content, bytes):
             return HttpAnswer(status, content, "application/octet-stream", more)

@@ -31,6 +31,7 @@ from cellcal.fake_devices.fanuc_rmi.controller import (
 
 Fields = dict[str, Any]
 _KEYS = ("X", "Y", "Z", "W", "P", "R")
+_OWN_GROUP = {"Group": 1}  # replies about a group name it
 _SPEED_TYPES = ("Percent", "mSec", "Time")
 
 
@@ -50,7 +51,11 @@ class PacketTable:
             "FRC_ReadError": self._read_errors,
             "FRC_ReadJointAngles": self._read_joints,
             "FRC_ReadCartesianPosition": lambda _: self._answer_position(),
-            "FRC_GetUFrameUTool": lambda _: {"UFrameNumber": c.frame_number, "UToolNumber": c.tool_number},
+            "FRC_GetUFrameUTool": lambda _: {
+                **_OWN_GROUP,
+                "UFrameNumber": c.frame_number,
+                "UToolNumber": c.tool_number,
+            },
             "FRC_SetUFrameUTool": self._select_frames,
             "FRC_ReadUToolData": lambda f: self._read_frame(f, c.tools, "ToolNumber", TOOL_NUMBER),
             "FRC_ReadUFrameData": lambda f: self._read_frame(f, c.frames, "FrameNumber", FRAME_NUMBER),
@@ -138,7 +143,7 @@ class PacketTable:
             f"Ext{k}": value for k, value in enumerate(self._c.external, 1)
         }
         configuration = {"UToolNumber": tool, "UFrameNumber": frame, **turns}
-        return {"TimeTag": 0, "Configuration": configuration, "Position": position}
+        return {**_OWN_GROUP, "TimeTag": 0, "Configuration": configuration, "Position": position}
 
     def _select_frames(self, fields: Fields) -> Fields:
         frame, tool = int(_read_number(fields, "UFrameNumber")), int(_read_number(fields, "UToolNumber"))
@@ -147,19 +152,19 @@ class PacketTable:
         if not 0 <= tool <= FRAMES:
             raise RmiRefusal(TOOL_NUMBER)
         self._c.frame_number, self._c.tool_number = frame, tool
-        return {}
+        return dict(_OWN_GROUP)
 
     def _read_frame(self, fields: Fields, table: list[list[float]], key: str, wrong: int) -> Fields:
         number = self._read_index(fields, key, wrong)
         frame = dict(zip(_KEYS, table[number - 1], strict=True))
-        return {key.replace("Frame", "UFrame").replace("Tool", "UTool"): number, "Frame": frame}
+        return {**_OWN_GROUP, key.replace("Frame", "UFrame").replace("Tool", "UTool"): number, "Frame": frame}
 
     def _write_frame(self, fields: Fields, table: list[list[float]], key: str, wrong: int) -> Fields:
         number = self._read_index(fields, key, wrong)
         if self._c.arm.is_moving:
             raise RmiRefusal(15)
         table[number - 1] = [round(_read_number(fields.get("Frame", {}), name), 5) for name in _KEYS]
-        return {}
+        return dict(_OWN_GROUP)
 
     def _read_index(self, fields: Fields, key: str, wrong: int) -> int:
         number = int(_read_number(fields, key))

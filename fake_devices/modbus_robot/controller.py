@@ -64,6 +64,7 @@ class ModbusRobotController:
         self.frames = [[0.0] * 6 for _ in range(FRAMES)]
         self.tool_number, self.frame_number = 1, 0
         self.external = [0.0, 0.0, 0.0]  # E1 to E3 [mm or deg]
+        self.second_group: list[float] | None = None  # J1 to J9 of group 2, where there is one
         arm.convert_to_shown = lambda joints: joints - self.joint_offset()
         self.program: CellcalProgram | TpProgram = TpProgram(self) if runs_listings else CellcalProgram(self)
 

@@ -59,6 +59,7 @@ def blocks_of(controller: ModbusRobotController) -> list[RegisterAssignment]:
     """Return all blocks of a controller."""
     return [
         RegisterAssignment(POSITION, 50, partial(_position_words, controller)),
+        RegisterAssignment(1501, 50, partial(_second_group_words, controller)),
         *_mastering_blocks(controller),
         *_constant_blocks(controller),
         *_frame_blocks(controller),
@@ -76,6 +77,12 @@ def _position_words(controller: ModbusRobotController) -> Words:
     words += [int(joints[4] > 0.0), 0, 1, int(flange[0, 3] >= 0.0), 0, 0, 0, int(controller.is_mastered)]
     words += float_words([*(float(angle) for angle in np.degrees(joints)), *controller.external])
     return [*words, 1, controller.frame_number, controller.tool_number, 0, 0, 0]
+
+
+def _second_group_words(controller: ModbusRobotController) -> Words:
+    """Show joints alone: a positioner has no tip that the arm's frames know."""
+    joints = controller.second_group
+    return [0] * 50 if joints is None else [*([0] * 26), *float_words(joints), 1, *([0] * 5)]
 
 
 def _mastering_blocks(controller: ModbusRobotController) -> list[RegisterAssignment]:

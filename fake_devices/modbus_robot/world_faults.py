@@ -262,11 +262,14 @@ class WorldFaults:
             self._controller.select_frame(int(parameters.pop("frame")))
 
     def _move_external_axis(self, parameters: dict[str, Any]) -> None:
-        """Drive a rail or positioner, as a person may; it is there at once."""
-        axis = int(parameters.pop("axis", 1))
-        if not 1 <= axis <= len(self._controller.external):
-            raise ValueError("the external axes are 1 to 3")
-        self._controller.external[axis - 1] = float(parameters.pop("value"))
+        """Drive a rail or positioner, as a person may: E1 to E3, or one of a second group; it is there at once."""
+        group, axis = int(parameters.pop("group", 1)), int(parameters.pop("axis", 1))
+        if group != 1 and self._controller.second_group is None:
+            self._controller.second_group = [0.0] * 9
+        places = self._controller.external if group == 1 else self._controller.second_group or []
+        if not 1 <= axis <= len(places):
+            raise ValueError(f"the axes of group {group} are 1 to {len(places)}")
+        places[axis - 1] = float(parameters.pop("value"))
 
     def _tool_switched(self, parameters: dict[str, Any]) -> None:
         """Select another tool at the pendant: ``number``, or the next one."""

@@ -22,6 +22,7 @@ from cellcal.procedures.cell import Cell, MotionCaps
 from cellcal.procedures.forecast import Knowledge
 from cellcal.procedures.motion.robot_readiness import check_position_kept
 from cellcal.procedures.procedure_definition import NEEDS
+from cellcal.procedures.robot_condition import read_reached_condition
 from cellcal.procedures.run import NeedsUnmetError, RefusalError
 from cellcal.procedures.steps.capture import SPREAD_SIGMAS
 from cellcal.procedures.steps.length import LengthCapture, capture_length
@@ -90,7 +91,7 @@ class Bench:
 
 async def read_healthy_arm(cell: Cell) -> tuple[RobotModel, Joints]:
     """Return the arm as it is drawn and where it stands; refuse one not ready, not mastered, or another model."""
-    condition = await cell.robot.read_condition()
+    condition = await read_reached_condition(cell.robot)
     mastering = None if cell.mastering is None else await cell.mastering.read_mastering()
     refuse_unhealthy(condition, mastering)
     model = nominal_model(cell)

@@ -22,6 +22,7 @@ from cellcal.procedures.motion.jog_guidance import JogGuidance, JogLeg
 from cellcal.procedures.motion.manual_moves import NotThereError
 from cellcal.procedures.motors import motor_store
 from cellcal.procedures.questions import ask_while_watching
+from cellcal.procedures.robot_condition import read_reached_condition
 
 TRIES = 12
 
@@ -83,7 +84,7 @@ async def jog_by_hand(cell: Cell, jog: HandJog) -> None:
 
 async def _index_allowance_rad(cell: Cell, watch: AxisWatch, axis: int) -> Array:
     """Return what each joint's count may jump when a motor that seeks its index finds it (n,)."""
-    seeking = any(alarm.axis in (axis, None) for alarm in (await cell.robot.read_condition()).alarms)
+    seeking = any(alarm.axis in (axis, None) for alarm in (await read_reached_condition(cell.robot)).alarms)
     per_turn = np.abs(watch.drive.radians_per_turn())
     if not seeking:
         return np.zeros(len(per_turn))

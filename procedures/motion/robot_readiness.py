@@ -3,11 +3,12 @@
 import asyncio
 
 from cellcal.calibration.message import make_message
-from cellcal.drivers.errors import MotionStoppedError, RefusedError, UnreachableError
+from cellcal.drivers.errors import MotionStoppedError, RefusedError
 from cellcal.drivers.interfaces import JointReading, Readiness
 from cellcal.procedures.cell import Cell
 from cellcal.procedures.motion.active_frames import check_same_frames
 from cellcal.procedures.motors import PositionLostAgainError
+from cellcal.procedures.robot_condition import read_reached_condition
 from cellcal.procedures.run import ProcedureError
 
 STALE_S = 1.0
@@ -22,11 +23,9 @@ class MotionRefusedError(ProcedureError):
 async def read_ready_robot(cell: Cell, *allowed: Readiness) -> JointReading:
     """Return a fresh reading of a robot that may be moved; a lost robot's joints mean nothing."""
     _check_permit(cell)
-    condition = await cell.robot.read_condition()
+    condition = await read_reached_condition(cell.robot)
     if condition.readiness not in allowed:
         name, words, remedy = cell.robot.name, condition.message, condition.remedy
-        if condition.readiness is Readiness.UNREACHABLE:
-            raise UnreachableError(name, words, remedy=remedy)
         if condition.readiness is Readiness.STOPPED:
             raise MotionStoppedError(name, words, remedy=remedy)
         raise RefusedError(name, words or "the robot is not ready to move", remedy=remedy)
@@ -59,7 +58,7 @@ async def check_position_kept(cell: Cell) -> None:
     PositionLostAgainError
         The controller says that an axis has lost its position, or its encoders have begun anew during this run.
     """
-    condition = await cell.robot.read_condition()
+    condition = await read_reached_condition(cell.robot)
     if condition.readiness is Readiness.POSITION_LOST:
         raise PositionLostAgainError(
             make_message("the robot has lost its position: {what}", what=condition.message),

@@ -17,9 +17,9 @@ from cellcal.procedures.questions import ask_confirmation, ask_while_watching
 from cellcal.procedures.recovery.shown_position import (
     AxisState,
     read_axis_state,
-    read_reached_condition,
     with_shown_motors,
 )
+from cellcal.procedures.robot_condition import read_reached_condition
 from cellcal.procedures.run import ProcedureError, RefusalError
 
 Zero = Literal["kept", "new"]
@@ -139,7 +139,7 @@ async def make_ready(cell: Cell, reference_rad: Joints) -> Joints:
             joints=joints_text(cell, reference_rad, 1),
         )
         await ask_confirmation(cell, Instruction("near_record_pose", text))
-        condition = await read_reached_condition(cell)
+        condition = await read_reached_condition(cell.robot)
         if condition.readiness in allowed:
             return (await cell.robot.read_joints()).joints_rad
         words = make_message("Not ready yet: {reason} ", reason=condition.message)

@@ -4,9 +4,9 @@ from dataclasses import dataclass, replace
 
 from cellcal.calibration.mastering.position_record import ArmPositionRecord, ShownValue
 from cellcal.calibration.message import make_message
-from cellcal.drivers.errors import UnreachableError
 from cellcal.drivers.interfaces import AlarmKind, Condition, PositionCure, Readiness
 from cellcal.procedures.cell import Cell, MotionLevel
+from cellcal.procedures.robot_condition import read_reached_condition
 from cellcal.procedures.run import NeedsUnmetError, RefusalError
 
 
@@ -46,7 +46,7 @@ async def read_axis_state(cell: Cell) -> AxisState:
     cure = cell.robot.capabilities.position_cure
     if cure is None:
         raise NeedsUnmetError("no cure at the pendant is known", missing=("position_cure",))
-    condition = await read_reached_condition(cell)
+    condition = await read_reached_condition(cell.robot)
     lost = _axes_of(condition, AlarmKind.TURNS)
     counters = cure is PositionCure.REVOLUTION_COUNTERS  # of which an axis without calibration has none
     without_zero = _axes_of(condition, AlarmKind.ENCODER) if counters else set()
@@ -61,14 +61,6 @@ async def read_axis_state(cell: Cell) -> AxisState:
 
 def _axes_of(condition: Condition, kind: AlarmKind) -> set[int]:
     return {alarm.axis for alarm in condition.alarms if alarm.kind is kind and alarm.axis is not None}
-
-
-async def read_reached_condition(cell: Cell) -> Condition:
-    """Return the robot's condition; raise where it is not reached, so that the step is tried again."""
-    condition = await cell.robot.read_condition()
-    if condition.readiness is Readiness.UNREACHABLE:
-        raise UnreachableError(cell.robot.name, condition.message, remedy=condition.remedy)
-    return condition
 
 
 async def stored_position_record(cell: Cell) -> ArmPositionRecord:

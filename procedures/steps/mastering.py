@@ -20,6 +20,7 @@ from cellcal.drivers.interfaces import (
 )
 from cellcal.procedures.cell import Cell
 from cellcal.procedures.motors import Motors, MotorState, PositionLostAgainError, motor_store
+from cellcal.procedures.robot_condition import read_reached_condition
 from cellcal.procedures.run import NeedsUnmetError, RefusalError
 
 BOOT_DEADLINE_S = 300.0
@@ -32,7 +33,7 @@ async def read_motors_alone(cell: Cell) -> Motors:
     store = motor_store(cell)
     return Motors(
         identity=await cell.robot.identify(),
-        condition=await cell.robot.read_condition(),
+        condition=await read_reached_condition(cell.robot),
         counts=await store.encoder_counts(),
         joints_rad=(await cell.robot.read_joints()).joints_rad,
         mastering=await store.read_mastering(),
@@ -46,7 +47,7 @@ async def read_motors(cell: Cell) -> MotorState:
     store, gauge = motor_store(cell), length_gauge(cell)
     if cell.gauge_setup is None:
         raise NeedsUnmetError("the cell file does not say where the wire is fixed", missing=("gauge_setup",))
-    condition, mastering = await cell.robot.read_condition(), await store.read_mastering()
+    condition, mastering = await read_reached_condition(cell.robot), await store.read_mastering()
     joints_rad = (await cell.robot.read_joints()).joints_rad
     if mastering.mastered and condition.readiness is Readiness.READY:
         refuse_other_model(nominal_model(cell), joints_rad, await cell.robot.flange_pose())
@@ -136,7 +137,7 @@ async def read_counts(cell: Cell) -> Counts:
 
 async def read_alarms(cell: Cell) -> Condition:
     """Return the robot's condition in the maker's words."""
-    return await cell.robot.read_condition()
+    return await read_reached_condition(cell.robot)
 
 
 async def wait_for_robot(cell: Cell, gone: tuple[str, ...]) -> Condition:
@@ -180,7 +181,7 @@ async def reset_alarms(cell: Cell) -> Condition:
     """Acknowledge position alarms and say what is left."""
     await motor_store(cell).reset_position_alarms()
     cell.motion.epoch = None  # what follows is a new beginning for the encoders
-    return await cell.robot.read_condition()
+    return await read_reached_condition(cell.robot)
 
 
 def length_gauge(cell: Cell) -> DistanceGauge:

@@ -13,6 +13,7 @@ from cellcal.procedures.cell import Cell
 from cellcal.procedures.motion.speed_limit import SpeedLimit
 from cellcal.procedures.questions import ask_confirmation
 from cellcal.procedures.refit import LEFT_OUT, MEASURED_AGAIN
+from cellcal.procedures.robot_condition import read_reached_condition
 from cellcal.procedures.run import NeedsUnmetError, RefusalError, Run
 from cellcal.procedures.steps.length import LengthCapture, capture_length
 from cellcal.procedures.steps.mastering import (
@@ -42,7 +43,7 @@ async def read_survey_state(cell: Cell) -> SurveyState:
     gauge, model = length_gauge(cell), nominal_model(cell)
     if cell.gauge_setup is None:
         raise NeedsUnmetError("the cell file does not say where the wire is fixed", missing=("gauge_setup",))
-    condition, identity = await cell.robot.read_condition(), await cell.robot.identify()
+    condition, identity = await read_reached_condition(cell.robot), await cell.robot.identify()
     mastering = None if cell.mastering is None else await cell.mastering.read_mastering()
     refuse_unhealthy(condition, mastering)
     joints_rad = (await cell.robot.read_joints()).joints_rad

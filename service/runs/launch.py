@@ -9,6 +9,7 @@ from cellcal.drivers.errors import DeviceError
 from cellcal.drivers.interfaces import Operator, Readiness
 from cellcal.procedures.cell import Cell
 from cellcal.procedures.progress import ignore_progress
+from cellcal.procedures.robot_condition import read_reached_condition
 from cellcal.service.configuration.cell_file import CellConfig
 from cellcal.service.record.healthy_counts import LastHealthyCounts, remember_healthy
 from cellcal.service.record.journal_end import refuse_missing_end
@@ -97,12 +98,12 @@ async def _save_healthy_counts(config: CellConfig, cell: Cell, outcome: RunOutco
     if not passed or cell.mastering is None:
         return
     try:
-        if (await cell.robot.read_condition()).readiness is Readiness.POSITION_LOST:
+        if (await read_reached_condition(cell.robot)).readiness is Readiness.POSITION_LOST:
             return
         await remember_healthy(cell.robot.name, cell.mastering, LastHealthyCounts(config.cell.data_dir))
     except (DeviceError, OSError) as error:
         _LOG.warning(
-            "the counts of %s were not kept as healthy: %s. The watch keeps them at its next look.",
+            "the counts of %s were not kept as healthy: %s The watch keeps them at its next look.",
             cell.robot.name,
             error,
         )

@@ -10,6 +10,7 @@ from cellcal.calibration.message import join_messages, make_message
 from cellcal.drivers.errors import WrongDeviceError
 from cellcal.drivers.interfaces import Condition, PositionCure, Readiness, Robot
 from cellcal.drivers.registry import RobotConfig
+from cellcal.procedures.robot_condition import read_reached_condition
 from cellcal.service.configuration.cell_file import CellConfig
 from cellcal.service.exit_codes import ExitCode, gravest_exit_code
 from cellcal.service.record.journal_files import lease_folder
@@ -130,7 +131,7 @@ async def _accept_shown(position: PositionComparison | None, robot: Robot) -> st
     """Take what a robot shows of its zero as right, where it shows any; return what was accepted, or why not."""
     if position is None:
         return _ONLY_A_RECORD
-    if (await robot.read_condition()).readiness is Readiness.POSITION_LOST:
+    if (await read_reached_condition(robot)).readiness is Readiness.POSITION_LOST:
         return "--accept: nothing was accepted, for its position is lost now."
     look_before = await position.look(robot)
     if not (await position.look(robot, accept=True)).is_kept:

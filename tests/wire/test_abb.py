@@ -115,6 +115,33 @@ async def test_a_foreign_client_reads_and_writes_the_simulated_controller(
     assert float(written) == 0.75
 
 
+async def test_a_foreign_client_moves_the_simulated_controller(
+    abb: Any, cell: CellConfig, fake_client: FakeCellClient
+) -> None:
+    config = cell.robot_named(CASE.name)
+    target = [-70.0, 12.0, 8.0, 15.0, 20.0, -30.0]
+
+    def session() -> tuple[str, str]:
+        client = RWS(f"http://{config.address}:{config.port}")
+        request = str(int(client.get_rapid_variable_num("CellcalServer/nAck")) + 1)
+        client.set_rapid_variable(
+            "CellcalServer/jTarget", f"[{target},{[9e9] * 6}]".replace(" ", ""), "T_ROB1"
+        )
+        client.set_rapid_variable("CellcalServer/nReq", request, "T_ROB1")
+        for beat in range(2000):
+            client.set_rapid_variable_num("CellcalServer/nHeart", beat)
+            if client.get_rapid_variable("CellcalServer/nAck", "T_ROB1") == request:
+                break
+        tool = client.get_rapid_variable("CellcalServer/tMounted", "T_ROB1")
+        client.logout()
+        return tool, request
+
+    tool, _ = await asyncio.to_thread(session)
+    assert np.degrees((await truth_of(fake_client))["joints_rad"]) == pytest.approx(target, abs=1e-4)
+    flange_tool = (await abb.active_frames()).flange_tool
+    assert read_tool(tool)[1].position_m == pytest.approx(flange_tool.position_m)
+
+
 async def test_a_lost_revolution_counter_is_named_by_axis_and_nothing_moves(
     abb: Any, fake_client: FakeCellClient
 ) -> None:

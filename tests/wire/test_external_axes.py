@@ -1,12 +1,16 @@
 """Rails and positioners that move between two captures are seen over every link whose document tells them."""
 
+import json
 from pathlib import Path
 from typing import Any
 
 import pytest
+from pydantic import ValidationError
 
-from cellcal.drivers.errors import RefusedError
-from cellcal.drivers.fanuc.rmi.rmi_state import read_external_axes
+from cellcal.drivers.errors import RefusedError, WireProtocolError
+from cellcal.drivers.fanuc.rmi.rmi_state import read_second_group
+from cellcal.drivers.modbus_robot.config import ModbusRobotConfig
+from cellcal.drivers.wire.trace import FrameTrace
 from cellcal.procedures.motion.active_frames import changes_text, frame_changes
 from cellcal.service.configuration.cell_file import CellConfig, read_cell_file
 from cellcal.service.demo.fake_cell_client import FakeCellClient
@@ -22,6 +26,11 @@ SECOND_GROUP_CELL = (
     + robot_table(name="rmi", driver="fanuc_rmi", model="fanuc_m6ib", serial="F-230816", second_group=True)
     + fake_table()
 )
+
+CONFIG = {
+    "driver": "modbus_robot", "name": "arm", "address": "127.0.0.1", "model": "fanuc_m6ib", "serial": "F-1",
+    "speed_limit_rad_s": 0.3, "second_group": True,
+}  # fmt: skip
 
 
 async def changes_after(robot: Any, fake_client: FakeCellClient, **moved: Any) -> str:
@@ -40,6 +49,12 @@ async def test_a_fanuc_over_the_motion_interface_tells_its_extended_axes(
     async with open_at_home(case, cell, fake_client) as robot:
         told = await changes_after(robot, fake_client, device=case.name, axis=axis, value=812.5)
         assert told == f"the external axis E{axis} stands at 812.500, and not at 0.000"
+        robot._link.trace = FrameTrace("one look")
+        await robot.active_frames()
+        sent = [json.loads(frame.data) for frame in robot._link.trace.list_frames() if frame.direction == ">"]
+        assert [packet["Command"] for packet in sent] == [
+            "FRC_ReadCartesianPosition", "FRC_ReadUToolData", "FRC_GetStatus"
+        ]  # fmt: skip
         await fake_client.inject_fault("external_moved", device=case.name, axis=axis, value=0.0)
 
 
@@ -71,9 +86,8 @@ class OneGroupLink:
 
 async def test_joints_of_the_arm_are_never_taken_for_those_of_a_second_group() -> None:
     link: Any = OneGroupLink()
-    assert await read_external_axes(link, in_group_2=False) == ()
-    with pytest.raises(Exception, match="another motion group"):
-        await read_external_axes(link, in_group_2=True)
+    with pytest.raises(WireProtocolError, match="another motion group"):
+        await read_second_group(link)
 
 
 async def test_a_fanuc_with_its_listings_tells_its_extended_axes(tmp_path: Path) -> None:
@@ -82,6 +96,27 @@ async def test_a_fanuc_with_its_listings_tells_its_extended_axes(tmp_path: Path)
             await TP_CASE.heal(fake_client, robot)
             told = await changes_after(robot, fake_client, axis=2, value=-1444.07)
             assert told == "the external axis E2 stands at -1444.070, and not at 0.000"
+
+
+async def test_a_fanuc_with_its_listings_tells_a_second_group_where_it_is_assigned(tmp_path: Path) -> None:
+    text = TP_CELL.replace('profile = "fanuc_tp"', 'profile = "fanuc_tp"\nsecond_group = true')
+    with run_fakes(tmp_path, text) as (path, fake_client):
+        async with open_retrying(read_cell_file(path).robot_named("fanuc")) as robot:
+            await TP_CASE.heal(fake_client, robot)
+            with pytest.raises(
+                RefusedError, match="motion group 2"
+            ) as refused:  # nothing is assigned: all zero
+                await robot.active_frames()
+            assert "assignment 21" in refused.value.remedy
+            await fake_client.inject_fault("external_moved", group=2, axis=1, value=0.0)
+            told = await changes_after(robot, fake_client, group=2, axis=9, value=-45.0)
+            assert told == "the external axis group 2 J9 stands at -45.000, and not at 0.000"
+
+
+def test_a_profile_without_a_second_group_claims_none() -> None:
+    with pytest.raises(ValidationError, match="second_group"):
+        ModbusRobotConfig.model_validate(CONFIG | {"profile": "fanuc_hmi"})
+    assert ModbusRobotConfig.model_validate(CONFIG | {"profile": "fanuc_tp"}).second_group
 
 
 async def test_a_yaskawa_tells_its_base_axes_and_stations(

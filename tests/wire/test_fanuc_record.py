@@ -1,5 +1,6 @@
 """``cellcal mastering record``: a signed record from a controller's files, and no record where they disagree."""
 
+import asyncio
 import ftplib
 import json
 import subprocess
@@ -28,6 +29,7 @@ from cellcal.service.engineering.controller_files.stored_records import list_rec
 from cellcal.service.engineering.parameters.mastering_files import import_record, in_force
 from cellcal.service.exit_codes import ExitCode
 from tests.procedures.certified_runs import cell_config
+from tests.wire.cutting_proxy import CuttingProxy
 from tests.wire.fanuc_ftp import address_of, ftp_controllers, save_backup
 
 ROOT = Path(__file__).parents[2]
@@ -352,6 +354,8 @@ def test_a_server_that_is_not_ours_is_read(foreign_server: tuple[int, Path], tmp
 
 
 def test_a_client_that_is_not_ours_reads_the_fake(served: FanucFtpServer) -> None:
+    cabinet = served.cabinet
+    cabinet.alarms.append(("SRVO-065", "BLAL alarm (Group:1 Axis:5)"))
     ftp = ftplib.FTP()
     ftp.connect("127.0.0.1", served.port, timeout=10)
     assert ftp.login().startswith("230")
@@ -360,9 +364,33 @@ def test_a_client_that_is_not_ours_reads_the_fake(served: FanucFtpServer) -> Non
         lines: list[str] = []
         ftp.retrlines(f"RETR {name}", lines.append)
         assert any("Machine     Motion" in line for line in lines)
+
+    def text_of(name: str) -> str:
+        found: list[str] = []
+        ftp.retrlines(f"RETR {name}", found.append)
+        return "\n".join(found)
+
+    assert cabinet.software in text_of("version.dg")  # the state
+    assert all(f"{joint:.2f}" in text_of("curpos.dg") for joint in cabinet.joints_deg)
+    assert f"{cabinet.tools[1][2]:.3f}" in text_of("sysframe.va")
+    assert "SRVO-065 BLAL alarm (Group:1 Axis:5)" in text_of("erract.ls")  # of motion this link has none
     assert {"sysmast.va", "main.ls"} <= set(ftp.nlst())
     with pytest.raises(ftplib.error_perm, match="550"):
         ftp.voidcmd("STOR main.ls")
     with pytest.raises(ftplib.error_perm, match="550"):
         ftp.delete("main.ls")
     ftp.quit()
+
+
+@pytest.mark.parametrize("octets", range(3, 480, 54))
+async def test_a_link_cut_anywhere_leaves_no_record_and_says_what_to_do(
+    served: FanucFtpServer, tmp_path: Path, capsys: pytest.CaptureFixture[str], octets: int
+) -> None:
+    async with CuttingProxy("127.0.0.1", served.port, octets) as proxy:
+        code = await asyncio.to_thread(take_record, f"127.0.0.1:{proxy.port}", tmp_path)
+        assert proxy.was_cut
+    said = " ".join(capsys.readouterr().err.split())
+    assert code == ExitCode.UNREACHABLE
+    assert not list_records(tmp_path)
+    assert "the FTP connection was lost while" in said
+    assert "What to do: Read it once more" in said

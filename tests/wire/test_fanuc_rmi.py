@@ -70,6 +70,9 @@ def test_a_status_says_who_must_act(
         assert condition.alarms[0].axis in (2, 5)
 
 
+COLLISION = "SRVO-050 Collision Detect alarm (G:1 A:2)"
+
+
 async def test_the_client_fanuc_ucl_reads_moves_and_leaves(
     cell: CellConfig, fake_client: FakeCellClient
 ) -> None:
@@ -78,6 +81,9 @@ async def test_the_client_fanuc_ucl_reads_moves_and_leaves(
     config = cell.robot_named(CASE.name)
     target = (-18.0, 12.0, -24.0, 14.0, -58.0, 21.0)
 
+    async with open_retrying(config) as robot:
+        stood_rad = (await robot.read_joints()).joints_rad
+
     def session() -> tuple[Any, ...]:
         driver = rmi.RmiDriver(rmi.RmiDriverConfig(config.address))
         driver.connect()
@@ -85,6 +91,9 @@ async def test_the_client_fanuc_ucl_reads_moves_and_leaves(
             status = driver.send(ucl.FrcGetStatus()).wait_timeout(5)
             joints = driver.send(ucl.FrcReadJointAngles()).wait_timeout(5)
             position = driver.send(ucl.FrcReadCartesianPosition()).wait_timeout(5)
+            active = driver.send(ucl.FrcGetUFrameUTool()).wait_timeout(
+                5
+            )  # its frames want x, the manual says X
             driver.send(ucl.FrcInitialize()).wait_timeout(5)
             angles = ucl.JointAngles(JointFormat.FanucDeg, JointTemplate.SIX, *target)
             moved = driver.send(
@@ -93,14 +102,31 @@ async def test_the_client_fanuc_ucl_reads_moves_and_leaves(
             driver.send(ucl.FrcAbort()).wait_timeout(5)
         finally:
             driver.disconnect().wait_timeout(5)
-        return status, joints, position, moved
+        return status, joints, position, active, moved
 
-    status, joints, position, moved = await asyncio.to_thread(session)
+    def read_alarm() -> tuple[Any, ...]:
+        driver = rmi.RmiDriver(rmi.RmiDriverConfig(config.address))
+        driver.connect()
+        try:
+            return driver.send(ucl.FrcGetStatus()).wait_timeout(5), driver.send(
+                ucl.FrcReadError()
+            ).wait_timeout(5)
+        finally:
+            driver.disconnect().wait_timeout(5)
+
+    status, joints, position, active, moved = await asyncio.to_thread(session)
     assert status.servo_ready
     assert moved.error_id == 0
-    assert joints is not None
+    found = joints.joints(JointFormat.FanucDeg, JointTemplate.SIX).as_array()
+    assert np.radians(found[:6]) == pytest.approx(stood_rad, abs=1e-6)
     assert position is not None
+    assert (active.u_frame_number, active.u_tool_number) == (0, 1)
     assert np.degrees((await truth_of(fake_client))["joints_rad"]) == pytest.approx(target, abs=1e-6)
+    await fake_client.inject_fault("alarm", device=CASE.name, text=COLLISION)
+    status, alarm = await asyncio.to_thread(read_alarm)
+    assert not status.servo_ready
+    assert alarm.error_data == COLLISION
+    await fake_client.inject_fault("clear_alarms", device=CASE.name)
 
 
 async def test_the_client_fanuc_rmi_reads_frames_moves_and_leaves(
@@ -115,21 +141,34 @@ async def test_the_client_fanuc_rmi_reads_frames_moves_and_leaves(
         client = RobotClient(config.address)
         client.connect()
         client.initialize(uframe=0, utool=1)
-        found = client.read_utool_data(1)
+        found = client.read_utool_data(1) | {"active": client.get_uframe_utool()}
         target = {f"J{axis}": angle for axis, angle in enumerate((-20.0, 10.0, -25.0, 15.0, -60.0, 20.0), 1)}
         client.joint_absolute(target, 20, sequence_id)
-        client.read_joint_coordinates(str(tmp_path / "joints.jsonl"))
+        found["joints"] = client.read_joint_coordinates(str(tmp_path / "joints.jsonl"))["JointAngle"]
         client.abort()
         client.close()
         return dict(found)
 
     async with open_retrying(config) as robot:
         next_id = (await robot._link.send_command("FRC_GetStatus"))["NextSequenceID"]
+
+    def read_alarm() -> dict[str, Any]:
+        client = RobotClient(config.address)
+        client.connect()
+        found = client.read_error({"ErrorID": 2556957})  # it asks after a refusal only
+        client.close()
+        return dict(found)
+
     found = await asyncio.to_thread(session, next_id)
     assert "180" in str(found)
+    assert found["active"] == {"UFrameNumber": 0, "UToolNumber": 1}
+    assert found["joints"]["J1"] == pytest.approx(-20.0)
     assert not (await truth_of(fake_client))["moving"]
     assert np.degrees((await truth_of(fake_client))["joints_rad"])[0] == pytest.approx(-20.0)
     assert status["servo_power"]
+    await fake_client.inject_fault("alarm", device=CASE.name, text=COLLISION)
+    assert (await asyncio.to_thread(read_alarm))["ErrorData"] == COLLISION
+    await fake_client.inject_fault("clear_alarms", device=CASE.name)
 
 
 async def test_packets_in_pieces_and_unasked_ones_do_no_harm(

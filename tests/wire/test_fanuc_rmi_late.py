@@ -10,7 +10,7 @@ import pytest
 
 from cellcal.drivers.errors import RefusedError, WireProtocolError
 from cellcal.drivers.fanuc.rmi.rmi_link import RmiLink
-from cellcal.drivers.fanuc.rmi.rmi_state import read_active_numbers, read_frame, read_joint_angles
+from cellcal.drivers.fanuc.rmi.rmi_state import read_frame, read_joint_angles
 from cellcal.fake_devices.listening_port import ListeningPort
 from tests.machine_speed import stretched_s
 
@@ -110,7 +110,7 @@ async def test_another_question_does_not_wait_for_a_late_reply() -> None:
         controller.may_answer.clear()
         await give_up_reading(controller, link)
         controller.may_answer.set()
-        assert (await read_active_numbers(link))[1] == 2
+        assert (await link.send_command("FRC_GetUFrameUTool"))["UToolNumber"] == 2
         assert await number_told(link) == 3
 
 
@@ -169,7 +169,7 @@ async def test_a_second_reply_that_meets_the_next_question_ends_the_connection()
 async def test_a_frame_of_another_number_is_not_the_one_that_was_asked_for() -> None:
     controller = SlowController()
     async with controller.running() as link:
-        await read_active_numbers(link)
+        await link.send_command("FRC_GetUFrameUTool")
         with pytest.raises(WireProtocolError, match="another frame"):
             await read_frame(link, "UTool", 7)  # the second reply tells of tool 2
 

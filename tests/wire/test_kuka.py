@@ -196,11 +196,21 @@ async def test_a_foreign_client_reads_and_writes_the_simulated_controller(
         client.close()
         return *found, missing
 
+    def read_guard() -> bytes:
+        client = openshowvar(address, 7000)
+        try:
+            return bytes(client.read("$USER_SAF", debug=False))
+        finally:
+            client.close()
+
     axes, mode, base, stopped, missing = await asyncio.to_thread(session)
     assert read_axes(axes.decode()) == pytest.approx(CASE.home_rad, abs=1e-6)
     assert (mode, stopped, missing) == (b"#AUT", b"FALSE", None)
     assert read_pose(base.decode()).position_m == (0.0, 0.0, 0.0)
     assert math.degrees((await truth_of(fake_client))["joints_rad"][0]) == pytest.approx(-70.0, abs=1e-6)
+    assert await asyncio.to_thread(read_guard) == b"TRUE"
+    await fake_client.inject_fault("open_gate", device=CASE.name)
+    assert await asyncio.to_thread(read_guard) == b"FALSE"  # texts of messages are no variables
 
 
 async def test_both_servers_are_distinguished_and_an_empty_value_is_a_failure(

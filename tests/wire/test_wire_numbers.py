@@ -12,7 +12,7 @@ from cellcal.drivers.abb.robot_web_services.state import number_of
 from cellcal.drivers.abb.robot_web_services.web_link import WebLink
 from cellcal.drivers.errors import WireProtocolError
 from cellcal.drivers.fanuc.rmi.rmi_link import RmiLink
-from cellcal.drivers.fanuc.rmi.rmi_state import read_active_numbers
+from cellcal.drivers.fanuc.rmi.rmi_state import read_position
 from cellcal.drivers.file_import.number_text import parse_number as parse_typed_number
 from cellcal.drivers.kuka.sensor_interface.packets import read_robot_packet
 from cellcal.drivers.kuka.variables.values import read_axes, read_members
@@ -94,11 +94,12 @@ async def test_a_number_of_a_frame_is_whole(value: object, monkeypatch: pytest.M
     link = RmiLink("arm", "127.0.0.1", 1, deadline_s=1.0)
 
     async def answer(_command: str) -> dict[str, object]:
-        return {"UFrameNumber": 1, "UToolNumber": value}
+        position = dict.fromkeys("XYZWPR", 0.0)
+        return {"Position": position, "Configuration": {"UFrameNumber": 1, "UToolNumber": value}}
 
     monkeypatch.setattr(link, "send_command", answer)
     with pytest.raises(WireProtocolError):
-        await read_active_numbers(link)
+        await read_position(link)
 
 
 def test_a_whole_number_is_never_cut_short() -> None:

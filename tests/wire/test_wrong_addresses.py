@@ -8,10 +8,13 @@ from collections.abc import AsyncIterator
 import pytest
 
 from cellcal.drivers.abb.robot_web_services.generation import ServiceAddress, find_service
-from cellcal.drivers.errors import UnreachableError
+from cellcal.drivers.errors import DeviceError, UnreachableError
 from cellcal.drivers.opc_ua.config import OpcUaConfig
+from cellcal.drivers.universal_robots.config import UniversalRobotConfig
 from cellcal.drivers.wire.link_errors import find_reason
+from cellcal.drivers.wire.modbus import ModbusLink
 from cellcal.fake_devices.listening_port import ListeningPort
+from tests.wire.fake_devices_process import own_address
 
 LIMIT_S = 10.0
 
@@ -70,3 +73,50 @@ async def test_the_reason_is_the_system_s_and_no_tuple_of_a_library() -> None:
     with pytest.raises(OSError, match="Connect call failed") as failed:
         await asyncio.open_connection("::1", unused_port(socket.AF_INET6))
     assert find_reason(failed.value) == "Connection refused"
+
+
+async def test_a_server_without_tls_is_not_said_to_forbid_anything() -> None:
+    async with serving(b"no TLS here") as port:
+        with pytest.raises(UnreachableError, match=r"https://127.0.0.1:\d+: no TLS connection \(") as raised:
+            await find_service(ServiceAddress("arm", "127.0.0.1", port), LIMIT_S)
+    assert "not permitted" not in str(raised.value)
+    assert "Exec format" not in str(raised.value)
+
+
+@pytest.mark.parametrize(
+    ("answer", "cause"),
+    [(b"", "the connection broke"), (bytes.fromhex("000100000003010382"), "sent what is no Modbus answer")],
+)
+async def test_what_never_answered_as_modbus_may_be_another_device(answer: bytes, cause: str) -> None:
+    async with serving(answer) as port:
+        link = ModbusLink("gauge", "127.0.0.1", port, deadline_s=LIMIT_S)
+        with pytest.raises(DeviceError, match=cause) as raised:
+            await link.read(1, 2)
+        assert "address and port" in raised.value.remedy
+        await link.close()
+
+
+async def test_why_there_is_no_modbus_connection_is_told() -> None:
+    link = ModbusLink("gauge", "127.0.0.1", unused_port(), deadline_s=LIMIT_S)
+    with pytest.raises(UnreachableError, match="Connection refused") as raised:
+        await link.open()
+    assert "address and port" in raised.value.remedy
+
+
+async def test_the_opc_ua_client_and_the_dashboard_tell_the_system_s_reason() -> None:
+    config = OpcUaConfig.model_validate(
+        {"driver": "opc_ua", "name": "arm", "address": "127.0.0.1", "port": unused_port(), "serial": "Y-1",
+         "model": "yaskawa_gp25", "speed_limit_rad_s": 0.3}
+    )  # fmt: skip
+    for opening in (config.open(), _ur_at_nothing().open()):
+        with pytest.raises(UnreachableError, match="Connection refused") as raised:
+            async with opening:
+                pass
+        assert "Connect call" not in str(raised.value)
+
+
+def _ur_at_nothing() -> UniversalRobotConfig:
+    return UniversalRobotConfig.model_validate(
+        {"driver": "universal_robots", "name": "ur", "address": own_address(), "model": "ur10e", "serial": "1",
+         "speed_limit_rad_s": 0.3}
+    )  # fmt: skip

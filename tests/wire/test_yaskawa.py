@@ -208,6 +208,7 @@ async def test_a_foreign_client_reads_what_our_driver_reads(
     motoman: Any, cell: CellConfig, fake_client: FakeCellClient
 ) -> None:
     config = cell.robot_named("motoman")
+    await fake_client.inject_fault("alarm", device="motoman", code=4320)
 
     def ask() -> tuple[Any, ...]:
         with HsesClient(config.address) as client, HsesFileClient(config.address) as files:
@@ -225,8 +226,9 @@ async def test_a_foreign_client_reads_what_our_driver_reads(
     assert list(await motoman.encoder_counts()) == truth["pulses"]
     assert "TOOL.CND" in names
     assert read_tools(content.decode())[1].mass_kg == truth["active"]["payload_kg"]
-    assert status
-    assert alarm is not None
+    assert status["alarm"]
+    assert alarm["alarm_code"] == 4320
+    assert alarm["alarm_name"].startswith("OVERLOAD")
     shown = [int(each.value) for each in await motoman.position_data() if each.name == "ABSO.DAT"]
     assert read_absolute_data(homes.decode()) == tuple(shown)
     assert len(shown) == 6

@@ -1,22 +1,30 @@
-"""The simulated Yaskawa controller against moto-hses-client, a Rust client of others: status, pulses, alarm, files."""
+"""The simulated Yaskawa controller against moto-hses-client, of others in Rust, and our driver against their mock."""
 
+import asyncio
 import json
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from cellcal.drivers.errors import WrongDeviceError
 from cellcal.drivers.yaskawa.absolute_data import read_absolute_data
+from cellcal.drivers.yaskawa.hses_frames import ROBOT_DIVISION
+from cellcal.drivers.yaskawa.hses_link import HsesLink
+from cellcal.drivers.yaskawa.state import read_alarms, read_pulses, read_status
 from cellcal.service.configuration.cell_file import CellConfig
 from cellcal.service.demo.fake_cell_client import FakeCellClient
 from tests.machine_speed import stretched_s
 from tests.wire.client_program import print_of_client
+from tests.wire.fake_devices_process import own_address
 
-CLIENT = Path(__file__).parents[1] / "rust_clients" / "target" / "debug" / "read-yaskawa"
+BUILT = Path(__file__).parents[1] / "rust_clients" / "target" / "debug"
+CLIENT, SERVER = BUILT / "read-yaskawa", BUILT / "mock-yaskawa"
 DEADLINE_S = stretched_s(30.0)
 
 pytestmark = pytest.mark.skipif(
-    not CLIENT.is_file(), reason="`make test` builds it where cargo is (deploy/install_rust_clients.sh)"
+    not (CLIENT.is_file() and SERVER.is_file()),
+    reason="`make test` builds them where cargo is (deploy/install_rust_clients.sh)",
 )
 
 
@@ -40,3 +48,27 @@ async def test_moto_hses_reads_what_the_controller_holds(
     found = await read_with_moto_hses(address)
     assert (found["has_alarm"], found["code"]) == (True, 4320)
     assert found["name"].startswith("OVERLOAD")
+
+
+async def test_our_driver_reads_a_server_of_others(cell: CellConfig) -> None:
+    """As far as moto-hses-mock goes: status, alarm, pulses. It does not know 0x89, which names the robot, and 0x8B."""
+    config = cell.robot_named("motoman").model_copy(update={"address": own_address()})
+    server = await asyncio.create_subprocess_exec(SERVER, config.address, stdout=asyncio.subprocess.PIPE)
+    assert server.stdout is not None
+    try:
+        assert await server.stdout.readline() == b"ready\n"
+        with pytest.raises(WrongDeviceError, match="names its robot ''"):
+            async with config.open():
+                pass
+        link = HsesLink("mock", config.address, config.port, ROBOT_DIVISION, deadline_s=config.deadline_s)
+        await link.open()
+        try:
+            status, alarms, pulses = await read_status(link), await read_alarms(link), await read_pulses(link)
+        finally:
+            link.close()
+    finally:
+        server.kill()
+        await server.wait()
+    assert status.mode_name == "PLAY"
+    assert alarms[0].code == 1001
+    assert len(pulses.pulses) == 6

@@ -175,7 +175,7 @@ class FtpSource:
                 make_message("no FTP server answers: {reason}.", reason=plain_reason(error)),
                 remedy=_CABLE,
             ) from error
-        with self._named_failures("the login"):
+        with self._named_failures("logging in"):
             try:
                 self._ftp.login(login.user, login.password)
             except ftplib.error_perm as error:

@@ -70,38 +70,46 @@ async def read_joint_angles(link: RmiLink) -> tuple[tuple[float, ...], Packet]:
     return check_joints(link.device, joints), reply
 
 
-async def read_external_axes(link: RmiLink, *, in_group_2: bool) -> tuple[ShownExternalAxis, ...]:
-    """Return where the further axes of group 1 stand, and those of group 2 where the controller has one.
+@dataclass(frozen=True, slots=True)
+class RmiPosition:
+    """The reply of FRC_ReadCartesianPosition: where everything of group 1 stands, and in which frames it is told."""
 
-    A controller of six axes tells nine as well, the last three as zero.
-    """
-    found = _axes_beside(link, await link.send_command("FRC_ReadJointAngles"), "E", AXES)
-    if in_group_2:
-        reply = await link.send_command("FRC_ReadJointAngles", Group=_SECOND_GROUP)
-        if reply.get("Group") != _SECOND_GROUP:
-            raise _unreadable_error(link, "it is of another motion group")
-        found += _axes_beside(link, reply, "group 2 J", 0)
-    return found
+    user_tip: Pose
+    user_number: int
+    tool_number: int
+    external_axes: tuple[ShownExternalAxis, ...]  # of group 1; an arm of six axes tells three, as zero
 
 
-def _axes_beside(link: RmiLink, reply: Packet, name: str, first: int) -> tuple[ShownExternalAxis, ...]:
-    angles = reply.get("JointAngle", reply.get("JointAngles"))
-    if not isinstance(angles, Mapping):
-        raise _unreadable_error(link, "there are no joint angles")
-    numbers = [axis for axis in range(first + 1, _MOST_AXES + 1) if f"J{axis}" in angles]
-    return tuple(
-        ShownExternalAxis(f"{name}{axis - first}", _number_from(link, angles, f"J{axis}")) for axis in numbers
-    )
-
-
-async def read_pose(link: RmiLink) -> tuple[Pose, int, int]:
-    """Return the tip in the active user frame, and the numbers of user frame and tool."""
+async def read_position(link: RmiLink) -> RmiPosition:
+    """Read the tip in the active user frame, the numbers of user frame and tool, and the axes beside the arm."""
     reply = await link.send_command("FRC_ReadCartesianPosition")
     position, configuration = reply.get("Position"), reply.get("Configuration")
     if not isinstance(position, Mapping) or not isinstance(configuration, Mapping):
         raise _unreadable_error(link, "there is no position")
-    user = _whole_number_from(link, configuration, "UFrameNumber")
-    return _pose_from(link, position), user, _whole_number_from(link, configuration, "UToolNumber")
+    beside = [number for number in range(1, _MOST_AXES - AXES + 1) if f"Ext{number}" in position]
+    return RmiPosition(
+        _pose_from(link, position),
+        _whole_number_from(link, configuration, "UFrameNumber"),
+        _whole_number_from(link, configuration, "UToolNumber"),
+        tuple(
+            ShownExternalAxis(f"E{number}", _number_from(link, position, f"Ext{number}")) for number in beside
+        ),
+    )
+
+
+async def read_second_group(link: RmiLink) -> tuple[ShownExternalAxis, ...]:
+    """Return where the axes of motion group 2 stand."""
+    reply = await link.send_command("FRC_ReadJointAngles", Group=_SECOND_GROUP)
+    if reply.get("Group") != _SECOND_GROUP:
+        raise _unreadable_error(link, "it is of another motion group")
+    angles = reply.get("JointAngle", reply.get("JointAngles"))
+    if not isinstance(angles, Mapping):
+        raise _unreadable_error(link, "there are no joint angles")
+    return tuple(
+        ShownExternalAxis(f"group 2 J{axis}", _number_from(link, angles, f"J{axis}"))
+        for axis in range(1, _MOST_AXES + 1)
+        if f"J{axis}" in angles
+    )
 
 
 async def read_frame(link: RmiLink, kind: str, number: int) -> Pose:
@@ -122,12 +130,6 @@ async def write_frame(link: RmiLink, kind: str, number: int, pose: Pose) -> None
     values = [*(value * 1e3 for value in pose.position_m), *(float(angle) for angle in wpr)]
     frame = dict(zip(_FRAME_KEYS, values, strict=True))
     await link.send_command(f"FRC_Write{kind}Data", **{_number_key(kind): number}, Frame=frame)
-
-
-async def read_active_numbers(link: RmiLink) -> tuple[int, int]:
-    """Return the numbers of the active user frame and tool."""
-    reply = await link.send_command("FRC_GetUFrameUTool")
-    return _whole_number_from(link, reply, "UFrameNumber"), _whole_number_from(link, reply, "UToolNumber")
 
 
 async def read_alarm_texts(link: RmiLink) -> tuple[str, ...]:

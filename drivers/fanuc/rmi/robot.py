@@ -16,12 +16,11 @@ from cellcal.drivers.fanuc.rmi.rmi_state import (
     AXES,
     RmiStatus,
     condition_of,
-    read_active_numbers,
     read_alarm_texts,
-    read_external_axes,
     read_frame,
     read_joint_angles,
-    read_pose,
+    read_position,
+    read_second_group,
     read_status,
     write_frame,
 )
@@ -116,17 +115,20 @@ class FanucRmiRobot(StepwiseMotion):
 
     async def flange_pose(self) -> Pose:
         async with self._confirmed_answers("reading the pose"):
-            user_tip, user, tool = await read_pose(self._link)
-            base_user = await read_frame(self._link, "UFrame", user) if user else Pose((0.0, 0.0, 0.0))
-            flange_tool = await read_frame(self._link, "UTool", tool) if tool else Pose((0.0, 0.0, 0.0))
-        return base_user @ user_tip @ flange_tool.inverse()
+            position = await read_position(self._link)
+            base_user = await self._frame_or_none("UFrame", position.user_number)
+            flange_tool = await self._frame_or_none("UTool", position.tool_number)
+        return base_user @ position.user_tip @ flange_tool.inverse()
 
     async def active_frames(self) -> ActiveFrames:
         async with self._confirmed_answers("reading the active tool"):
-            user, tool = await read_active_numbers(self._link)
-            flange_tool = await read_frame(self._link, "UTool", tool) if tool else Pose((0.0, 0.0, 0.0))
-            external_axes = await read_external_axes(self._link, in_group_2=self._options.has_second_group)
-        return ActiveFrames(tool, flange_tool, user, external_axes=external_axes)
+            position = await read_position(self._link)
+            flange_tool = await self._frame_or_none("UTool", position.tool_number)
+            group_2 = await read_second_group(self._link) if self._options.has_second_group else ()
+        external_axes = position.external_axes + group_2
+        return ActiveFrames(
+            position.tool_number, flange_tool, position.user_number, external_axes=external_axes
+        )
 
     async def controller_mode(self) -> str:
         status = await self._read_status("reading the mode")
@@ -195,6 +197,10 @@ class FanucRmiRobot(StepwiseMotion):
     async def _read_status(self, doing: str) -> RmiStatus:
         async with self._confirmed_answers(doing):
             return await read_status(self._link)
+
+    async def _frame_or_none(self, kind: str, number: int) -> Pose:
+        """Return a frame; number 0 is the base, or the flange itself."""
+        return await read_frame(self._link, kind, number) if number else Pose((0.0, 0.0, 0.0))
 
     async def _read_frame(self, kind: str, number: int) -> Pose:
         async with self._confirmed_answers("reading a frame"):
