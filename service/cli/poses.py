@@ -7,6 +7,7 @@ from cyclopts import Parameter
 from rich.markup import escape
 
 from cellcal.service.cli.display_units import DEGREES_PER_RADIAN, DISPLAY_UNITS
+from cellcal.service.cli.idle_options import OptionRule, refuse_idle_options
 from cellcal.service.cli.model_argument import ModelArgument
 
 if TYPE_CHECKING:
@@ -18,6 +19,12 @@ if TYPE_CHECKING:
 
 _MOST_SHOWN = 40
 _UNKNOWN_M = 1.0
+_RULES = (
+    OptionRule(("sigma_deg",), only_for=("kind", ("pose",))),
+    OptionRule(("anchor_mm", "wire_range_mm"), only_for=("kind", ("length",))),
+    OptionRule(("offsets",), needs=("accept_offset_deg",)),
+    OptionRule(("tip_link", "mesh_folder"), needs=("description",)),
+)
 
 
 def poses(  # noqa: PLR0913  # a command's options are its arguments
@@ -103,6 +110,7 @@ def poses(  # noqa: PLR0913  # a command's options are its arguments
     as_json
         Print one JSON object on standard output.
     """
+    refuse_idle_options(poses, locals(), _RULES)
     from cellcal.calibration.poses.measurement_prediction import DesignInstrument
     from cellcal.service.cli.printing import STDERR_CONSOLE, print_json
     from cellcal.service.engineering.identification.pose_planning import (

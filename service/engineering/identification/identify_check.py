@@ -302,7 +302,7 @@ def read_check_file(
     MisfitError
         Its rows do not fit the robot.
     """
-    other = prepare_measurements(path, model, read)
+    other = prepare_measurements(path, model, replace(read, of_another_file=True))
     if (other.observations.kind == "length") != (fitted.observations.kind == "length"):
         raise MeasurementError(
             f"{path} holds {other.observations.kind}s, not {fitted.observations.kind}s as the fit.",
