@@ -6,6 +6,7 @@ import numpy as np
 
 from cellcal.calibration.arm.joint_kinds import shown_units
 from cellcal.calibration.arm.kinematics import RobotModel
+from cellcal.calibration.geometry import Array
 from cellcal.calibration.identification.observations import MeasuredRows, PointObservations
 from cellcal.calibration.message import join_messages, make_message
 
@@ -20,6 +21,7 @@ def column_doubts(model: RobotModel, rows: MeasuredRows) -> str:
         return ""
     found = [
         *_sorted_place(rows),
+        *_sorted_joints(model, rows),
         *_joints_too_far(model, rows),
         *_still_joints(model, rows),
         *_joints_without_minus(model, rows),
@@ -30,14 +32,28 @@ def column_doubts(model: RobotModel, rows: MeasuredRows) -> str:
 def _sorted_place(rows: MeasuredRows) -> Iterator[str]:
     if not isinstance(rows, PointObservations):
         return
-    steps = np.diff(rows.positions_m, axis=0)
-    for axis, of in zip("XYZ", steps.T, strict=True):
-        if (of >= 0).all() or (of <= 0).all():
+    for axis, of in zip("XYZ", rows.positions_m.T, strict=True):
+        if _is_sorted(of):
             yield make_message(
                 "The measured {axis} only rises or falls from row to row: see whether the measured values were "
                 "sorted apart from the joints, and put them back in the order in which they were measured.",
                 axis=axis,
             )
+
+
+def _sorted_joints(model: RobotModel, rows: MeasuredRows) -> Iterator[str]:
+    for name, of in zip(model.joint_names, rows.joints_rad.T, strict=True):
+        if np.ptp(of) > 0.0 and _is_sorted(of):
+            yield make_message(
+                "{joint} only rises or falls from row to row: see whether it, or all joints, were sorted apart from "
+                "the measured values, and put them back in the order in which they were measured.",
+                joint=name,
+            )
+
+
+def _is_sorted(values: Array) -> bool:
+    steps = np.diff(values)
+    return bool((steps >= 0).all() or (steps <= 0).all())
 
 
 def _still_joints(model: RobotModel, rows: MeasuredRows) -> Iterator[str]:

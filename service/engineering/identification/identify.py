@@ -35,6 +35,7 @@ from cellcal.service.engineering.identification.identify_check import (
     PreparedMeasurements,
     check_file,
     errors_of,
+    file_names,
     lint_repeated_postures,
     lints_of_fit,
     lints_of_start,
@@ -238,7 +239,7 @@ def _refuse_judged(model: RobotModel, prepared: PreparedMeasurements, judged: "_
         The places are calculated, and the rows hold others that may be measured.
     """
     measured = prepared.measurements
-    refuse_gross_misfit(model, prepared.observations, judged.held_out_m, measured.targets[0])
+    refuse_gross_misfit(model, prepared.observations, judged.held_out_m, file_names(measured))
     calculated = find_calculated_positions(judged.held_out_m, measured.value_step_m)
     layout = measured.layout
     if calculated and (layout.further or layout.differences) and not layout.is_named:

@@ -148,6 +148,7 @@ def file_names(measurements: Measurements) -> FileNames:
         measurements.targets[0],
         dict(zip(layout.as_typed(columns), layout.typed_columns(columns), strict=True)),
         measurements.unused,
+        measurements.rows,
     )
 
 
