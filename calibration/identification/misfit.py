@@ -4,11 +4,13 @@ A fit that leaves half a metre is no calibration of anything. Before it is made,
 way that files get wrong: mirrored axes, signs, zeros, order, coupling, units, rows beside each other, another robot.
 """
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from cellcal.calibration.arm.kinematics import RobotModel, load_model, model_names
+from cellcal.calibration.arm.mounting import mounted_name, split_mounting
 from cellcal.calibration.arm.robot_models.catalogue_index import catalogue_entries
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.identification.distinct_postures import count_postures
@@ -99,7 +101,7 @@ def refuse_misfit(
         refuse_straight_line(model, some)
     _refuse_one_number(model, observations, (stands.score_m, motion_m), names, rows)
     if stands.score_m > max(_SUSPECT * motion_m, _SUSPECT_M):
-        others = [load_model(name) for name in model_names() if name != model.name] if search_models else []
+        others = _other_robots(model, model_names()) if search_models else []
         # A zero far off is a cause itself, which the fit found by chance: any that fits better takes its place.
         limit_m = stands.score_m / (1.0 if far_zeros(stands) else _DECISIVE)
         causes = explaining_causes(model, observations, limit_m, names, others)
@@ -262,9 +264,15 @@ def _refuse_other_robot(
     entries = [entry for entry in catalogue_entries() if entry.usable and entry.axes == model.axis_count]
     if len(observations) < _FEWEST_TOLD_APART or not entries:
         return
-    others = [load_model(entry.name) for entry in entries if entry.name != model.name]
+    others = _other_robots(model, [entry.name for entry in entries])
     if causes := explaining_causes(model, observations, left_m / _DECISIVE, names, others):
         raise misfit_error(model, left_m, motion_m, causes)
+
+
+def _other_robots(model: RobotModel, names: Sequence[str]) -> list[RobotModel]:
+    """Return other robots, mounted as this one is: what stands behind the name is no part of what was mistaken."""
+    own, mounting = split_mounting(model.name)
+    return [load_model(mounted_name(name, mounting)) for name in names if name != own]
 
 
 def _refuse_one_number(

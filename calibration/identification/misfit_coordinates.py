@@ -25,6 +25,7 @@ _ROUNDS = 4
 _KEPT_SHARE = 0.75  # of the rows: the others may be outliers
 _SAME_UNIT = 0.03  # how far the scales of two columns may differ
 _NARROW = 1e-9
+_DECISIVE = 10.0  # times worse than the others is a column that does not fit
 _APART = (1, -1, 2, -2, 3, -3)
 _AXES = 3
 
@@ -60,6 +61,8 @@ def coordinate_causes(
         return ()
     wrong = next(axis for axis in range(_AXES) if axis not in good)
     left_m = max(fits[axis].left_m for axis in good)
+    if fits[wrong].left_m < _DECISIVE * left_m:
+        return ()
     says, cure = _describe(design, columns, wrong, names, limit_m)
     first, second = (names.position[axis] for axis in good)
     return (

@@ -89,7 +89,7 @@ def _other_gears(
                 1,
                 _multiplied(some.joints_rad, joint, np.array([factor]))[0],
                 make_message(
-                    "{joint} moves {factor:.4g} times as far as its column says",
+                    "{joint} moves about {factor:.3g} times as far as its column says",
                     joint=names.joints[joint],
                     factor=factor,
                 ),

@@ -11,6 +11,7 @@ from cellcal.calibration.identification.misfit_error import MisfitCause, MisfitE
 from cellcal.calibration.identification.misfit_explaining import explaining_causes, gross_m
 from cellcal.calibration.identification.misfit_fit import fit_quickly, motion_of, places_only
 from cellcal.calibration.identification.misfit_hypotheses import FileNames
+from cellcal.calibration.identification.misfit_joint_columns import joint_column_causes
 from cellcal.calibration.identification.misfit_zeros import far_zeros
 from cellcal.calibration.identification.observations import (
     MeasuredRows,
@@ -77,12 +78,14 @@ def parts_error(
 
 def _cause_of(model: RobotModel, part: Observations, names: FileNames) -> MisfitCause | None:
     """Return what a part fits by, a cause without words where it fits as it is; None where it does not."""
-    some = part.select_rows(spread_rows(len(part), _MOST_ROWS))
+    rows = spread_rows(len(part), _MOST_ROWS)
+    some = part.select_rows(rows)
     stands, limit_m = fit_quickly(model, some), gross_m(motion_of(model, some))
     if stands.score_m <= limit_m and not far_zeros(stands):
         return MisfitCause((), "", "", stands.score_m)
     limit_m = min(stands.score_m / _DECISIVE, limit_m)
-    return next(iter(explaining_causes(model, part, limit_m, names, [])), None)
+    causes = explaining_causes(model, part, limit_m, names, [])
+    return next(iter(causes or joint_column_causes(model, part, rows, names, fit_quickly, limit_m)), None)
 
 
 def _how(cause: MisfitCause | None) -> str:

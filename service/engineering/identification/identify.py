@@ -18,6 +18,7 @@ from cellcal.calibration.identification.identify import Identification
 from cellcal.calibration.identification.last_joint import DIRECTION, last_joint_note
 from cellcal.calibration.identification.lints import Lint, find_calculated_positions
 from cellcal.calibration.identification.misfit import refuse_gross_misfit
+from cellcal.calibration.identification.misfit_zeros import refuse_far_zero_of_fit
 from cellcal.calibration.identification.observations import Observations, Rows
 from cellcal.calibration.identification.parameters import LEVEL_NAMES
 from cellcal.calibration.identification.position_scale import (
@@ -184,6 +185,7 @@ def identify_file(
     breaks = [int(train[item.row]) for item in found.breaks]
     judged = _judge_held_out(prepared, found, (train, held_out), breaks)
     calculated = _refuse_judged(model, prepared, judged)
+    refuse_far_zero_of_fit(fitted.chain, fitted.rows, found.robust, file_names(prepared.measurements))
     checked = None if other is None else check_file(other, found, prepared)
     measurements = prepared.measurements
     noticed = [*prepared.noticed]

@@ -11,6 +11,7 @@ from cellcal.calibration.arm.kinematics import RobotModel
 from cellcal.calibration.arm.model_references import is_linkage
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.identification import lints
+from cellcal.calibration.identification.break_lint import unsure_breaks
 from cellcal.calibration.identification.contradicting_attitudes import (
     AttitudeSteps,
     contradicting_attitudes,
@@ -220,6 +221,7 @@ def lints_of_fit(
         ),
         *_lint_temperature(fitted, train[accepted], left_m, groups),
         *order_drift(left_m, groups),
+        *unsure_breaks(found, measurements.rows[train]),
         *exchanged_rows(found, measurements.rows[train]),
         *rows_apart(found, measurements.rows[train]),
         *payload,
