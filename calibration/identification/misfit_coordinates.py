@@ -133,7 +133,7 @@ def _other_unit(fits: Sequence[_LineFit], names: FileNames) -> Iterator[MisfitCa
         )
         if alike
         else make_message(
-            "{column} is {factor:.4g} times as large as beside the other two",
+            "{column} is {factor:.4g} times as large as it should be beside the other two",
             column=names.position[wrong],
             factor=factor,
         )
