@@ -83,7 +83,8 @@ def _cause_of(model: RobotModel, part: Observations, names: FileNames) -> Misfit
     stands, limit_m = fit_quickly(model, some), gross_m(motion_of(model, some))
     if stands.score_m <= limit_m and not far_zeros(stands):
         return MisfitCause((), "", "", stands.score_m)
-    limit_m = min(stands.score_m / _DECISIVE, limit_m)
+    # A zero far off is a cause itself, which the fit found by chance.
+    limit_m = min(stands.score_m / (1.0 if far_zeros(stands) else _DECISIVE), limit_m)
     causes = explaining_causes(model, part, limit_m, names, [])
     return next(iter(causes or joint_column_causes(model, part, rows, names, fit_quickly, limit_m)), None)
 
