@@ -10,7 +10,7 @@ from cellcal.calibration.arm.kinematics import RobotModel
 from cellcal.calibration.identification.misfit_error import MisfitCause, MisfitError
 from cellcal.calibration.identification.misfit_explaining import explaining_causes, gross_m
 from cellcal.calibration.identification.misfit_fit import fit_quickly, motion_of, places_only
-from cellcal.calibration.identification.misfit_hypotheses import FileNames
+from cellcal.calibration.identification.misfit_hypotheses import FileNames, home_reading
 from cellcal.calibration.identification.misfit_joint_columns import joint_column_causes
 from cellcal.calibration.identification.misfit_zeros import far_zeros
 from cellcal.calibration.identification.observations import (
@@ -81,12 +81,18 @@ def _cause_of(model: RobotModel, part: Observations, names: FileNames) -> Misfit
     rows = spread_rows(len(part), _MOST_ROWS)
     some = part.select_rows(rows)
     stands, limit_m = fit_quickly(model, some), gross_m(motion_of(model, some))
-    if stands.score_m <= limit_m and not far_zeros(stands):
+    far = far_zeros(stands)
+    fits = stands.score_m <= limit_m
+    if fits and not far:
         return MisfitCause((), "", "", stands.score_m)
     # A zero far off is a cause itself, which the fit found by chance.
-    limit_m = min(stands.score_m / (1.0 if far_zeros(stands) else _DECISIVE), limit_m)
+    limit_m = min(stands.score_m / (1.0 if far else _DECISIVE), limit_m)
     causes = explaining_causes(model, part, limit_m, names, [])
-    return next(iter(causes or joint_column_causes(model, part, rows, names, fit_quickly, limit_m)), None)
+    causes = causes or joint_column_causes(model, part, rows, names, fit_quickly, limit_m)
+    if not causes and fits:
+        home = home_reading(some.joints_rad, far, names)
+        return MisfitCause(("home",), home.says, home.cure, stands.score_m)
+    return next(iter(causes), None)
 
 
 def _how(cause: MisfitCause | None) -> str:
