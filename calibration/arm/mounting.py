@@ -53,7 +53,10 @@ def mounted_name(model: str, mounting: str) -> str:
     if not mounting:
         return model
     gravity_of(mounting)
-    if split_mounting(model)[1]:
+    named = split_mounting(model)[1]
+    if named.strip().lower() == mounting.strip().lower():  # a cure that was copied beside the option
+        return model
+    if named:
         raise CalibrationError(
             f"{model} says how it is mounted, and {mounting} was asked for.",
             remedy="Leave one of the two out.",

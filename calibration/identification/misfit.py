@@ -10,28 +10,29 @@ from dataclasses import replace
 import numpy as np
 
 from cellcal.calibration.arm.kinematics import RobotModel, load_model, model_names
+from cellcal.calibration.arm.mounting import mounted_name, split_mounting
 from cellcal.calibration.arm.robot_models.catalogue_index import catalogue_entries
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.identification.distinct_postures import count_postures
 from cellcal.calibration.identification.misfit_couplings import screw_readings
 from cellcal.calibration.identification.misfit_doubts import column_doubts
-from cellcal.calibration.identification.misfit_elsewhere import outer_causes
 from cellcal.calibration.identification.misfit_error import (
     MisfitCause,
     MisfitError,
     MisfitScore,
     cure_by_column,
-    describe_cause,
     misfit_error,
 )
+from cellcal.calibration.identification.misfit_explaining import ALIKE, ALIKE_M, explaining_causes, gross_m
 from cellcal.calibration.identification.misfit_fit import fit_quickly, motion_of, places_only
 from cellcal.calibration.identification.misfit_hypotheses import (
     FileNames,
 )
+from cellcal.calibration.identification.misfit_joint_columns import joint_column_causes
 from cellcal.calibration.identification.misfit_lag import lag_readings
+from cellcal.calibration.identification.misfit_late import LateSearch
 from cellcal.calibration.identification.misfit_lengths import length_readings
-from cellcal.calibration.identification.misfit_pairing import pairing_causes
-from cellcal.calibration.identification.misfit_ranking import MisfitCandidate, coarse_candidates
+from cellcal.calibration.identification.misfit_parts import parts_error
 from cellcal.calibration.identification.misfit_slides import (
     moved_slide_readings,
     refuse_straight_line,
@@ -39,7 +40,7 @@ from cellcal.calibration.identification.misfit_slides import (
     turn_readings,
 )
 from cellcal.calibration.identification.misfit_split import find_split
-from cellcal.calibration.identification.misfit_zeros import far_zeros, refuse_far_zero, with_fitted_zeros
+from cellcal.calibration.identification.misfit_zeros import far_zeros, refuse_far_zero
 from cellcal.calibration.identification.observations import (
     LengthObservations,
     MeasuredRows,
@@ -54,15 +55,10 @@ _FEWEST = {"point": 8, "pose": 8, "length": 14}
 _MOST_ROWS = 80
 _SUSPECT = 0.002  # of the motion: no nominal arm with its mastering fitted is off by as much
 _SUSPECT_M = 1e-3
-_GROSS = 0.015  # of the motion: nothing is calibrated by such a fit
-_GROSS_M = 5e-3
 _DECISIVE = 3.0  # times better must the rows fit with a cause
 _DECISIVE_NUMBER = 1.4  # times better with one more number: the pitch of a screw, or a lag
 _FEWEST_SCREWED = 16
 _FEWEST_TOLD_APART = 20  # rows, for hundreds of robots
-_ALIKE = 1.6  # times the best score: these causes cannot be told apart
-_ALIKE_M = 2e-4
-_MOST_CAUSES = 4
 _PARTS = 4  # of a series, one of which is likely without a break
 _MANY_REPEATED = 0.5  # of the rows: fewer are typing errors
 _CONSTANT = 1e-3  # of the motion of the flange
@@ -74,26 +70,6 @@ _NO_CAUSE = (
 _SEVERAL_TARGETS = (
     "Rows with the same joints hold different places: several targets or devices were measured in turn. Keep the "
     "rows of one in the file, or describe all of them in a layout (`--layout`, examples in `deploy/layouts/`)."
-)
-_KINDS = (
-    "unit",
-    "angle unit",
-    "slide unit",
-    "slide",
-    "screw",
-    "lag",
-    "zero",
-    "scale",
-    "turn",
-    "mirror",
-    "coupling",
-    "sign",
-    "home",
-    "order",
-    "rows",
-    "model",
-    "device",
-    "column",
 )
 
 
@@ -125,27 +101,43 @@ def refuse_misfit(
         refuse_straight_line(model, some)
     _refuse_one_number(model, observations, (stands.score_m, motion_m), names, rows)
     if stands.score_m > max(_SUSPECT * motion_m, _SUSPECT_M):
-        others = [load_model(name) for name in model_names() if name != model.name] if search_models else []
+        others = _other_robots(model, model_names()) if search_models else []
         # A zero far off is a cause itself, which the fit found by chance: any that fits better takes its place.
         limit_m = stands.score_m / (1.0 if far_zeros(stands) else _DECISIVE)
-        causes = _explaining_causes(model, observations, limit_m, names, others)
-        decisive_m = min(stands.score_m / _DECISIVE, max(_GROSS * motion_m, _GROSS_M))
+        causes = explaining_causes(model, observations, limit_m, names, others)
+        decisive_m = min(stands.score_m / _DECISIVE, gross_m(motion_m))
         causes = causes or _slides(model, some, decisive_m, names)
+        causes = causes or joint_column_causes(model, observations, rows, names, fit_quickly, decisive_m)
         if causes:
             raise misfit_error(model, stands.score_m, motion_m, causes)
-    if stands.score_m <= max(_GROSS * motion_m, _GROSS_M):
+    if stands.score_m <= gross_m(motion_m):
         _refuse_far_zero(model, observations, stands, names)
         return
-    _refuse_outer_cause(model, some, (stands.score_m, motion_m), names, rows)
-    _refuse_other_order(model, observations, (stands.score_m, motion_m))
-    if _misfits_throughout(model, observations, max(_GROSS * motion_m, _GROSS_M)):
+    _refuse_unexplained(model, observations, (stands.score_m, motion_m), names, search_models=search_models)
+
+
+def _refuse_unexplained(
+    model: RobotModel,
+    observations: Observations,
+    sizes_m: tuple[float, float],
+    names: FileNames,
+    *,
+    search_models: bool,
+) -> None:
+    """Refuse rows that no reading explains; sizes are what is left and the motion."""
+    left_m, motion_m = sizes_m
+    rows = spread_rows(len(observations), _MOST_ROWS)
+    late = LateSearch(model, observations, rows, names, min(left_m / _DECISIVE, gross_m(motion_m)))
+    if causes := late.find_causes():
+        raise misfit_error(model, left_m, motion_m, causes)
+    if _misfits_throughout(model, observations, gross_m(motion_m)):
         if search_models:
-            _refuse_other_robot(model, observations, (stands.score_m, motion_m), names)
-        raise _unknown_cause_error(model, stands.score_m, motion_m, observations, names.targets)
+            _refuse_other_robot(model, observations, sizes_m, names)
+        raise _unknown_cause_error(model, left_m, motion_m, observations, names)
 
 
 def refuse_gross_misfit(
-    model: RobotModel, observations: MeasuredRows, errors: Array, targets: str = ""
+    model: RobotModel, observations: MeasuredRows, errors: Array, names: FileNames | None = None
 ) -> None:
     """Refuse the end of an identification whose errors (N,) [m] are as large as the robot.
 
@@ -155,12 +147,13 @@ def refuse_gross_misfit(
         No known cause explains them.
     """
     motion_m, left_m = motion_of(model, observations), float(trimmed_rms(errors))
-    limit_m = max(_GROSS * motion_m, _GROSS_M)
+    limit_m = gross_m(motion_m)
     if left_m <= limit_m:
         return
     row = find_split(model, observations, min(limit_m, left_m / _DECISIVE))
     if row is None:
-        raise _unknown_cause_error(model, left_m, motion_m, observations, targets)
+        names = names or FileNames(model.joint_names)
+        raise _unknown_cause_error(model, left_m, motion_m, observations, names)
     says = make_message(
         "the first {count} usable rows and the {rest} behind them fit {model_name} by themselves and not together: "
         "the device was moved in between, or the target, or another robot follows",
@@ -182,8 +175,8 @@ def _refuse_far_zero(
     """Refuse rows that the fit put far from their zeros, with every cause that fits as well."""
     if not far_zeros(stands):
         return
-    limit_m = _ALIKE * stands.score_m + _ALIKE_M
-    alike = _explaining_causes(model, observations, limit_m, names, [])
+    limit_m = ALIKE * stands.score_m + ALIKE_M
+    alike = explaining_causes(model, observations, limit_m, names, [])
     refuse_far_zero(model, observations, stands, names, alike)
 
 
@@ -210,14 +203,16 @@ def _refuse_constant(observations: Observations, motion_m: float) -> None:
 
 
 def _unknown_cause_error(
-    model: RobotModel, left_m: float, motion_m: float, observations: MeasuredRows, targets: str
+    model: RobotModel, left_m: float, motion_m: float, observations: MeasuredRows, names: FileNames
 ) -> MisfitError:
-    several = _differ_at_same_joints(observations, max(_GROSS * motion_m, _GROSS_M))
+    if found := parts_error(model, observations, names, left_m, motion_m):
+        return found
+    several = _differ_at_same_joints(observations, gross_m(motion_m))
     remedy = _SEVERAL_TARGETS if several else _NO_CAUSE
     if doubts := column_doubts(model, observations):
         remedy = make_message("{doubts} {remedy}", doubts=doubts, remedy=remedy)
-    if targets:
-        remedy = cure_by_column(targets)
+    if names.targets:
+        remedy = cure_by_column(names.targets)
     if not np.isfinite(left_m):
         return MisfitError(
             make_message(
@@ -261,25 +256,6 @@ def _misfits_throughout(model: RobotModel, observations: Observations, limit_m: 
     )
 
 
-def _refuse_outer_cause(
-    model: RobotModel, some: Observations, sizes_m: tuple[float, float], names: FileNames, rows: Rows
-) -> None:
-    """Refuse rows that a cause outside the arm explains; sizes are what is left and the motion."""
-    left_m, motion_m = sizes_m
-    columns = {name: values[rows] for name, values in names.columns.items()}
-    limit_m = min(left_m / _DECISIVE, max(_GROSS * motion_m, _GROSS_M))
-    if causes := outer_causes(model, places_only(some), columns, fit_quickly, limit_m):
-        raise misfit_error(model, left_m, motion_m, causes)
-
-
-def _refuse_other_order(model: RobotModel, observations: Observations, sizes_m: tuple[float, float]) -> None:
-    """Refuse rows that fit in another order; sizes are what is left and the motion."""
-    left_m, motion_m = sizes_m
-    limit_m = min(left_m / _DECISIVE, max(_GROSS * motion_m, _GROSS_M))
-    if causes := pairing_causes(model, places_only(observations), fit_quickly, limit_m):
-        raise misfit_error(model, left_m, motion_m, causes)
-
-
 def _refuse_other_robot(
     model: RobotModel, observations: Observations, sizes_m: tuple[float, float], names: FileNames
 ) -> None:
@@ -288,9 +264,15 @@ def _refuse_other_robot(
     entries = [entry for entry in catalogue_entries() if entry.usable and entry.axes == model.axis_count]
     if len(observations) < _FEWEST_TOLD_APART or not entries:
         return
-    others = [load_model(entry.name) for entry in entries if entry.name != model.name]
-    if causes := _explaining_causes(model, observations, left_m / _DECISIVE, names, others):
+    others = _other_robots(model, [entry.name for entry in entries])
+    if causes := explaining_causes(model, observations, left_m / _DECISIVE, names, others):
         raise misfit_error(model, left_m, motion_m, causes)
+
+
+def _other_robots(model: RobotModel, names: Sequence[str]) -> list[RobotModel]:
+    """Return other robots, mounted as this one is: what stands behind the name is no part of what was mistaken."""
+    own, mounting = split_mounting(model.name)
+    return [load_model(mounted_name(name, mounting)) for name in names if name != own]
 
 
 def _refuse_one_number(
@@ -302,9 +284,9 @@ def _refuse_one_number(
 ) -> None:
     """Refuse rows with a screw at a slide, joints of another time, or a wire's zero: no error of an arm is such."""
     left_m, motion_m = sizes_m
-    some, gross_m = observations.select_rows(rows), max(_GROSS * motion_m, _GROSS_M)
+    some, unexplained_m = observations.select_rows(rows), gross_m(motion_m)
     if isinstance(some, LengthObservations):
-        limit_m = min(left_m / _DECISIVE, gross_m)
+        limit_m = min(left_m / _DECISIVE, unexplained_m)
         for lengths, cause in length_readings(model, some):
             if (fitted := fit_quickly(model, lengths, limit_m=limit_m)).score_m <= limit_m:
                 raise misfit_error(model, left_m, motion_m, (replace(cause, remaining_m=fitted.score_m),))
@@ -312,54 +294,12 @@ def _refuse_one_number(
     if len(some) < _FEWEST_SCREWED:
         return
     places = places_only(some)
-    limit_m = min(left_m / _DECISIVE_NUMBER, gross_m)
+    limit_m = min(left_m / _DECISIVE_NUMBER, unexplained_m)
     for reading in (*screw_readings(model, some, names), *lag_readings(model, observations, rows)):
         fitted = fit_quickly(model, replace(places, joints_rad=reading.joints_rad), limit_m=limit_m)
         if fitted.score_m <= limit_m:
             cause = MisfitCause((reading.kind,), reading.says, reading.cure, fitted.score_m)
             raise misfit_error(model, left_m, motion_m, (cause,))
-
-
-def _explaining_causes(
-    model: RobotModel,
-    observations: Observations,
-    limit_m: float,
-    names: FileNames,
-    others: Sequence[RobotModel],
-) -> tuple[MisfitCause, ...]:
-    """Return the causes that explain the rows, the simplest first; all of them fit alike."""
-    candidates = coarse_candidates(
-        model, observations, spread_rows(len(observations), _MOST_ROWS), names, others
-    )
-    found: list[tuple[MisfitCandidate, MisfitScore]] = []
-    for candidate in candidates:
-        fitted = fit_quickly(candidate.model, candidate.observations, limit_m=limit_m * candidate.scale)
-        if fitted.score_m / candidate.scale <= limit_m and _is_plausible(candidate, fitted):
-            found.append(
-                (replace(candidate, reading=with_fitted_zeros(candidate.reading, fitted, names)), fitted)
-            )
-    if not found:
-        return ()
-    best = min(fitted.score_m / candidate.scale for candidate, fitted in found)
-    alike = [
-        (candidate, fitted)
-        for candidate, fitted in found
-        if fitted.score_m / candidate.scale <= _ALIKE * best + _ALIKE_M and candidate.part_count
-    ]
-    alike.sort(
-        key=lambda pair: (
-            pair[0].goes_beyond_limits,
-            pair[0].part_count,
-            _KINDS.index(pair[0].kinds[-1]),
-            pair[1].score_m,
-        )
-    )
-    causes: dict[str, MisfitCause] = {}
-    for candidate, fitted in alike:
-        cause = describe_cause(candidate, fitted)
-        if candidate.part_count <= alike[0][0].part_count + 1:
-            causes.setdefault(cause.says, cause)
-    return tuple(causes.values())[:_MOST_CAUSES]
 
 
 def _slides(
@@ -381,8 +321,3 @@ def _slides(
         if fitted.score_m <= limit_m:
             found.append(MisfitCause((reading.kind,), reading.says, reading.cure, fitted.score_m))
     return tuple(sorted(found, key=lambda cause: cause.remaining_m)[:1])
-
-
-def _is_plausible(candidate: MisfitCandidate, fitted: MisfitScore) -> bool:
-    motion_m = motion_of(candidate.model, candidate.observations)
-    return fitted.score_m <= max(_GROSS * motion_m, _GROSS_M)

@@ -30,7 +30,7 @@ def coupled_readings(model: RobotModel, joints_rad: Array, names: FileNames) -> 
     if model.axis_count > 2 and _turning(model)[1:3].all():
         pairs.append((1, 2))
     for second, third in dict.fromkeys(pairs):
-        yield from _pair_readings(joints_rad, names, second, third)
+        yield from pair_readings(joints_rad, names, second, third)
     if is_plain:
         for run in runs:
             yield from _absolute_readings(model, joints_rad, names, run)
@@ -171,9 +171,10 @@ def _controller_readings(
     )
 
 
-def _pair_readings(
+def pair_readings(
     joints_rad: Array, names: FileNames, at: int, coupled: int
 ) -> Iterator[JointInterpretation]:
+    """Return joints of which one column holds the angle of its joint less, or plus, that of another."""
     second, third = names.joints[at], names.joints[coupled]
     for sign, word, verb in (
         (1.0, "less", make_message("Add {second} to {third}", second=second, third=third)),

@@ -7,6 +7,7 @@ import numpy as np
 
 from cellcal.calibration.arm.kinematics import RobotModel
 from cellcal.calibration.errors import CalibrationError
+from cellcal.calibration.geometry import Array
 from cellcal.calibration.identification.estimator import ArmFit, FitProblem, errors_m, estimate_arm
 from cellcal.calibration.identification.first_guess import first_guess
 from cellcal.calibration.identification.layouts import make_layout
@@ -107,12 +108,23 @@ def _finish_fit(model: RobotModel, plain: _PlainFit, least_progress: float) -> M
     observations = problem.observations
     freedom = 1.0 - len(layout) / (_SHARES[-1] * observations.channels * len(observations))
     score = float(trimmed_rms(sizes)) / float(np.sqrt(max(freedom, 0.1)))
-    offsets, sigma = np.zeros(model.axis_count), np.full(model.axis_count, _UNKNOWN_RAD)
     spread = np.sqrt(np.diag(fit.covariance)) * max(score / float(np.median(observations.sigma_m)), 1.0)
-    for at, parameter in enumerate(layout.parameters):
+    return score_with_zeros(model, fit, spread, score)
+
+
+def score_with_zeros(model: RobotModel, fit: ArmFit, spread: Array, score_m: float) -> MisfitScore:
+    """Return what a fit leaves, with its zeros and their deviations as the controller shows joints.
+
+    Parameters
+    ----------
+    spread : (p,)
+        Standard deviations of the parameters of the fit.
+    """
+    offsets, sigma = np.zeros(model.axis_count), np.full(model.axis_count, _UNKNOWN_RAD)
+    for at, parameter in enumerate(fit.layout.parameters):
         if parameter.role == "offset" and parameter.unit == "rad":  # not of a slide
             offsets[parameter.joint], sigma[parameter.joint] = fit.deviations[at], spread[at]
     # Offsets belong to angles against the link before; what is shown are the controller's joints.
     of_joints = np.linalg.inv(model.joint_coupling)
     sigmas = np.where(np.abs(of_joints) > 0, np.abs(of_joints) * sigma, 0.0).sum(axis=1)
-    return MisfitScore(score, tuple((of_joints @ offsets).tolist()), tuple(sigmas.tolist()))
+    return MisfitScore(score_m, tuple((of_joints @ offsets).tolist()), tuple(sigmas.tolist()))

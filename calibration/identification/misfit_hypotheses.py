@@ -59,6 +59,7 @@ class FileNames:
         default_factory=dict
     )  # how columns are typed, by their names here
     columns: Mapping[str, Array] = field(default_factory=dict)  # that take no part, a number or code a row
+    rows: Rows | None = None  # numbers of the rows in the file; None: in the order in which they are
 
     def as_typed(self, names: Sequence[str]) -> tuple[TypedColumn, ...]:
         """Return columns as ``--columns`` takes them."""

@@ -61,7 +61,7 @@ def pairing_causes(
     """
     if not np.isfinite(limit_m):
         return ()
-    orders = [*_reversed_rows(len(series)), *_changed_parts(len(series))]
+    orders = [*_reversed_rows(len(series)), *_changed_parts(len(series)), *_sorted_as_text(len(series))]
     rows = spread_rows(len(series), _MOST_ROWS)
     if isinstance(series, PointObservations) and len(series) >= _FEWEST_ROWS:
         likely = orders[int(np.argmin(_scores(model, series, orders)))]
@@ -113,6 +113,20 @@ def _reversed_rows(count: int) -> Iterator[_Order]:
         "measured values stand in the reverse order of the joints",
         "Turn the rows of one of them round.",
     )
+
+
+def _sorted_as_text(count: int) -> Iterator[_Order]:
+    """Give series one half of which was sorted by the names of its points as text: P1, P10, P11, P2."""
+    for first in (0, 1):
+        as_text = np.array(sorted(range(count), key=lambda at: str(at + first)))
+        for joints_of, which in ((np.argsort(as_text), "the joints"), (as_text, "the measured values")):
+            yield _Order(
+                joints_of,
+                make_message(
+                    "{which} stand in the order of their points' names as text (1, 10, 11, 2)", which=which
+                ),
+                "Put joints and measured values in one order, by their points' numbers.",
+            )
 
 
 def _changed_parts(count: int) -> Iterator[_Order]:

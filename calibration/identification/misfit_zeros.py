@@ -7,12 +7,14 @@ import numpy as np
 
 from cellcal.calibration.arm.kinematics import RobotModel
 from cellcal.calibration.identification.column_options import columns_option
+from cellcal.calibration.identification.estimator import errors_m
 from cellcal.calibration.identification.misfit_error import (
     MisfitCause,
     MisfitError,
     MisfitScore,
     cure_or_others,
 )
+from cellcal.calibration.identification.misfit_fit import score_with_zeros
 from cellcal.calibration.identification.misfit_hypotheses import (
     FileNames,
     JointInterpretation,
@@ -20,6 +22,7 @@ from cellcal.calibration.identification.misfit_hypotheses import (
     with_zeros,
 )
 from cellcal.calibration.identification.observations import Observations
+from cellcal.calibration.identification.robust import RobustFit
 from cellcal.calibration.message import make_message
 
 _FAR_RAD = float(np.deg2rad(5.0))  # of a zero: ten deviations of what mastering may be off by
@@ -60,6 +63,24 @@ def refuse_far_zero(
             ),
             causes=(MisfitCause(("home",), home_cause.says, home_cause.cure, stands.score_m), *others),
         )
+
+
+def refuse_far_zero_of_fit(
+    model: RobotModel, observations: Observations, found: RobustFit, names: FileNames
+) -> None:
+    """Refuse the end of an identification that put a zero further off than any mastering leaves it.
+
+    Rows within which the device was moved far fit no zeros before that is found.
+
+    Raises
+    ------
+    MisfitError
+        With the zeros, and how to say them.
+    """
+    left_m = float(np.median(errors_m(found.fit.state, found.problem)))
+    # Ten deviations of its prior: data drew it there, however wide such a misfit makes all deviations.
+    stands = score_with_zeros(model, found.fit, np.zeros(len(found.fit.layout)), left_m)
+    refuse_far_zero(model, observations, stands, names, ())
 
 
 def _with_track(model: RobotModel, far: Mapping[int, float], names: FileNames, cure: str) -> str:

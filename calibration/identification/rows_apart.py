@@ -29,7 +29,7 @@ class RowsApart:
 
     def describe_in_file(self, model: RobotModel, file_rows: Rows) -> Lint:
         """Return the note that names them; ``file_rows`` are the numbers of the series' rows in the file."""
-        listed = _describe_rows(file_rows[self.rows])
+        listed = describe_rows(file_rows[self.rows])
         if self.fits_alone:
             says = make_message(
                 "{count} rows that are far off the others ({listed}; the first is row 0) fit {model_name} by "
@@ -112,15 +112,15 @@ def _describe_others(found: Identification, others: Rows) -> list[str]:
     return [make_message("All other rows: {rmse_mm:.3f} mm held out.", rmse_mm=rmse_mm)]
 
 
-def _describe_rows(rows: Rows) -> str:
-    """Return numbers of rows as ranges."""
+def describe_rows(rows: Rows, most: int = _MOST_RANGES) -> str:
+    """Return numbers of rows as ranges, the first of them."""
     parts = np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1)
     names = [
         make_message("{first} to {last}", first=int(part[0]), last=int(part[-1]))
         if len(part) > 1
         else make_message("{first}", first=int(part[0]))
-        for part in parts[:_MOST_RANGES]
+        for part in parts[:most]
     ]
-    if len(parts) > _MOST_RANGES:
+    if len(parts) > most:
         names.append("…")
     return join_messages(", ", names)

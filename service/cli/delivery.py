@@ -52,6 +52,7 @@ class ApprovalOptions:
 
 
 _USUAL = LoginOptions()
+_WITH_USERS = ("abb://", "fanuc://", "ur://")
 
 
 def fetch(
@@ -80,7 +81,7 @@ def fetch(
 
     if not addresses:
         raise CellError("no controller is named.", remedy="Give one or more addresses.", code="usage")
-    who = _login(login)
+    who = _login(login, *addresses)
 
     async def fetch_one(address: str) -> dict[str, object]:
         folder = out / _plain_name(address)
@@ -147,7 +148,7 @@ def compare(address: str, /, *programs: Path, login: LoginOptions = _USUAL, as_j
     from cellcal.service.exit_codes import ExitCode
 
     here = read_programs(programs)
-    who = _login(login)
+    who = _login(login, address)
 
     async def compare_all() -> tuple[tuple[ComparedProgram, ...], tuple[str, ...]]:
         async with store_at(address, who)() as store:
@@ -204,7 +205,7 @@ def deliver(
     from cellcal.service.engineering.delivery.stored_copies import list_unended
 
     new = read_programs(programs)
-    open_store = store_at(address, _login(login))
+    open_store = store_at(address, _login(login, address))
 
     def show_line(line: str) -> None:
         STDERR_CONSOLE.print(line, markup=False, soft_wrap=True)
@@ -250,7 +251,7 @@ def restore(
     from cellcal.service.engineering.delivery.stored_copies import read_delivery
 
     stored = read_delivery(delivery)
-    open_store = store_at(stored.delivery.address, _login(login))
+    open_store = store_at(stored.delivery.address, _login(login, stored.delivery.address))
     restored = asyncio.run(restore_programs(open_store, stored, _approval(approval), changed_too=changed_too))
     _print_delivery(restored.put_back, as_json=as_json)
     if restored.replaced is not None:
@@ -300,7 +301,8 @@ def _ask_secret(*, from_input: bool) -> str:
     return getpass("PIN or passphrase: ")
 
 
-def _login(options: LoginOptions) -> "StoreLogin":
+def _login(options: LoginOptions, *addresses: str) -> "StoreLogin":
+    """Return the login at these addresses; what none of them reads is refused."""
     import re
     from math import isfinite
 
@@ -308,6 +310,7 @@ def _login(options: LoginOptions) -> "StoreLogin":
     from cellcal.calibration.errors import CellError
     from cellcal.service.engineering.delivery.store_addresses import StoreLogin
 
+    _refuse_idle_login(options, addresses)
     if not isfinite(options.timeout_s) or not 0.1 <= options.timeout_s <= 600.0:
         raise CellError("--timeout is from 0.1 to 600 seconds.", code="usage")
     password = None
@@ -318,6 +321,23 @@ def _login(options: LoginOptions) -> "StoreLogin":
     if not all(re.fullmatch("SHA256:[A-Za-z0-9+/]{43}", key) for key in options.host_keys):
         raise CellError("--host-key is SHA256: and 43 characters, as ssh-keygen -lf shows it.", code="usage")
     return StoreLogin(options.user, password, options.certificate, options.host_keys, options.timeout_s)
+
+
+def _refuse_idle_login(options: LoginOptions, addresses: tuple[str, ...]) -> None:
+    from cellcal.calibration.errors import CellError
+
+    for option, value, schemes in (
+        ("--user", options.user, _WITH_USERS),
+        ("--password-file", options.password_file, _WITH_USERS),
+        ("--certificate", options.certificate, ("abb://",)),
+        ("--host-key", options.host_keys, ("ur://",)),
+    ):
+        if value and not any(address.startswith(schemes) for address in addresses):
+            raise CellError(
+                f"{option} has no effect without an address {' or '.join(schemes)}.",
+                remedy="Leave out what is not meant.",
+                code="usage",
+            )
 
 
 def _plain_name(address: str) -> str:

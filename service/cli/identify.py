@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 from cyclopts import Parameter
 from cyclopts.validators import Number
 
-from cellcal.calibration.errors import CellError
+from cellcal.service.cli.idle_options import OptionRule, refuse_idle_options
 from cellcal.service.cli.model_argument import ModelArgument
 
 if TYPE_CHECKING:
@@ -19,6 +19,18 @@ if TYPE_CHECKING:
 
 _MM = {"mm": 1e-3, "um": 1e-6, "m": 1.0}
 _DEG = {"deg": 0.017453292519943295, "mrad": 1e-3, "rad": 1.0}
+_AT = ("at_csv", "at_convention", "at_identified")
+_OF_FIT = (  # what only a fit, or what it leaves behind, has a use for
+    "level", "check", "train_rows", "seed", "start", "free", "residual_model", "limit", "accept_offset_sd",
+    "accept_offsets", "at", *_AT, "dh", "plot", "save", "serial", "by", "urdf", "geometric_joints", "project_axes",
+)  # fmt: skip
+_RULES = (
+    OptionRule(_OF_FIT, not_with=("show_layout",)),
+    OptionRule(_AT, needs=("at",)),
+    OptionRule(("serial", "by"), needs=("save", "project_axes")),
+    OptionRule(("accept_offsets",), needs=("accept_offset_sd",)),
+    OptionRule(("geometric_joints",), needs=("urdf",)),
+)
 
 
 def identify(  # noqa: PLR0913  # a command's options are its arguments
@@ -148,6 +160,7 @@ def identify(  # noqa: PLR0913  # a command's options are its arguments
     as_json
         Print one JSON object on standard output.
     """
+    refuse_idle_options(identify, locals(), _RULES)
     # Before numpy is imported: on matrices of this size a second BLAS thread only waits for the first.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     from cellcal.service.cli.identify_outputs import IdentifyOutputs
@@ -166,7 +179,7 @@ def identify(  # noqa: PLR0913  # a command's options are its arguments
     )
     outputs = IdentifyOutputs(save, serial, by, urdf, geometric_joints, project_axes)
     outputs.refuse_unwritable(robot, residual_model=residual_model)
-    at_options = _at_options(at, at_csv, at_convention, identified=at_identified)
+    at_options = _at_options(at, at_convention, identified=at_identified)
     if layout is not None and describes_a_cell(layout):
         from cellcal.calibration.cells.levels import CellOptions
         from cellcal.service.cli.identify_cell import CellCommand, identify_cell, refuse_for_a_cell
@@ -177,12 +190,11 @@ def identify(  # noqa: PLR0913  # a command's options are its arguments
             "joints": joints, "show_layout": show_layout, "joint_coupling": joint_coupling,
             "project_axes": project_axes,
         })  # fmt: skip
-        words = tuple(word.strip() for text in free for word in text.split(","))
         command = CellCommand(
             measurements, layout, robot, limits, at_options, at_csv, plot, save, serial, by, urdf, geometric_joints,
             dh, as_json,
         )  # fmt: skip
-        return identify_cell(command, CellOptions(level=level, seed=seed, free=words))
+        return identify_cell(command, CellOptions(level=level, seed=seed, free=_split_words(free)))
     named = {key: tuple(value.split(",")) for key, value in _parse_pairs(columns, "--columns").items()}
     read = ReadOptions(named, _parse_pairs(units, "--units"), convention, sheet, joint_coupling, joints)
     if layout is not None:
@@ -201,23 +213,15 @@ def identify(  # noqa: PLR0913  # a command's options are its arguments
     return _exit_code(report)
 
 
-def _at_options(
-    at: Path | None, at_csv: Path | None, convention: str, *, identified: bool
-) -> "AtOptions | None":
-    """Return the points to predict; what is said of them is refused where there are none."""
+def _split_words(texts: tuple[str, ...]) -> tuple[str, ...]:
+    return tuple(word.strip() for text in texts for word in text.split(","))
+
+
+def _at_options(at: Path | None, convention: str, *, identified: bool) -> "AtOptions | None":
+    """Return the points to predict."""
     from cellcal.service.engineering.identification.at_points import AtOptions
 
-    if at is not None:
-        return AtOptions(at, convention, identified)
-    options = {"--at-csv": at_csv is not None, "--at-convention": convention, "--at-identified": identified}
-    names = [name for name, value in options.items() if value]
-    if names:
-        raise CellError(
-            f"{' and '.join(names)} without --at: there are no points.",
-            remedy="Name the file of points with --at.",
-            code="usage",
-        )
-    return None
+    return None if at is None else AtOptions(at, convention, identified)
 
 
 def _read_points(options: "AtOptions", robot: str) -> "AtPoints":

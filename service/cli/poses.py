@@ -8,6 +8,7 @@ from cyclopts import Parameter
 from rich.markup import escape
 
 from cellcal.service.cli.display_units import DEGREES_PER_RADIAN, DISPLAY_UNITS
+from cellcal.service.cli.idle_options import OptionRule, refuse_idle_options
 from cellcal.service.cli.model_argument import ModelArgument
 
 if TYPE_CHECKING:
@@ -19,6 +20,12 @@ if TYPE_CHECKING:
 
 _MOST_SHOWN = 40
 _UNKNOWN_M = 1.0
+_RULES = (
+    OptionRule(("sigma_deg",), only_for=("kind", ("pose",))),
+    OptionRule(("anchor_mm", "wire_range_mm"), only_for=("kind", ("length",))),
+    OptionRule(("offsets",), needs=("accept_offset_deg",)),
+    OptionRule(("tip_link", "mesh_folder"), needs=("description",)),
+)
 
 
 def poses(  # noqa: PLR0913  # a command's options are its arguments
@@ -104,6 +111,7 @@ def poses(  # noqa: PLR0913  # a command's options are its arguments
     as_json
         Print one JSON object on standard output.
     """
+    refuse_idle_options(poses, locals(), _RULES)
     # Before numpy is imported: on matrices of this size a second BLAS thread only waits for the first.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     from cellcal.calibration.poses.measurement_prediction import DesignInstrument

@@ -9,6 +9,7 @@ from cyclopts import App, Parameter
 
 from cellcal.calibration.message import make_message
 from cellcal.service.cli import delivery
+from cellcal.service.cli.idle_options import OptionRule, refuse_idle_options
 from cellcal.service.cli.model_argument import ModelArgument
 from cellcal.service.engineering.programs.joint_points import JointPoints
 from cellcal.service.translation import Locale
@@ -64,6 +65,11 @@ class ProgramOutputs:
 
 
 Out = Annotated[ProgramOutputs, Parameter(name="*")]
+_OUTPUT_RULES = (OptionRule(("language",), needs=("html",)),)
+_REGISTER_RULES = (
+    OptionRule(("frame", "joints"), needs=("offset",)),
+    OptionRule(("out",), needs=("clone", "offset")),
+)
 
 
 @program.command
@@ -107,6 +113,7 @@ def move(  # noqa: PLR0913  a command's options are its arguments
     after
         The fixture's alignment file after the move.
     """
+    refuse_idle_options(move, locals(), _OUTPUT_RULES)
     from cellcal.service.cli.program_moves import base_change_of, print_frame_instead
     from cellcal.service.engineering.programs.calls_not_given import CallsNotGiven
     from cellcal.service.engineering.programs.move import move_transfer
@@ -151,6 +158,7 @@ def clone(master: Path, target: Path, /, *files: str, outputs: Out) -> int:
     files
         Files, folders, or patterns in quotes; the master's own programs when none is named.
     """
+    refuse_idle_options(clone, locals(), _OUTPUT_RULES)
     from cellcal.service.engineering.programs.calls_not_given import CallsNotGiven
     from cellcal.service.engineering.programs.clone import clone_transfer
     from cellcal.service.engineering.programs.project import read_project
@@ -193,6 +201,7 @@ def compensate(
     download
         The other way round: points taught on the real robot, brought to the nominal world of a simulation.
     """
+    refuse_idle_options(compensate, locals(), _OUTPUT_RULES)
     from cellcal.calibration.compensation.compensate import ProgramDirection
     from cellcal.service.engineering.programs.calls_not_given import CallsNotGiven
     from cellcal.service.engineering.programs.compensate import compensation_transfer
@@ -312,6 +321,7 @@ def registers(
     out
         A new folder for POSREG.VA with the new numbers, of the controller that gets them.
     """
+    refuse_idle_options(registers, locals(), _REGISTER_RULES)
     from cellcal.drivers.program_registry import read_program
     from cellcal.service.cli.program_registers import print_registers, transfer_of
     from cellcal.service.engineering.programs.files import find_programs, read_bytes

@@ -13,7 +13,7 @@ from cellcal.service.engineering.measured.cells import CellLayoutFile
 
 _COLUMNS = re.compile(r'`--columns "?(\w+)=([^`"]*)"?`')
 _UNITS = re.compile(r"`--units (\w+)=(\w+)`")
-_ROBOT = re.compile(r"`--robot (\w+)`")
+_ROBOT = re.compile(r"`--robot ([^`]+)`")
 
 
 def refuse_misfit_of_series(cell: CalibrationCell, layout: CellLayoutFile) -> None:

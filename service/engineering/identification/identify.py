@@ -18,6 +18,7 @@ from cellcal.calibration.identification.identify import Identification
 from cellcal.calibration.identification.last_joint import DIRECTION, last_joint_note
 from cellcal.calibration.identification.lints import Lint, find_calculated_positions
 from cellcal.calibration.identification.misfit import refuse_gross_misfit
+from cellcal.calibration.identification.misfit_zeros import refuse_far_zero_of_fit
 from cellcal.calibration.identification.observations import Observations, Rows
 from cellcal.calibration.identification.parameters import LEVEL_NAMES
 from cellcal.calibration.identification.position_scale import (
@@ -35,6 +36,7 @@ from cellcal.service.engineering.identification.identify_check import (
     PreparedMeasurements,
     check_file,
     errors_of,
+    file_names,
     lint_repeated_postures,
     lints_of_fit,
     lints_of_start,
@@ -183,6 +185,7 @@ def identify_file(
     breaks = [int(train[item.row]) for item in found.breaks]
     judged = _judge_held_out(prepared, found, (train, held_out), breaks)
     calculated = _refuse_judged(model, prepared, judged)
+    refuse_far_zero_of_fit(fitted.chain, fitted.rows, found.robust, file_names(prepared.measurements))
     checked = None if other is None else check_file(other, found, prepared)
     measurements = prepared.measurements
     noticed = [*prepared.noticed]
@@ -238,7 +241,7 @@ def _refuse_judged(model: RobotModel, prepared: PreparedMeasurements, judged: "_
         The places are calculated, and the rows hold others that may be measured.
     """
     measured = prepared.measurements
-    refuse_gross_misfit(model, prepared.observations, judged.held_out_m, measured.targets[0])
+    refuse_gross_misfit(model, prepared.observations, judged.held_out_m, file_names(measured))
     calculated = find_calculated_positions(judged.held_out_m, measured.value_step_m)
     layout = measured.layout
     if calculated and (layout.further or layout.differences) and not layout.is_named:

@@ -11,6 +11,7 @@ from cellcal.calibration.arm.kinematics import RobotModel
 from cellcal.calibration.arm.model_references import is_linkage
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.identification import lints
+from cellcal.calibration.identification.break_lint import unsure_breaks
 from cellcal.calibration.identification.contradicting_attitudes import (
     AttitudeSteps,
     contradicting_attitudes,
@@ -148,6 +149,7 @@ def file_names(measurements: Measurements) -> FileNames:
         measurements.targets[0],
         dict(zip(layout.as_typed(columns), layout.typed_columns(columns), strict=True)),
         measurements.unused,
+        measurements.rows,
     )
 
 
@@ -219,6 +221,7 @@ def lints_of_fit(
         ),
         *_lint_temperature(fitted, train[accepted], left_m, groups),
         *order_drift(left_m, groups),
+        *unsure_breaks(found, measurements.rows[train]),
         *exchanged_rows(found, measurements.rows[train]),
         *rows_apart(found, measurements.rows[train]),
         *payload,
@@ -302,7 +305,7 @@ def read_check_file(
     MisfitError
         Its rows do not fit the robot.
     """
-    other = prepare_measurements(path, model, read)
+    other = prepare_measurements(path, model, replace(read, of_another_file=True))
     if (other.observations.kind == "length") != (fitted.observations.kind == "length"):
         raise MeasurementError(
             f"{path} holds {other.observations.kind}s, not {fitted.observations.kind}s as the fit.",

@@ -12,6 +12,7 @@ from cellcal.calibration.identification.cross_validation import Grouping, group_
 from cellcal.calibration.identification.identify import Identification, start_identification
 from cellcal.calibration.identification.misfit import refuse_misfit
 from cellcal.calibration.identification.misfit_error import MisfitError, cure_by_column
+from cellcal.calibration.identification.mixed_targets import find_mixed_targets, refuse_mixed_targets
 from cellcal.calibration.identification.observations import Observations, PoseObservations, Rows
 from cellcal.calibration.identification.position_scale import (
     PositionScale,
@@ -168,6 +169,7 @@ def _refuse_changes(chain: RobotModel, prepared: PreparedMeasurements) -> None:
     try:
         refuse_series_changes(chain, find_series_changes(series, observations), rows)
         refuse_target_change(chain, find_target_change(series), rows)
+        refuse_mixed_targets(chain, find_mixed_targets(series), rows)
     except MisfitError as error:
         column = prepared.measurements.targets[0]
         if not column or all("target" not in cause.kinds for cause in error.causes):

@@ -40,7 +40,10 @@ from cellcal.service.engineering.measured.table import (
     read_table,
 )
 from cellcal.service.engineering.measured.table_numbers import TableNumbers
-from cellcal.service.engineering.measured.typed_options import refuse_unknown_options
+from cellcal.service.engineering.measured.typed_options import (
+    ReadOptions as ReadOptions,  # noqa: PLC0414  # users of measurements import it from here
+)
+from cellcal.service.engineering.measured.typed_options import refuse_idle_words, refuse_unknown_options
 from cellcal.service.engineering.measured.unit_choice import UnitChoice
 from cellcal.service.engineering.measured.units import to_celsius
 from cellcal.service.engineering.measured.unnamed_columns import (
@@ -58,18 +61,6 @@ from cellcal.service.engineering.measured.usable_rows import (
 
 _FEWEST_READINGS = 1  # a row beside joints of another file: the length of a wire
 _NO_NUMBER = ", which is no number"
-
-
-@dataclass(frozen=True, slots=True)
-class ReadOptions:
-    """Options that override what would be detected in a file."""
-
-    columns: Mapping[str, Sequence[str]] = field(default_factory=dict)
-    units: Mapping[str, str] = field(default_factory=dict)  # by their meanings, of `refuse_unknown_options`
-    convention: str = ""  # of the measured attitude; "none" leaves it out
-    sheet: str | None = None
-    joint_coupling: str = ""  # "controller", or "geometric": every angle is turned against the link before
-    joints_file: Path | None = None  # that holds the joints, where readings stand alone
 
 
 @dataclass(frozen=True, eq=False)
@@ -145,6 +136,7 @@ def _interpret_table(
     source = TableNumbers(layout, numbers, model, options.convention, units, joints)
     controller, controller_step = source.controller_positions()
     observations, value_step = source.observations()
+    refuse_idle_words(options, units.used, layout)
     rows = np.flatnonzero(good)
     used = (*numbers, layout.group)
     refuse_several_robots(table, rows, used)

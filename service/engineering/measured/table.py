@@ -147,6 +147,11 @@ def read_table(path: Path, *, sheet: str | None = None, fewest: int = FEWEST_COL
         content = read_plain_bytes(path)
         if path.suffix.lower() in _EXCEL or content.startswith((ZIP_BEGINS, OLD_BEGINS)):
             return _read_excel(path, content, sheet)
+        if sheet:
+            raise MeasurementError(
+                make_message("{path} is no workbook, and has no sheet {sheet!r}.", path=path, sheet=sheet),
+                remedy="Leave `--sheet` out, or give the workbook.",
+            )
         return _read_text(path, content, fewest)
     except DocumentError as error:
         raise MeasurementError(

@@ -1,0 +1,109 @@
+"""One column of joints that is at fault: rows apart from the others, another gear, or together with another joint."""
+
+import itertools
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from cellcal.calibration.arm.kinematics import RobotModel
+from cellcal.calibration.geometry import Array
+from cellcal.calibration.identification.misfit_couplings import pair_readings
+from cellcal.calibration.identification.misfit_error import MisfitCause, MisfitScore
+from cellcal.calibration.identification.misfit_hypotheses import FileNames, JointInterpretation
+from cellcal.calibration.identification.observations import Observations, PointObservations, Rows
+from cellcal.calibration.identification.quick_fit import refine_number, trimmed_joint_scores
+from cellcal.calibration.message import make_message
+
+_FEWEST_ROWS = 20
+_MOST_FITTED = 8
+_APART = (1, -1, 2, -2, 3, -3)
+_FACTORS = (2.0, 0.5, -2.0, -0.5, 10.0, 0.1)
+_WIDEST = 0.1  # of a gear that is not quite the right one
+_STEPS = (0.01, 0.001)
+_LEAST = 0.003
+
+Fit = Callable[[RobotModel, Observations], MisfitScore]
+
+
+def joint_column_causes(
+    model: RobotModel, series: Observations, rows: Rows, names: FileNames, fit: Fit, limit_m: float
+) -> tuple[MisfitCause, ...]:
+    """Return what is wrong with one column of joints, if rows then leave no more than the limit [m].
+
+    Parameters
+    ----------
+    series : observations
+        All rows, in the order of the file, of which ``rows`` are looked at.
+    """
+    some = series.select_rows(rows)
+    if not isinstance(some, PointObservations) or len(some) < _FEWEST_ROWS or not np.isfinite(limit_m):
+        return ()
+    readings = [
+        *_apart(series.joints_rad, rows, names),
+        *_other_gears(model, some, names),
+        *_together(some.joints_rad, names),
+    ]
+    scores = trimmed_joint_scores(
+        model, np.stack([reading.joints_rad for reading in readings]), some.positions_m
+    )
+    found = []
+    for at in np.argsort(scores, kind="stable")[:_MOST_FITTED].tolist():
+        left_m = fit(model, replace(some, joints_rad=readings[at].joints_rad)).score_m
+        if left_m <= limit_m:
+            found.append(MisfitCause((readings[at].kind,), readings[at].says, readings[at].cure, left_m))
+    return tuple(sorted(found, key=lambda cause: cause.remaining_m)[:1])
+
+
+def _apart(series_rad: Array, rows: Rows, names: FileNames) -> Iterator[JointInterpretation]:
+    for joint, count in itertools.product(range(series_rad.shape[1]), _APART):
+        changed = series_rad.copy()
+        changed[:, joint] = np.roll(series_rad[:, joint], count)
+        name, many = names.joints[joint], abs(count)
+        yield JointInterpretation(
+            "rows",
+            1,
+            changed[rows],
+            make_message("{joint} stands {count} rows too far up in the file", joint=name, count=many)
+            if count > 0
+            else make_message("{joint} stands {count} rows too far down in the file", joint=name, count=many),
+            "Put each of its values beside the others of its row.",
+        )
+
+
+def _other_gears(
+    model: RobotModel, some: PointObservations, names: FileNames
+) -> Iterator[JointInterpretation]:
+    """Return each joint with its motion larger or smaller, by a plain factor or by a little."""
+    for joint in range(model.axis_count):
+        near = 1.0 + refine_number(
+            lambda parts, of=joint: trimmed_joint_scores(  # type: ignore[misc]
+                model, _multiplied(some.joints_rad, of, 1.0 + parts), some.positions_m
+            ),
+            _WIDEST,
+            _STEPS,
+        )
+        for factor in (*_FACTORS, *((near,) if abs(near - 1.0) >= _LEAST else ())):
+            yield JointInterpretation(
+                "gear",
+                1,
+                _multiplied(some.joints_rad, joint, np.array([factor]))[0],
+                make_message(
+                    "{joint} moves about {factor:.3g} times as far as its column says",
+                    joint=names.joints[joint],
+                    factor=factor,
+                ),
+                "See the gear ratio with which this column was calculated, and correct the column in the file.",
+            )
+
+
+def _multiplied(joints_rad: Array, joint: int, factors: Array) -> Array:
+    """Return joints (H, N, n) of which one is multiplied with each factor (H,)."""
+    joints = np.repeat(joints_rad[None], len(factors), axis=0)
+    joints[:, :, joint] *= factors[:, None]
+    return joints
+
+
+def _together(joints_rad: Array, names: FileNames) -> Iterator[JointInterpretation]:
+    for at, coupled in itertools.permutations(range(joints_rad.shape[1]), 2):
+        yield from pair_readings(joints_rad, names, at, coupled)
