@@ -301,19 +301,18 @@ def test_axes_that_a_motion_does_not_name_stand_where_another_left_them():
 @pytest.mark.parametrize(
     ("group", "counts", "axis_rows", "says"),
     [
-        ("RB1,BS1", "0,0", "", "BS1 moves with this job"),
-        ("RB1,ST1", "0,0", "", "ST1 moves with this job"),
-        ("RB1,BS1", "0,1", "EC00001=100.000\n", "BS1 moves with this job"),
+        ("RB1,BS1", "0,0", "", "moves BS1 too"),
+        ("RB1,ST1", "0,0", "", "moves ST1 too"),
+        ("RB1,BS1", "0,1", "EC00001=100.000\n", "moves BS1 too"),
         ("RB1,BS1", "1,0", "BC00001=100.000\n", ""),
         ("RB1", "0,0", "", ""),
     ],
 )
-def test_a_group_of_the_header_without_a_row_is_a_finding(
+def test_a_group_of_the_header_without_a_row_leaves_the_points(
     group: str, counts: str, axis_rows: str, says: str
 ) -> None:
     head = f"/JOB\n//NAME A\n//POS\n///NPOS 1,{counts},0,0,0\n///TOOL 0\n///POSTYPE ROBOT\n///RECTAN\n///RCONF 0,0,0,0,0,0,0,0\n"
     rows = "C00001=1300.000,0.000,200.000,180.0000,0.0000,0.0000\n" + axis_rows
     tail = f"//INST\n///ATTR SC,RW\n///GROUP1 {group}\nNOP\nMOVL C00001 V=50.0\nEND\n"
-    job = read_job("a.jbi", (head + rows + tail).encode())
-    texts = [str(remark.text) for remark in job.remarks if "moves with this job" in str(remark.text)]
-    assert [says in text for text in texts] == ([True] if says else [])
+    barred = read_job("a.jbi", (head + rows + tail).encode()).positions.barred
+    assert [says in str(reason) for reason in barred.values()] == ([True] if says else [])

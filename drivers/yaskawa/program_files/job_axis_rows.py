@@ -13,6 +13,7 @@ from cellcal.drivers.yaskawa.program_files.job_text import JobRow, YaskawaJob, i
 
 Key = tuple[str, int]  # C or P, and its number
 BASE_ROWS, STATION_ROWS = ("BC", "BP"), ("EC", "EX", "EP")  # behind a C and behind a P
+_GROUP_ROWS = {"BS": BASE_ROWS, "ST": STATION_ROWS}
 _SEVERAL = "its motions name several rows of base or station axes ({})"
 _NO_ROW = "its base or station axes are {} in line {}, whose values the file does not hold"
 _COMPUTED = "its base or station axes are {}, with which line {} computes"
@@ -41,6 +42,21 @@ class AxisRows:
         default_factory=dict
     )  # points that a motion goes to without such a row, and the line
     lines: dict[str, int] = field(default_factory=dict)  # of the first motion that names each row
+
+
+def groups_without_rows(job: YaskawaJob) -> str:
+    """Return the base and station groups beside the only robot of a job whose rows are absent, after one another."""
+    kinds = {row.kind for row in job.rows}
+    groups = [
+        part.strip() for _, word, rest in job.header if word.startswith("GROUP") for part in rest.split(",")
+    ]
+    if sum(group.startswith("RB") for group in groups) > 1:
+        return ""  # which robot they carry, the header does not say
+    return ", ".join(
+        group
+        for group in groups
+        if any(group.startswith(name) and kinds.isdisjoint(rows) for name, rows in _GROUP_ROWS.items())
+    )
 
 
 def axis_rows_of(job: YaskawaJob) -> AxisRows:

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, replace
 from cellcal.calibration.message import make_message
 from cellcal.drivers.programs.positions import CARTESIAN, JOINTS, Positions
 from cellcal.drivers.programs.shifts import NO_TURN, ProgramShift, Quaternion, ShiftAxes
-from cellcal.drivers.yaskawa.program_files.job_axis_rows import axis_rows_of
+from cellcal.drivers.yaskawa.program_files.job_axis_rows import axis_rows_of, groups_without_rows
 from cellcal.drivers.yaskawa.program_files.job_columns import SHIFT
 from cellcal.drivers.yaskawa.program_files.job_text import (
     ROBOT_ROWS,
@@ -41,6 +41,7 @@ _IN_TOOL = "it is stated along the axes of the tool: an amount, and no place"
 _VARIABLE_AMOUNT = (
     "no move of its job goes to this variable, or the job computes with it: it may be an amount"
 )
+_NO_GROUP_ROWS = "the job moves {} too, and holds no position of it"
 _IN_MASTER = "it is stated in the tool of a master robot, which carries the work"
 _OTHER_RELATIVE = "its row stands in {}, and the relative job in {}: which one counts, the job does not say"
 _DECIMAL_COMMA = (
@@ -103,6 +104,8 @@ def motions_in(
         for i, row in enumerate(rows) if uncertain_axes else ():
             if reason := uncertain_axes.get((row.kind, int(row.number))):
                 barred.setdefault(first + i, reason)
+        if groups := groups_without_rows(job):
+            barred = {first + i: make_message(_NO_GROUP_ROWS, groups) for i in range(len(rows))} | barred
         first += len(rows)
     amounts = {i: _VARIABLE_AMOUNT for i, kind in enumerate(positions.kinds) if kind == SHIFT}
     return {**amounts, **barred}, tuple(shifts)

@@ -6,14 +6,12 @@ from dataclasses import dataclass
 
 from cellcal.calibration.message import make_message
 from cellcal.drivers.programs.positions import Remark
-from cellcal.drivers.yaskawa.program_files.job_axis_rows import BASE_ROWS, STATION_ROWS
-from cellcal.drivers.yaskawa.program_files.job_text import ROBOT_ROWS, YaskawaJob, split_instruction
+from cellcal.drivers.yaskawa.program_files.job_text import YaskawaJob, split_instruction
 
 MOVES = frozenset(("MOVJ", "MOVL", "MOVC", "MOVS", "SMOVJ", "SMOVL", "SMOVC", "MOV", "REFP"))
 _VARIABLE = re.compile(r"(?<!\$)\b(L?)P(X?)(\d{3,5})\b")
 _NUMBERED = re.compile(r"\b(C|P)(\d{3,5})\b")
 _ROBOT = re.compile(r"\bRB([1-9])")
-_GROUP_ROWS = {"BS": BASE_ROWS, "ST": STATION_ROWS}
 _TOGETHER = re.compile(r"\+S?MOV")
 _INDIRECT = re.compile(r"\bL?(?:P|BP|EX)X?\[")
 _CONVEYED = ("SYSTART", "SYMOVJ", "SYMOVL", "SYMOVC")
@@ -122,30 +120,12 @@ def _header_remarks(job: YaskawaJob) -> Iterable[Remark]:
                 "relative",
                 make_message("The points of this relative job belong to the frame {rest}.", rest=rest),
             )
-        elif word == "GROUP1" and (groups := _groups_without_rows(job, rest)):
-            yield Remark(
-                line,
-                "foreign",
-                make_message("{groups} moves with this job, which holds no position of it.", groups=groups),
-            )
         elif re.match(r"GROUP[2-9]", word):
             yield Remark(
                 line,
                 "foreign",
                 make_message("A second control group ({rest}) moves with this job.", rest=rest),
             )
-
-
-def _groups_without_rows(job: YaskawaJob, header: str) -> str:
-    """Return the base and station groups that a header names and no row of the job holds, after one another."""
-    kinds = {row.kind for row in job.rows}
-    groups = [group.strip() for group in header.split(",")] if not kinds.isdisjoint(ROBOT_ROWS) else []
-    absent = [
-        group
-        for group in groups
-        if any(group.startswith(name) and kinds.isdisjoint(rows) for name, rows in _GROUP_ROWS.items())
-    ]
-    return ", ".join(absent)
 
 
 def _instruction_remarks(line: int, word: str, rest: str, uses_variable: bool) -> Iterable[Remark]:
