@@ -145,7 +145,8 @@ def test_targets_measured_in_turn_are_distinguished_from_unknown_causes():
     )
     with pytest.raises(MisfitError) as refused:
         refuse_misfit(simulated.model, both)
-    assert "several targets or devices" in refused.value.remedy
+    assert "if two targets" in str(refused.value)
+    assert "Say which target each row is of" in refused.value.remedy
 
 
 def test_a_device_that_was_moved_far_is_no_misfit():
