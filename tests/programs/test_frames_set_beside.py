@@ -20,7 +20,15 @@ CALLED_BACK = [*rapid.BEGIN, rapid.MOVE, "other;", rapid.MOVE, rapid.SET_2]
         (["PROC other()\nIF f() Stop;\nENDPROC\nFUNC bool f()\nmain;\nRETURN TRUE;\nENDFUNC"], True),
         (['PROC other()\n%"ma"+"in"%;\nENDPROC'], True),
         (['PROC other()\nMoveLSync p1,v1,z1,rdkTool,"main";\nENDPROC'], True),
+        (["PROC other()\nMoveLSync p1,v1,\n  z1,rdkTool,sRoutine;\nENDPROC"], True),
+        (['PROC other()\nMoveLSync p1,v1,\n  z1,rdkTool,"main";\nENDPROC'], True),
+        (["PROC other()\nIF di1=1 THEN main 5; ENDIF\nENDPROC"], True),
+        (["PROC other()\nTEST n\nCASE 1: main nX;\nENDTEST\nENDPROC"], True),
+        (['PROC other()\nFOR i FROM 1 TO 2 DO main "a",i; ENDFOR\nENDPROC'], True),
+        (["PROC other()\nmain\n  5;\nENDPROC"], True),
+        (["PROC other()\nmain\n;\nENDPROC"], True),
         (["PROC other()\nSetDO do1,1; ! main;\nENDPROC"], False),
+        (['PROC other()\nTPWrite "main 5;"; ! main 5;\nENDPROC'], False),
         (["PROC fourth()\nmain;\nENDPROC"], False),
     ],
 )
@@ -28,6 +36,44 @@ def test_a_rapid_routine_that_another_module_calls_back(tmp_path: Path, files: l
     modules = {f"n{at}.mod": rapid_module(f"n{at}", one) for at, one in enumerate(files)}
     own = read_programs(tmp_path, {"m.mod": rapid.module_of(*CALLED_BACK), **modules})["m.mod"]
     assert (None in rapid.places(own)) is left
+
+
+@pytest.mark.parametrize("call", ['MoveLSync p1,v1,z1,rdkTool,"other";', 'CallByVar "oth",n;'])
+def test_a_rapid_routine_that_is_called_back_by_one_in_quotes(tmp_path: Path, call: str) -> None:
+    own = rapid.module_of(*rapid.BEGIN, rapid.MOVE, call, rapid.MOVE, rapid.SET_2)
+    back = rapid_module("n", "PROC other()\nmain;\nENDPROC")
+    assert None in rapid.places(read_programs(tmp_path, {"m.mod": own, "n.mod": back})["m.mod"])
+
+
+SETTER = f"PROC set2()\n{rapid.SET_2}\nENDPROC\n"
+TRAP, HELPER = "TRAP t\n{}\nENDTRAP", "PROC helper()\n{}\nENDPROC"
+
+
+@pytest.mark.parametrize(
+    ("own", "files", "left"),
+    [
+        ("", [TRAP.format("helper;"), HELPER.format("set2;")], True),
+        ("", [TRAP.format("helper;") + "\n" + HELPER.format("set2;")], True),
+        ("", [TRAP.format('%"set"+"2"%;')], True),
+        (TRAP.format("helper;"), [HELPER.format("set2;")], True),
+        ("", [TRAP.format("helper;"), HELPER.format("SetDO do1,1;")], False),
+        ("", [TRAP.format("helper;") + "\nPROC q()\nset2;\nENDPROC", HELPER.format("SetDO do1,1;")], False),
+    ],
+)
+def test_a_rapid_trap_that_leads_to_a_setting_through_other_files(
+    tmp_path: Path, own: str, files: list[str], left: bool
+) -> None:
+    lines = (*rapid.BEGIN, rapid.MOVE, "WaitTime 1;", rapid.MOVE)
+    modules = {f"n{at}.mod": rapid_module(f"n{at}", one) for at, one in enumerate(files)}
+    module = rapid.module_of(*lines, routines=SETTER + own)
+    found = rapid.places(read_programs(tmp_path, {"m.mod": module, **modules})["m.mod"])
+    assert found == ([None, None] if left else [807.8, 807.8])
+
+
+def test_a_work_object_of_a_rapid_task_that_another_module_sets(tmp_path: Path) -> None:
+    own = rapid.module_of(*rapid.BEGIN, rapid.MOVE, kind="TASK PERS")
+    other = rapid_module("n", "PROC q()\nFrame1:=wOther;\nENDPROC")
+    assert rapid.places(read_programs(tmp_path, {"m.mod": own, "n.mod": other})["m.mod"]) == [None]
 
 
 def test_a_rapid_routine_that_is_called_back_with_one_frame_stands_in_it(tmp_path: Path) -> None:

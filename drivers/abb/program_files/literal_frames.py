@@ -22,7 +22,7 @@ from cellcal.drivers.abb.program_files.written_frames import (
 from cellcal.drivers.programs.call_graph import called_outside, in_circles
 from cellcal.drivers.programs.text_flow import TextFlow
 
-ANY_NAME = "*"  # of a routine whose name is computed
+ANY_NAME = "*"  # of a routine whose name is computed, or stands in quotes
 _KINDS = ("tooldata", "wobjdata")
 _LENGTHS, _TURN = RapidAggregate.from_shape("[nnn]"), RapidAggregate.from_shape("[nnnn]")
 _POSE = RapidAggregate.from_shape(f"[{POSE}]")
@@ -31,7 +31,7 @@ _DECLARED = re.compile(
     rf"\b(?:PERS|VAR|CONST)\s++(\w++)\s++({NAME})\s*+(\{{[^}}]*+\}})?+\s*+(:=)?+\s*+",
     re.ASCII | re.IGNORECASE,
 )
-_LOCAL = re.compile(r"\b(?:LOCAL|TASK)\s++\Z", re.IGNORECASE)
+_LOCAL = re.compile(r"\bLOCAL\s++\Z", re.IGNORECASE)  # other modules of a task see what is TASK
 _LONGEST_BLANK = 100
 _ASSIGNED = re.compile(  # not where it is declared
     rf"(?:^|[;\n]|\b(?:THEN|ELSE|DO)\b)\s*+({NAME})(?:\s*+\.\s*+\w++)*+\s*+:=", re.ASCII | re.IGNORECASE
@@ -54,7 +54,7 @@ _LEADS_ON = frozenset(("then", "do"))  # a statement follows
 _DECLARING = frozenset(("pers", "var", "const", "local", "task"))
 _HARMLESS = ("tload",)  # a tool's load
 _BY_NAME = frozenset(("setdataval", "setalldataval"))  # any data, whose name is in quotes
-_WITH_ROUTINE = frozenset(("movelsync", "movejsync", "movecsync"))  # whose name is in quotes
+_WITH_ROUTINE = frozenset(("movelsync", "movejsync", "movecsync", "callbyvar"))  # whose name is in quotes
 _STILL_TEXT = (
     "setdo setgo setao set reset waittime waitdi waitdo waituntil pulsedo confj confl singarea accset velset tpwrite "
     "tperase gripload raise retry trynext then do to step from not and or true false return stop exit break goto if "
@@ -129,6 +129,7 @@ class _Routine:
     called: set[str] = field(default_factory=set)  # routines of the file, in small letters
     called_outside: set[str] = field(default_factory=set)  # what may be routines of other files
     recurs: bool = False  # it may be called again while it runs
+    is_trap: bool = False  # it may run at any time
 
     def last_of(self, settings: list[_Setting], part: str, place: int) -> tuple[str, ...] | None:
         """Return what a part is surely set to at a place."""
@@ -178,6 +179,11 @@ class LiteralFrames:
     def calls_outside(self) -> dict[str, frozenset[str]]:
         """Return by routine what it, or one of the file that it calls, calls outside the file."""
         return called_outside({one.name: (one.called, one.called_outside) for one in self._routines})
+
+    def called_by_traps(self) -> frozenset[str]:
+        """Return what its traps, and routines that these call, call outside the file."""
+        called, traps = self.calls_outside(), [one.name for one in self._routines if one.is_trap]
+        return frozenset().union(*(called[name] for name in traps))
 
     def name_at(self, place: int, name: str | None) -> str | None:
         """Return a tool or work object of a move with its numbers, where these surely hold, or its name."""
@@ -281,7 +287,7 @@ class _Reader:
         place = found.start()
         if kind == "begin":
             self.inside = _Routine(len(self.routines), found["routine"].lower(), found.end())
-            self.trap = found[0][:4].upper() == "TRAP"
+            self.trap = self.inside.is_trap = found[0][:4].upper() == "TRAP"
             self.routines.append(self.inside)
         elif self.inside is not None:
             self._take_flow_inside(self.inside, kind, place)
@@ -325,6 +331,7 @@ class _Reader:
             self.inside.called |= {word} & self.own
             leaves = word not in self.own and (may_set or (opens and word not in _CALLS_NOTHING))
             self.inside.called_outside |= {word} if leaves else set()
+            self.inside.called_outside |= {ANY_NAME} if word in _WITH_ROUTINE else set()
         if word in _BY_NAME or (self.trap and word in self.own):  # at any time, whatever it sets
             self.data.clear()
         self.declares |= word in _DECLARING

@@ -1,7 +1,7 @@
 """Tools and work objects that one module sets to numbers, and another may set between, too."""
 
 import re
-from collections.abc import Callable, Mapping, Set
+from collections.abc import Callable, Iterable, Mapping, Set
 from dataclasses import dataclass, field, replace
 
 from cellcal.drivers.abb.program_files.frame_facts import BARRED_SET, FrameFacts
@@ -14,18 +14,19 @@ from cellcal.drivers.programs.positions import Positions
 
 _SETS = "sets"  # before a name and the file that sets it
 _SETS_ANY = "sets-any"  # before a file that sets data by a name which is computed
-_TRAP_NAMES = "trap names"  # before a word in a trap, which may call it at any time, and the file
+_TRAP_NAMES = "trap names"  # before a word in a trap, or in what it calls in its file, and the file
 _HAS = "has routine"  # before a routine and its file
 _CALLS = "may call"  # before what is called in a file, or may be, and the file
 _BY_NAME = re.compile(r"\bSetAllDataVal\b|\bSetDataVal\b(?!\s*+\"\w)", re.ASCII | re.IGNORECASE)
 _TRAP = re.compile(r"\bTRAP\s(.*?)\bENDTRAP\b", re.ASCII | re.IGNORECASE | re.DOTALL)
 _WORD = re.compile(NAME, re.ASCII)
 _ROUTINE = re.compile(rf"\b(?:PROC|FUNC\s++\w++)\s++({NAME})", re.ASCII | re.IGNORECASE)
+_BODY = re.compile(rf"{_ROUTINE.pattern}(.*?)\bEND(?:PROC|FUNC)\b", re.ASCII | re.IGNORECASE | re.DOTALL)
 _TEXT = re.compile(r'![^\n]*+|"(?:[^"\n]++|"")*+"')
-_WITH_ROUTINE = re.compile(rf'\bMove[LJC]Sync\b[^;"\n]*+"(?:{NAME}:)?+({NAME})"', re.ASCII | re.IGNORECASE)
-_LAST_OR_OPENED = re.compile(rf"(?<![\w.\\,=])({NAME})[ \t\r]*+[(;]", re.ASCII)
-_LEADING = re.compile(rf"(?:^|[;\n])[ \t]*+({NAME})(?=[ \t]++[\w\[\\+-]|\\)", re.ASCII)
-_COMPACT = re.compile(r"\bIF\b((?:(?!\bTHEN\b)[^;\n])*+);", re.ASCII | re.IGNORECASE)
+_WITH_ROUTINE = re.compile(r"\bMove[LJC]Sync\b([^;]*+)", re.IGNORECASE)
+_IN_QUOTES = re.compile(rf'"(?:{NAME}:)?+({NAME})"\s*+\Z', re.ASCII)
+_LAST_OR_OPENED = re.compile(rf"(?<![\w.\\,=])({NAME})\s*+[(;]", re.ASCII)
+_BEFORE_ARGUMENT = re.compile(rf'(?<![\w.\\])({NAME})(?=\s++["\w\[+-]|\s*+\\)', re.ASCII)
 _BY_VARIABLE = re.compile(r"\bCallByVar\b", re.IGNORECASE)
 
 
@@ -37,18 +38,23 @@ class SetFrames:
     varied: Set[str] = frozenset()  # with different numbers at different places
     routines: Set[str] = frozenset()  # of this file, which may set any
     calls_outside: Mapping[str, Set[str]] = field(default_factory=dict)  # by routine, as `LiteralFrames` says
+    called_by_traps: Set[str] = frozenset()  # outside of this file
 
     @classmethod
     def of_literal(cls, literal: LiteralFrames) -> "SetFrames":
         """Return those of a module."""
         return cls(
-            literal.shown_names(), literal.varied_names(), literal.routine_names(), literal.calls_outside()
+            literal.shown_names(),
+            literal.varied_names(),
+            literal.routine_names(),
+            literal.calls_outside(),
+            literal.called_by_traps(),
         )
 
 
 def marks_of_set_frames(facts: FrameFacts, file: str, text: str) -> dict[str, str]:
     """Return what a file says to others of the tools and work objects that it sets, or lets be set at any time."""
-    in_traps = {word.lower() for trap in _TRAP.findall(text) for word in _WORD.findall(trap)}
+    in_traps = _words_of_traps(text)
     return {
         **{f"{_SETS} {name} {file}": BARRED_SET for name in sorted(facts.set_while_running)},
         **{f"{_TRAP_NAMES} {name} {file}": BARRED_SET for name in sorted(in_traps)},
@@ -58,14 +64,31 @@ def marks_of_set_frames(facts: FrameFacts, file: str, text: str) -> dict[str, st
     }
 
 
+def _words_of_traps(text: str) -> set[str]:
+    """Return the words, in small letters, in traps and in routines of the file that these may call."""
+    traps = _TRAP.findall(text)
+    if not traps:
+        return set()
+    bodies = {name.lower(): body for name, body in _BODY.findall(text)}
+    found, pieces = set[str](), traps
+    while pieces:
+        words = {word.lower() for piece in pieces for word in _WORD.findall(piece)} - found
+        found |= words | {ANY_NAME for piece in pieces if ANY_NAME in _possible_calls(piece)}
+        pieces = [bodies[word] for word in words if word in bodies]
+    return found
+
+
 def _possible_calls(text: str) -> set[str]:
     """Return the names, in small letters, that a file may call, or any name where one is computed.
 
-    Names of data are among them: a routine of another file has none of these.
+    Words of the language and names of data are among them: a routine of another file has none of these.
     """
-    silent = _ROUTINE.sub("", _TEXT.sub("", text))
-    names = {*_LAST_OR_OPENED.findall(silent), *_LEADING.findall(silent), *_WITH_ROUTINE.findall(text)}
-    names |= {word for one in _COMPACT.findall(silent) for word in _WORD.findall(one)}
+    silent = _ROUTINE.sub("", _TEXT.sub(lambda found: '""' if found[0][0] == '"' else "", text))
+    names = {*_LAST_OR_OPENED.findall(silent), *_BEFORE_ARGUMENT.findall(silent)}
+    spoken = _TEXT.sub(lambda found: found[0] if found[0][0] == '"' else "", text)
+    for arguments in _WITH_ROUTINE.findall(spoken):
+        named = _IN_QUOTES.search(arguments)
+        names.add(ANY_NAME if named is None else named[1])
     if "%" in silent or _BY_VARIABLE.search(silent):
         calls = called_procedures(text.encode("latin-1", "replace"))
         names |= {ANY_NAME if each.pattern.endswith("*") else each.pattern for each in calls if each.pattern}
@@ -84,7 +107,9 @@ def without_frames_of_others(
 
     others = {name for name in set_frames.shown if of_others(f"{_SETS} {name}")}
     any_ = of_others(_SETS_ANY) or any(of_others(f"{_TRAP_NAMES} {name}") for name in set_frames.routines)
-    if set_frames.varied and _is_called_back(set_frames.calls_outside, of_others):
+    if set_frames.varied and (
+        _is_called_back(set_frames.calls_outside, of_others) or _is_called_by_traps(set_frames, external_uses)
+    ):
         others |= set_frames.varied
     if not others and not any_:
         return positions
@@ -105,3 +130,36 @@ def _is_called_back(calls_outside: Mapping[str, Set[str]], of_others: Callable[[
         and any(name == ANY_NAME or of_others(f"{_HAS} {name}") for name in names)
         for routine, names in calls_outside.items()
     )
+
+
+def _is_called_by_traps(set_frames: SetFrames, external_uses: ExternalUses) -> bool:
+    """Return whether a trap may call a routine of the file by way of other files.
+
+    Between these it is not followed which routine calls which.
+    """
+    marks, own = external_uses.doubtful, external_uses.file
+    words = [(name, own) for name in set_frames.called_by_traps]
+    words += [(name, file) for name, _, file in _split(marks.rests_behind(_TRAP_NAMES)) if file != own]
+    calls = marks.derive_once(_CALLS, lambda: _names_by_file(marks.rests_behind(_CALLS)))
+    passed = {own}
+    while words:
+        name, caller = words.pop()
+        if name == ANY_NAME or (name in set_frames.routines and caller != own):
+            return True
+        for file in marks.rests_behind(f"{_HAS} {name}"):
+            if file != caller and file not in passed:
+                passed.add(file)
+                words += [(each, file) for each in calls.get(file, ())]
+    return False
+
+
+def _split(rests: Iterable[str]) -> list[tuple[str, str, str]]:
+    """Return names with the files that stand behind them."""
+    return [rest.partition(" ") for rest in rests]
+
+
+def _names_by_file(rests: Iterable[str]) -> dict[str, set[str]]:
+    found: dict[str, set[str]] = {}
+    for name, _, file in _split(rests):
+        found.setdefault(file, set()).add(name)
+    return found
