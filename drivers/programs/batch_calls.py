@@ -100,15 +100,16 @@ class BatchCalls:
     def external_tool_around(self, file: str) -> str:
         """Return a routine of another file that lets moves of a file work with a tool in the cell; "" for none.
 
-        One around the file counts where none of the file's routines says that the robot holds the tool. A data list
-        is moved to by the program of its name.
+        One around the file counts where not each routine of it that others see says that the robot holds the tool. A
+        data list is moved to by the program of its name.
         """
         below, above = self._external_tools
         if not any(below):  # as nearly always
             return ""
         stem = PurePath(file).with_suffix("")
         own = [each for each in self._names if PurePath(each[0]).with_suffix("") == stem]
-        says_itself = any(self._by_file[each].routines[name].held_tool for each, name in own)
+        seen = [one for each, name in own if (one := self._by_file[each].routines[name]).shown]
+        says_itself = bool(seen) and all(one.held_tool for one in seen)
         numbers = [self._numbers[each] for each in own]
         marks = [
             mark for number in numbers for mark in (*below[number], *(() if says_itself else above[number]))
@@ -261,8 +262,7 @@ class BatchCalls:
     def _surely_left(self) -> dict[str, dict[str, tuple[str | None, str | None]]]:
         found: dict[str, dict[str, tuple[str | None, str | None]]] = defaultdict(dict)
         for number, (file, name) in enumerate(self._names):
-            routine = self._by_file[file].routines[name]
-            if not self._by_file[file].flat or routine.beside:
+            if not self._by_file[file].flat:
                 continue
             tool, frame = (self._left_by(number, which) for which in range(2))
             if tool is not None or frame is not None:
@@ -274,6 +274,8 @@ class BatchCalls:
         file, name = self._names[number]
         routine = self._by_file[file].routines[name]
         left = (routine.tool_left, routine.frame_left)[which]
+        if routine.beside:
+            return None
         if left is None or CALLED_LAST not in left:
             below = self._effects_around[which][0][number]
             return "" if left is None and not below and not routine.likely_calls else left

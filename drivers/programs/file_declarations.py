@@ -52,7 +52,7 @@ class RoutineEffects:
     )  # of each call whose routine no file tells: the names that it may have, none for any name
     by_macro: bool = False  # the controller's table of macros has it
     external_tool: bool = False  # it lets moves work with a tool that stands in the cell
-    held_tool: bool = False  # it lets moves work with the tool that the robot holds
+    held_tool: bool = False  # it surely lets all its moves work with the tool that the robot holds
 
 
 class BatchReasons(dict[str, str]):

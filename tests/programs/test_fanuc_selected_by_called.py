@@ -43,6 +43,7 @@ def taught_in_1(*lines: str, count: int, name: str) -> str:
         (["  CALL SUB"], ["  CALL SET_2", "  CALL UNKNOWN"], ""),
         (["  CALL SUB"], ["  CALL SUB"], ""),
         (["  CALL SUB"], ["  CALL SET_2", "  Hand Open"], ""),
+        (["  CALL SUB"], ["  CALL STARTER"], ""),
     ],
 )
 def test_what_is_selected_behind_a_call_is_known_where_it_is_certain(
@@ -53,6 +54,7 @@ def test_what_is_selected_behind_a_call_is_known_where_it_is_certain(
         "SUB.LS": listing(*called, count=0, name="SUB"),
         "SET_1.LS": listing(FRAME.format(1), count=0, name="SET_1"),
         "SET_2.LS": listing(FRAME.format(2), count=0, name="SET_2"),
+        "STARTER.LS": listing("  RUN SET_1", FRAME.format(2), count=0, name="STARTER"),
         "GRIP.LS": listing("  DO[2]=ON", count=0, name="GRIP"),
     }
     barred = read_programs(tmp_path, files)["MAIN.LS"].positions.barred

@@ -85,6 +85,7 @@ def test_a_rapid_routine_that_is_called_back_with_one_frame_stands_in_it(tmp_pat
 INTERRUPT = "INTERRUPT DECL 4 WHEN $IN[1]==TRUE DO {}()\n"
 STARTS = f"DEF begin()\nGLOBAL {INTERRUPT.format('sub')}INTERRUPT ON 4\nk()\nEND\n"
 SETS_1, SETS_2 = krl.SUB, krl.SUB.replace("BASE_DATA[1]", "BASE_DATA[2]")
+TRIGGERS = "DEF begin()\nTRIGGER WHEN PATH=0 DELAY=9 DO sub() PRIO=-1\nPTP {A1 0}\nk()\nEND\n"
 SUBMIT = f"DEF sps()\nLOOP\n{krl.ENTRY.format(1, 700)}ENDLOOP\nEND\n"
 
 
@@ -93,6 +94,8 @@ SUBMIT = f"DEF sps()\nLOOP\n{krl.ENTRY.format(1, 700)}ENDLOOP\nEND\n"
     [
         ({"begin.src": STARTS, "sub.src": SETS_1}, True),
         ({"begin.src": STARTS, "sub.src": SETS_2}, False),
+        ({"begin.src": TRIGGERS, "sub.src": SETS_1}, True),
+        ({"begin.src": TRIGGERS, "sub.src": SETS_2}, False),
         ({"begin.src": STARTS.replace("sub()", "IR_STOPM()"), "sub.src": SETS_1}, False),
         ({"sps.sub": SUBMIT}, True),
         ({"sps.sub": "DEF sps()\nLOOP\nsub()\nENDLOOP\nEND\n", "sub.src": SETS_1}, True),
@@ -107,6 +110,13 @@ def test_an_entry_that_a_handler_or_a_submit_program_of_another_file_sets(
     assert bool(found.positions.barred) is left
 
 
+def test_an_entry_that_a_krl_trigger_sets_is_not_known(tmp_path: Path) -> None:
+    trigger = f"TRIGGER WHEN PATH=0 DELAY=9 DO {krl.ENTRY.format(1, 700)}"
+    own = f"DEF k()\n{krl.TOOL}{krl.ENTRY.format(1, 300)}{trigger}PTP {{A1 0}}\n{krl.TAKEN}{krl.LINE}END\n"
+    positions = read_programs(tmp_path, {"k.src": own})["k.src"].positions
+    assert len(positions) - 1 in positions.barred
+
+
 WORK = "$TOOL={X 0,Y 0,Z 1,A 0,B 0,C 0}\n$BASE={X 1,Y 0,Z 0,A 0,B 0,C 0}\n" + krl.LINE
 
 
@@ -116,6 +126,8 @@ WORK = "$TOOL={X 0,Y 0,Z 1,A 0,B 0,C 0}\n$BASE={X 1,Y 0,Z 0,A 0,B 0,C 0}\n" + kr
         ("", "far()\n", True),
         ("DEF main()\nfar()\nwork()\nEND\n", "", True),
         ("DEF main()\nfar()\nwork()\nEND\n", "$IPO_MODE=#BASE\n", False),
+        ("DEF main()\nfar()\nwork()\nEND\n", "BAS(#INITMOV,0)\n", False),
+        ("DEF main()\nfar()\nwork()\nEND\n", "IF x THEN\n$IPO_MODE=#BASE\nENDIF\n", True),
         ("DEF main()\nwork()\nEND\n", "", False),
     ],
 )
@@ -126,6 +138,16 @@ def test_a_tool_in_the_cell_that_another_krl_file_chooses(
     files |= {"main.src": main} if main else {}
     found = read_programs(tmp_path, files)["work.src"]
     assert bool(found.positions.barred) is left
+
+
+@pytest.mark.parametrize("behind", ["BAS(#INITMOV,0)\nEND\n", "END\nDEF other()\n$IPO_MODE=#BASE\nEND\n"])
+def test_a_krl_file_that_chooses_its_tool_below_its_moves_or_elsewhere(tmp_path: Path, behind: str) -> None:
+    files = {
+        "far.src": "DEF far()\n$IPO_MODE=#TCP\nEND\n",
+        "main.src": "DEF main()\nfar()\nwork()\nEND\n",
+        "work.src": f"DEF work()\n{WORK}{behind}",
+    }
+    assert read_programs(tmp_path, files)["work.src"].positions.barred
 
 
 def test_a_macro_of_another_name_may_set_a_tool_alone(tmp_path: Path) -> None:

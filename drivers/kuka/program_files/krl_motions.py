@@ -42,6 +42,7 @@ class KrlMotions:
 
     def take_motion(self, motion: re.Match[str], line: KrlLine) -> None:
         """Take a motion statement: its targets, and the frame data that it states itself."""
+        self.points.routines[-1].moves = True
         text = self.found.source.text
         code = without_strings(text[motion.end() : line.end])
         if motion[2]:

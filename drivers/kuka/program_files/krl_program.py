@@ -123,10 +123,8 @@ class KrlProgram(KrlMotions):
         begins = word in patterns.BEGIN_ROUTINE and patterns.ROUTINE.match(code) is not None
         if "(" in code and not begins and word not in patterns.CALLS_NOTHING:
             self.take_calls(code, line)
-        if word in ("INTERRUPT", "GLOBAL") and (declared := patterns.INTERRUPT.match(code)) is not None:
-            routine = self.points.routines[-1]
-            handlers = routine.shown_handlers if declared[1] else routine.handlers
-            handlers |= {declared[2].upper()} - patterns.KNOWN_CALLS
+        if word in patterns.BESIDE:
+            self._take_beside(code, line)
         if word in patterns.ASYNCHRONOUS:
             name = f"{word}@{self.found.source.line_of(line.start)}"
             self.found.add_unread(name, line.start, AXIS_BY_ITSELF)
@@ -156,6 +154,17 @@ class KrlProgram(KrlMotions):
         elif word in patterns.LOOPS:
             jumps.flow.begin_block(line.start, repeats=True)
             self.force.forget()
+
+    def _take_beside(self, code: str, line: KrlLine) -> None:
+        """Take the routine of an interrupt, and an entry of a table that a trigger sets at another time."""
+        routine = self.points.routines[-1]
+        if (declared := patterns.INTERRUPT.match(code)) is not None:
+            handlers = routine.shown_handlers if declared[1] else routine.handlers
+            handlers |= {declared[2].upper()} - patterns.KNOWN_CALLS
+        for table in patterns.TABLE_SET_BESIDE.findall(code):
+            which = patterns.TABLES[table.upper()]
+            self.tables.note_setting(which, "*", routine, line.start, self.branches, UNKNOWN)
+            self.points.set_tables.add(f"{which} *")
 
     def _take_branch(self, word: str, place: int) -> None:
         self.force.take_branch(word)
@@ -192,6 +201,7 @@ class KrlProgram(KrlMotions):
         elif command == "INITMOV":
             self.force.forget()
             routine.resets = True
+            routine.held_tool |= not routine.moves and not self.branches
             routine.reset_at.append(place)
             if routine.reset_from is None and not self.branches:
                 routine.reset_from = place
@@ -206,18 +216,17 @@ class KrlProgram(KrlMotions):
 
     def _take_frame_setting(self, frame: re.Match[str], line: KrlLine) -> None:
         text, place = self.found.source.text, line.start + frame.end()
-        which = frame[1].upper()
+        which, routine = frame[1].upper(), self.points.routines[-1]
         if which == "ACT_EX_AX":
             self.found.add_remark(line.start, "foreign", patterns.COUPLED_TEXT)
             return
         if which == "IPO_MODE":
             is_external = "#TCP" in text[place : line.end].upper()
             self.points.external_tool |= is_external
-            self.points.routines[-1].external_tool |= is_external
-            self.points.routines[-1].held_tool |= not is_external
+            routine.external_tool |= is_external
+            routine.held_tool |= not (is_external or routine.moves or self.branches)
             self.found.add_remark(line.start, "foreign", patterns.EXTERNAL_TEXT)
             return
-        routine = self.points.routines[-1]
         use = routine.tool if which == "TOOL" else routine.base
         use.take_value(place, self._frame_value(which, frame, line), self.branches)
         self.found.add_remark(line.start, "computed", make_message(patterns.FRAME_SET_TEXT, which))

@@ -57,6 +57,7 @@ MOTION_DATA = frozenset(
 )  # of the controller's types: never positions
 ROOTS = frozenset(("$ROBROOT", "$WORLD", "$ERSYSROOT"))  # where the robot stands, and what its bases stand in
 TABLES = {"TOOL_DATA": "TOOL", "BASE_DATA": "BASE"}
+TABLE_SET_BESIDE = re.compile(rf"\bDO{B}++((?:TOOL|BASE)_DATA)\b", re.IGNORECASE)
 NAME_VALUE = re.compile(r"(?!(?:TRUE|FALSE)\b)[A-Za-z_$(]", re.IGNORECASE)  # no number, truth or choice
 NULL = re.compile(rf"\$?NULLFRAME{B}*+", re.IGNORECASE)
 WORLD = re.compile(rf"\$WORLD{B}*+", re.IGNORECASE)  # a base there is the null frame

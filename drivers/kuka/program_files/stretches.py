@@ -76,5 +76,5 @@ def effects_of(routine: KrlRoutine) -> RoutineEffects:
         handlers=frozenset(routine.handlers),
         shown_handlers=frozenset(routine.shown_handlers),
         external_tool=routine.external_tool,
-        held_tool=routine.held_tool or routine.resets,
+        held_tool=routine.held_tool,
     )

@@ -25,7 +25,7 @@ class EntryMarks:
         default_factory=dict
     )  # by "FP1 BASE 3": what it is at the moves to the point
     taken: Mapping[str, Set[str]] = field(default_factory=dict)  # as `TableSettings` says
-    interrupts: bool = False  # it declares handlers
+    interrupts: bool = False  # it declares handlers, or calls from triggers
     calls: bool = False  # it calls routines
 
     def of_file(self, folder: str, path: PurePath) -> dict[str, str]:
@@ -42,7 +42,7 @@ NO_ENTRIES = EntryMarks()
 
 def marks_of_entries(tables: TableSettings, routines: Sequence[KrlRoutine]) -> EntryMarks:
     """Return what a program says of the entries that it sets."""
-    interrupts = any(one.handlers or one.shown_handlers for one in routines)
+    interrupts = any(one.handlers or one.shown_handlers or one.triggers for one in routines)
     return EntryMarks(
         frozenset(tables.entries_set()),
         tables.taught_values(routines),
@@ -57,7 +57,8 @@ def without_entries_set_beside(
 ) -> Positions:
     """Return positions of which those are left whose entry another file sets that may run at any time.
 
-    That is an interrupt's handler or a submit program; between files it is not followed which of them leads there.
+    That is an interrupt's handler, what a trigger calls, or a submit program; between files it is not followed which
+    of them leads there.
     """
     path, marks = PurePath(external_uses.file), external_uses.doubtful
     if not taken or not marks.rests_behind(f"{folder} interrupts"):
