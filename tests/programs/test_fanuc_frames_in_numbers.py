@@ -79,12 +79,13 @@ def test_brackets_that_the_controller_writes_around_a_negative_number_count() ->
         [*FIRST, *TOOL, "  UFRAME[R[1]]=PR[8]", move(1)],
         [*FIRST, *TOOL, "  $MNUFRAME[1,9]=$MNUFRAME[1,8]", move(1)],
         [*FIRST, *TOOL, "  RUN OTHER", move(1)],
+        [*FIRST, *TOOL, "  RESUME_PROG[1]=OTHER", move(1)],
         [*FIRST, *TOOL, move(1), *SECOND, "L P[R[1]] 100mm/sec FINE"],
         [*FIRST, *TOOL, move(1), "  PR[1]=P[1]", *SECOND, "L PR[1] 100mm/sec FINE"],
         [*FIRST, *TOOL],
     ],
     ids=["five", "computed", "whole", "called", "two", "below", "loop", "jump", "short_if", "chosen", "variable",
-         "beside", "indirect", "copied", "unused"],
+         "beside", "resumed", "indirect", "copied", "unused"],
 )  # fmt: skip
 def test_where_it_is_not_certain_the_position_is_left_and_named(lines: list[str]) -> None:
     program = read(*lines)
