@@ -37,6 +37,14 @@ def test_positions_below_an_unknown_switch_are_left_and_the_others_are_read() ->
     assert "///LIMIT ON" in positions.barred[1]
 
 
+@pytest.mark.parametrize("first_off", ["OTHER", "LIMIT"])
+def test_a_switch_stays_on_when_another_is_switched_off(first_off: str) -> None:
+    text = JOB.format(on="///LIMIT ON\n///OTHER ON", off=f"///{first_off} OFF")
+    positions = read_program("A.JBI", text.encode()).positions
+    assert list(positions.barred) == [1, 2]
+    assert {"OTHER": "///LIMIT", "LIMIT": "///OTHER"}[first_off] in positions.barred[2]
+
+
 @pytest.mark.parametrize(("on", "off", "at"), [("///LIMIT", "", 10), ("///LIMIT ON", "///OTHER OFF", 12)])
 def test_what_is_no_switch_of_its_own_is_refused(on: str, off: str, at: int) -> None:
     with pytest.raises(ProgramFileError, match="not understood among positions") as refused:

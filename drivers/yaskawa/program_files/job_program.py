@@ -267,7 +267,7 @@ def read_job(
     broken = unknown_configurations(rows) | {i: NO_NUMBER for i, row in enumerate(rows) if row.broken}
     broken |= {i: NO_NUMBER for (i, _), row in beside.items() if row.broken}
     broken |= {
-        i: make_message(_SWITCHED_ON, row.state.switched_on)
+        i: make_message(_SWITCHED_ON, row.state.switched_on[-1])
         for i, row in enumerate(rows)
         if row.state.switched_on
     }

@@ -51,9 +51,8 @@ _ZEROS = ",".join("0" * 6)
 _BEYOND = f"{inf}"  # of axes that are no number: nothing counts them as standing at zero
 _END_OF_FILE = "\x1a"  # which tools of DOS put behind a text
 _WORD = re.compile(r"(/{1,4})([A-Z]\w*)(?:[ \t]+(.*?))?[ \t]*\Z")
-_SLASHED = re.compile(  # not an instruction that is switched off
-    r"^(?!//(?!/|NAME\b|POS\b|INST\b|ARGINFO\b))/[^\r\n]*", re.MULTILINE
-)
+# Not an instruction that is switched off.
+_SLASHED = re.compile(r"^(?!//(?!/|NAME\b|POS\b|INST\b|ARGINFO\b))/[^\r\n]*", re.MULTILINE)
 _WHOLE = re.compile(r"\d{1,9}\Z")
 _SIGNED = re.compile(r"[+-]?\d{1,9}\Z")  # as tools write turns of an axis that no RCONF states
 BLOCK_BEGINS, BLOCK_ENDS = r"IFTHEN\w*|SWITCH\w*|WHILE\w*|FOR", "ENDIF|ENDSWITCH|ENDWHILE|NEXT"
@@ -74,7 +73,7 @@ class RowState:
     postype: str = ""
     mode: str = ""
     configuration: str = ""
-    switched_on: str = ""  # a word of which no document is known
+    switched_on: tuple[str, ...] = ()  # words of which no document is known
 
 
 @dataclass(slots=True)
@@ -302,8 +301,9 @@ class _JobReader:
             self.row_state = replace(row_state, mode=word)
         elif word == "RCONF" and rest and all(_SIGNED.match(n.strip(" \t")) for n in rest.split(",")):
             self.row_state = replace(row_state, configuration=rest)
-        elif rest in ("ON", "OFF") and (rest == "ON" or row_state.switched_on in ("", word)):
-            self.row_state = replace(row_state, switched_on=word if rest == "ON" else "")
+        elif rest == "ON" or (rest == "OFF" and (word in row_state.switched_on or not row_state.switched_on)):
+            words = (*(each for each in row_state.switched_on if each != word), word)
+            self.row_state = replace(row_state, switched_on=words if rest == "ON" else words[:-1])
         else:
             raise self.error_at(
                 line,
