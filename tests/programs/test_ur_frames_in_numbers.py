@@ -56,11 +56,13 @@ CALLED = "  def other():\n{}  end\n"
         ((CALLED.format(SECOND), FIRST, "  if other():\n", MOVE, "  end\n", MOVE), []),
         ((CALLED.format(SECOND + "  if x:\n    other()\n  end\n" + MOVE + FIRST), FIRST, MOVE), [0.4]),
         ((CALLED.format(SECOND), CALLED.format("  other()\n").replace("def other", "def far"), FIRST, "  far()\n", MOVE), []),
+        (("  def other(a = norm(1)):\n", SECOND, "  end\n", FIRST, "  other()\n", MOVE), []),
+        ((FIRST, "  interpreter_mode()\n", MOVE, SECOND), []),
         ((CALLED.format("  sync()\n"), FIRST, "  other()\n", MOVE, SECOND, MOVE), [0.4, 0.3]),
         ((CALLED.format(SECOND), FIRST, "  while x:\n", MOVE, "    other()\n  end\n"), []),
         ((CALLED.format(SECOND), FIRST, "  while x:\n  ", FIRST, MOVE, "    other()\n  end\n"), [0.4]),
     ],
-    ids=["each", "called", "condition", "itself", "through", "harmless", "loop", "set_in_loop"],
+    ids=["each", "called", "condition", "itself", "through", "default", "from_outside", "harmless", "loop", "set_in_loop"],
 )  # fmt: skip
 def test_frames_that_several_functions_set(lines: tuple[str, ...], found: list[float]) -> None:
     assert places(*lines) == found

@@ -17,7 +17,9 @@ Range = tuple[int, int]  # of offsets
 _WORD = re.compile(
     r"^[ \t]*+(def|thread|sec|while|if|for|switch|else|elif|case|default|end)\b", re.ASCII | re.MULTILINE
 )
-_HEADER = re.compile(r"[ \t]*+(?:def|thread|sec)[ \t]++([A-Za-z_]\w*+)[ \t]*+\(([^()]*+)\)", re.ASCII)
+_HEADER = re.compile(
+    r"[ \t]*+(?:def|thread|sec)[ \t]++([A-Za-z_]\w*+)[ \t]*+\(((?:[^()]|\([^()]*+\))*+)\)", re.ASCII
+)
 _ASSIGNED = re.compile(
     r"^[ \t]*+(?:(global|local)[ \t]++)?+([A-Za-z_]\w*+)[ \t]*+=(?!=)", re.ASCII | re.MULTILINE
 )

@@ -12,7 +12,8 @@ from cellcal.drivers.universal_robots.program_files.script_scopes import ScriptS
 from cellcal.drivers.universal_robots.program_files.script_text import ScriptLiteral, ScriptStatements
 
 _NAMED = re.compile(r"(?<![\w.])(?<!def )([A-Za-z_]\w*+)", re.ASCII)
-_BESIDE = re.compile(r"^[ \t]*+thread\b", re.MULTILINE)  # it may set a variable at any time
+# It may set a variable at any time, or lets programs from outside do so.
+_BESIDE = re.compile(r"^[ \t]*+thread\b|\binterpreter_mode\b", re.MULTILINE)
 
 
 def settle_set_frames(found: ScriptStatements, text: str, changed: frozenset[str]) -> None:
