@@ -56,6 +56,7 @@ TRAP, HELPER = "TRAP t\n{}\nENDTRAP", "PROC helper()\n{}\nENDPROC"
         ("", [TRAP.format("helper;") + "\n" + HELPER.format("set2;")], True),
         ("", [TRAP.format('%"set"+"2"%;')], True),
         (TRAP.format("helper;"), [HELPER.format("set2;")], True),
+        ("", [TRAP.format('TPWrite "ENDTRAP PROC x";\n! ENDTRAP\nhelper;'), HELPER.format("set2;")], True),
         ("", [TRAP.format("helper;"), HELPER.format("SetDO do1,1;")], False),
         ("", [TRAP.format("helper;") + "\nPROC q()\nset2;\nENDPROC", HELPER.format("SetDO do1,1;")], False),
     ],

@@ -18,10 +18,12 @@ _TRAP_NAMES = "trap names"  # before a word in a trap, or in what it calls in it
 _HAS = "has routine"  # before a routine and its file
 _CALLS = "may call"  # before what is called in a file, or may be, and the file
 _BY_NAME = re.compile(r"\bSetAllDataVal\b|\bSetDataVal\b(?!\s*+\"\w)", re.ASCII | re.IGNORECASE)
-_TRAP = re.compile(r"\bTRAP\s(.*?)\bENDTRAP\b", re.ASCII | re.IGNORECASE | re.DOTALL)
+_TRAP = re.compile(r"\bTRAP\s", re.ASCII | re.IGNORECASE)
 _WORD = re.compile(NAME, re.ASCII)
 _ROUTINE = re.compile(rf"\b(?:PROC|FUNC\s++\w++)\s++({NAME})", re.ASCII | re.IGNORECASE)
-_BODY = re.compile(rf"{_ROUTINE.pattern}(.*?)\bEND(?:PROC|FUNC)\b", re.ASCII | re.IGNORECASE | re.DOTALL)
+_BOUND = re.compile(
+    rf"\b(?:(TRAP|PROC|FUNC\s++\w++)\s++({NAME})|END(?:TRAP|PROC|FUNC)\b)", re.ASCII | re.IGNORECASE
+)
 _TEXT = re.compile(r'![^\n]*+|"(?:[^"\n]++|"")*+"')
 _WITH_ROUTINE = re.compile(r"\bMove[LJC]Sync\b([^;]*+)", re.IGNORECASE)
 _IN_QUOTES = re.compile(rf'"(?:{NAME}:)?+({NAME})"\s*+\Z', re.ASCII)
@@ -66,16 +68,28 @@ def marks_of_set_frames(facts: FrameFacts, file: str, text: str) -> dict[str, st
 
 def _words_of_traps(text: str) -> set[str]:
     """Return the words, in small letters, in traps and in routines of the file that these may call."""
-    traps = _TRAP.findall(text)
-    if not traps:
+    if _TRAP.search(text) is None:  # as in most
         return set()
-    bodies = {name.lower(): body for name, body in _BODY.findall(text)}
+    traps, bodies = _bodies(text)
     found, pieces = set[str](), traps
     while pieces:
         words = {word.lower() for piece in pieces for word in _WORD.findall(piece)} - found
         found |= words | {ANY_NAME for piece in pieces if ANY_NAME in _possible_calls(piece)}
         pieces = [bodies[word] for word in words if word in bodies]
     return found
+
+
+def _bodies(text: str) -> tuple[list[str], dict[str, str]]:
+    """Return the texts of the traps, and those of the other routines by their names in small letters."""
+    traps, others = list[str](), dict[str, str]()
+    begun: re.Match[str] | None = None
+    for found in _BOUND.finditer(_TEXT.sub(lambda each: " " * len(each[0]), text)):
+        if begun is not None and begun[1].upper() == "TRAP":
+            traps.append(text[begun.end() : found.start()])
+        elif begun is not None:
+            others[begun[2].lower()] = text[begun.end() : found.start()]
+        begun = found if found[1] else None
+    return traps, others
 
 
 def _possible_calls(text: str) -> set[str]:
