@@ -11,6 +11,8 @@ from cellcal.calibration.message import make_message
 
 MOST_BYTES = 64_000_000
 _PART = 1 << 18
+# What a clone or a download holds in place of a large file: git-lfs.com, "spec.md"; git-annex, "pointer files".
+_POINTER_STARTS = (b"version https://git-lfs.github.com/spec/", b"/annex/objects/")
 _MARKS = (
     (b"\xef\xbb\xbf", "utf-8-sig"),
     (b"\xff\xfe\x00\x00", "utf-32"),
@@ -33,7 +35,7 @@ def read_plain_bytes(path: Path, most_bytes: int = MOST_BYTES) -> bytes:
     OSError
         It is not there, a folder, or not readable.
     DocumentError
-        It is no plain file, or larger than ``most_bytes``.
+        It is no plain file, larger than ``most_bytes``, or only points to the file.
     """
     try:
         with open_plain_file(path) as file:
@@ -47,7 +49,25 @@ def read_plain_bytes(path: Path, most_bytes: int = MOST_BYTES) -> bytes:
         raise DocumentError(
             f"it is larger than {_size_text(most_bytes)}.", remedy="Name the right file.", path=path
         )
-    return b"".join(parts)
+    content = b"".join(parts)
+    refuse_pointer(content, path)
+    return content
+
+
+def refuse_pointer(content: bytes, path: Path | None = None) -> None:
+    """Refuse the few lines that stand in a clone where a large file was not fetched.
+
+    Raises
+    ------
+    DocumentError
+        The content is a pointer of Git LFS or git-annex.
+    """
+    if content.startswith(_POINTER_STARTS):
+        raise DocumentError(
+            "it only points to the file, which was not downloaded (Git LFS or git-annex).",
+            remedy="Fetch the file itself, with git lfs pull or git annex get.",
+            path=path,
+        )
 
 
 def open_plain_file(path: Path) -> BinaryIO:
@@ -103,8 +123,9 @@ def text_of(content: bytes, path: Path | None = None) -> str:
     Raises
     ------
     DocumentError
-        They are no text, or hold a zero character.
+        They are no text, hold a zero character, or only point to the file.
     """
+    refuse_pointer(content, path)
     encoding = next((name for mark, name in _MARKS if content.startswith(mark)), "utf-8")
     try:
         text = content.decode(encoding)

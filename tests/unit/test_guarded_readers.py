@@ -12,7 +12,7 @@ from cellcal.calibration.documents import DocumentError
 from cellcal.calibration.documents.csv_text import parse_rows, split_row
 from cellcal.calibration.documents.gzip_bytes import unpack_gzip
 from cellcal.calibration.documents.json_text import parse_json
-from cellcal.calibration.documents.plain_files import read_plain_bytes, read_plain_text
+from cellcal.calibration.documents.plain_files import read_plain_bytes, read_plain_text, text_of
 from cellcal.calibration.documents.toml_text import parse_toml
 from cellcal.calibration.documents.xml_text import parse_xml
 from cellcal.calibration.documents.zip_archives import open_zip
@@ -248,3 +248,28 @@ def test_a_whole_number_is_refused_in_our_own_words_however_long_it_is(digits: i
     assert "a whole number is larger than 64 bits" in refused.value.message
     assert "sys." not in refused.value.message
     assert len(refused.value.message) < 200
+
+
+@pytest.mark.parametrize(
+    "pointer",
+    [
+        "version https://git-lfs.github.com/spec/v1\noid sha256:4d7a214614ab2935c943f9e0ff69d22e\nsize 12345\n",
+        "/annex/objects/SHA256E-s12345--4d7a214614ab2935c943f9e0ff69d22e.csv\n",
+    ],
+    ids=["git-lfs", "git-annex"],
+)
+def test_a_pointer_to_a_file_that_was_not_downloaded_is_called_so(pointer: str, tmp_path: Path) -> None:
+    path = tmp_path / "arm.urdf"
+    path.write_text(pointer, encoding="ascii")
+    for read in (read_plain_bytes, read_plain_text):
+        with pytest.raises(DocumentError, match="was not downloaded") as refused:
+            read(path)
+        assert "git lfs pull" in refused.value.remedy
+    with pytest.raises(DocumentError, match="was not downloaded"):
+        text_of(pointer.encode())  # what a page uploads
+
+
+def test_a_text_about_pointers_is_read(tmp_path: Path) -> None:
+    path = tmp_path / "notes.txt"
+    path.write_text("see /annex/objects/ and version https://git-lfs.github.com/spec/v1\n", encoding="ascii")
+    assert read_plain_text(path).startswith("see")
