@@ -34,7 +34,7 @@ class WorldClock:
         """Return real seconds since the world began, for link timers."""
         return time.monotonic() - self._real_origin_s
 
-    def at_real(self, real_s: float) -> float:
+    def world_time_at(self, real_s: float) -> float:
         """Return the world time at a real time, as if no jump, and no other pace, had happened since."""
         return self._jumped_s + self.time_factor * real_s
 

@@ -103,7 +103,7 @@ async def robot_calibration(run: Run, spec: RobotCalibration) -> CalibrationResu
         identified.arm,
         ended.enough,
         ended.why_not,
-        visits.not_used(identified.rejected),
+        visits.list_unused(identified.rejected),
         bench,
         moved_m=moved_m,
     )

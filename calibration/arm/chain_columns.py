@@ -93,7 +93,7 @@ def independent_columns(rotations: Array, origins: Array, *, out: Array, scale: 
     return out
 
 
-def by_independent_columns(placements: Array) -> Array:
+def twists_by_independent_columns(placements: Array) -> Array:
     """Return (6 (n + 1), 4 n + 6): every twist of a placement by those of `independent_columns`.
 
     Behind the tip's three ways stand its three turns, which move nothing but an attitude.

@@ -1,12 +1,12 @@
 """What is known of arms in one place: models, their frames and derivatives, and models by name."""
 
 from cellcal.calibration.arm.chain_columns import (
-    by_independent_columns,
     cosine_and_sine,
     cross_product,
     frames_of_placements,
     independent_columns,
     placement_columns,
+    twists_by_independent_columns,
 )
 from cellcal.calibration.arm.dh_table import DhTable
 from cellcal.calibration.arm.model_references import load_model
@@ -17,7 +17,6 @@ __all__ = [
     "MODEL_TOLERANCE_M",
     "DhTable",
     "RobotModel",
-    "by_independent_columns",
     "chain_frames",
     "cosine_and_sine",
     "cross_product",
@@ -27,4 +26,5 @@ __all__ = [
     "load_model",
     "model_names",
     "placement_columns",
+    "twists_by_independent_columns",
 ]

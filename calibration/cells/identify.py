@@ -172,7 +172,7 @@ def _held_out_errors(
         folds = replace(trial, options=replace(trial.options, folds=min(_FOLDS, trial.options.folds))).folds
         for fold in range(int(folds.max()) + 1):
             fold_rows, rest = np.flatnonzero(folds == fold), np.flatnonzero(folds != fold)
-            inner = trial.restricted_to(rest)
+            inner = trial.restrict_to_rows(rest)
             inner = replace(
                 inner, options=replace(trial.options, folds=min(_INNER_FOLDS, trial.options.folds))
             )

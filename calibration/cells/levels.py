@@ -55,7 +55,7 @@ class CellTrial:
     rows: tuple[Rows, ...]  # of every series
     groups: Rows  # (total,): of these rows, series after series
 
-    def restricted_to(self, chosen: Rows) -> "CellTrial":
+    def restrict_to_rows(self, chosen: Rows) -> "CellTrial":
         """Return the trial of some of its rows, numbered through all series."""
         groups = np.unique(self.groups[chosen], return_inverse=True)[1].reshape(-1)
         rows = tuple(mine[part] for mine, part in zip(self.rows, self.split_by_series(chosen), strict=True))
@@ -144,7 +144,7 @@ def choose_level(trial: CellTrial) -> tuple[int, tuple[str, ...]]:
                 level_name=LEVEL_NAMES[forced_level],
             ),
         )
-    few = trial.restricted_to(evenly_spaced(len(trial.groups), _MOST_ROWS))
+    few = trial.restrict_to_rows(evenly_spaced(len(trial.groups), _MOST_ROWS))
     sizes = {level: len(few.layout_of(level)) for level in LEVELS}
     observations = [series.observations for series in few.frames.cell.series]
     most = sum(len(rows) * of.channels for rows, of in zip(few.rows, observations, strict=True))

@@ -7,9 +7,9 @@ import numpy as np
 
 from cellcal.calibration.arm.joint_terms import term_values
 from cellcal.calibration.arm.kinematics import (
-    by_independent_columns,
     frames_of_placements,
     independent_columns,
+    twists_by_independent_columns,
 )
 from cellcal.calibration.cells.cell import CellSeries
 from cellcal.calibration.cells.contact_observations import BarLengths, CellObservations
@@ -152,7 +152,7 @@ class RouteChain:
         along = state.along_route(route, device)
         tangent = layout.tangent_rows(state, route, device, own)
         twists = 6 * len(along.placements)
-        arm = tangent[:, :twists] @ by_independent_columns(along.placements)
+        arm = tangent[:, :twists] @ twists_by_independent_columns(along.placements)
         return cls(along, np.concatenate([arm, tangent[:, twists:]], axis=1))
 
     def compute_frames(self, postures: PreparedPostures, rows: Rows) -> tuple[Array, Array]:
@@ -180,7 +180,7 @@ class RouteChain:
             parts.append(angular)
         if terms:
             twists = self.along.arm.arm_model.joint_twists
-            turns = by_independent_columns(self.along.placements)[
+            turns = twists_by_independent_columns(self.along.placements)[
                 [6 * term.joint + twists[term.joint] for term in terms]
             ]
             for part in parts:

@@ -7,9 +7,9 @@ from threading import local
 import numpy as np
 
 from cellcal.calibration.arm.kinematics import (
-    by_independent_columns,
     frames_of_placements,
     independent_columns,
+    twists_by_independent_columns,
 )
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.identification.fit_problem import FitProblem, Span, places_in_span, rows_of_span
@@ -59,7 +59,7 @@ class ArmChains:
         """Return every twist of a placement by the system's columns: the same before any device."""
         target = mounting if self.state.further else 0
         if target not in self._combine:
-            combine = by_independent_columns(self.placements_of(target))
+            combine = twists_by_independent_columns(self.placements_of(target))
             self._combine[target] = combine if kind == "pose" else combine[:, :-3]
         return self._combine[target]
 

@@ -27,7 +27,7 @@ class ResidualDrift:
     total_m: float  # over the range of the quantity, of channels that depend on it surely, if any do
 
 
-def drift_with(quantity: Array, left_m: Array, groups: Rows) -> ResidualDrift | None:
+def fit_drift(quantity: Array, left_m: Array, groups: Rows) -> ResidualDrift | None:
     """Regress residuals (channels, N) [m] on a quantity (N,); None if there is too little to tell.
 
     Notes
@@ -77,7 +77,7 @@ def temperature_drift(temperature: Array | None, left_m: Array, groups: Rows) ->
     moved = make_message(
         "the temperature moved from {low:.1f} to {high:.1f} °C over the series", low=low, high=high
     )
-    drift = drift_with(temperature[has_temperature], left_m[:, has_temperature], groups[has_temperature])
+    drift = fit_drift(temperature[has_temperature], left_m[:, has_temperature], groups[has_temperature])
     if drift is not None and drift.by_chance < _BY_CHANCE and drift.total_m > _SMALLEST_M:
         size, sigma = float(np.linalg.norm(drift.slope)) * 1e3, float(np.linalg.norm(drift.sigma)) * 1e3
         return [
@@ -103,7 +103,7 @@ def temperature_drift(temperature: Array | None, left_m: Array, groups: Rows) ->
 
 def order_drift(left_m: Array, groups: Rows) -> list[Lint]:
     """Say whether residuals (channels, N) [m] wander off from the first row to the last."""
-    drift = drift_with(np.arange(left_m.shape[1], dtype=float), left_m, groups)
+    drift = fit_drift(np.arange(left_m.shape[1], dtype=float), left_m, groups)
     rms = float(np.sqrt(np.mean((left_m**2).sum(axis=0)))) if left_m.size else 0.0
     if drift is None or drift.by_chance > _BY_CHANCE or drift.total_m < max(_SMALLEST_M, 0.2 * rms):
         return []

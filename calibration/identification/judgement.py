@@ -145,7 +145,7 @@ def _judge_fold(
 
 
 def _join_judgement(folds: Rows, judged: Sequence[_FoldJudgement]) -> Judgement:
-    def in_rows(parts: Sequence[Array]) -> Array:
+    def join_folds(parts: Sequence[Array]) -> Array:
         joined = np.zeros(len(folds))
         for fold, part in enumerate(parts):
             joined[folds == fold] = part
@@ -153,14 +153,14 @@ def _join_judgement(folds: Rows, judged: Sequence[_FoldJudgement]) -> Judgement:
 
     has_residual = any(len(fold.with_residual_m) for fold in judged)
     return Judgement(
-        in_rows([fold.before_m for fold in judged]),
-        in_rows([fold.held_out_m for fold in judged]),
+        join_folds([fold.before_m for fold in judged]),
+        join_folds([fold.held_out_m for fold in judged]),
         tuple(fold.level for fold in judged),
         tuple(fold.breaks for fold in judged),
         np.sort(np.concatenate([fold.placed for fold in judged])),
-        in_rows([fold.with_residual_m for fold in judged]) if has_residual else np.zeros(0),
-        in_rows([fold.variances_m2 for fold in judged]),
-        in_rows([fold.own_m2 for fold in judged]),
+        join_folds([fold.with_residual_m for fold in judged]) if has_residual else np.zeros(0),
+        join_folds([fold.variances_m2 for fold in judged]),
+        join_folds([fold.own_m2 for fold in judged]),
     )
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from cellcal.calibration.arm.kinematics import RobotModel
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.identification.cross_validation import Grouping, assign_folds, compare_models
-from cellcal.calibration.identification.drift_lint import drift_with
+from cellcal.calibration.identification.drift_lint import fit_drift
 from cellcal.calibration.identification.estimator import FitProblem, estimate_arm, whitened_residuals
 from cellcal.calibration.identification.frame_fits import fit_frames
 from cellcal.calibration.identification.layouts import make_layout
@@ -65,7 +65,7 @@ def temperature_effect(
     warmer = temperature - temperature.mean()
     start = fit_frames(model, observations, ()).state
     layout = make_layout(model, observations.kind, 1, level=GEOMETRY)
-    drift = drift_with(warmer, _left_m(layout, start, observations), grouping.groups)
+    drift = fit_drift(warmer, _left_m(layout, start, observations), grouping.groups)
     if drift is None or drift.by_chance > _BY_CHANCE or drift.total_m < _SMALLEST_M:
         return None
     folds = assign_folds(grouping, _FOLDS, 0)

@@ -115,7 +115,7 @@ def _point_names(model: RobotModel) -> tuple[str, ...]:
 def singularity_excess(model: RobotModel, joints: Array, limit: float) -> LimitExcess:
     """Return the smallest singular value of the flange's Jacobian against its limit."""
     values = np.linalg.svd(model.flange_jacobian(joints)[1], compute_uv=False)
-    return at_least("singularity", np.asarray(values[:, -1], dtype=np.float64), limit, "m/rad")
+    return quantity_at_least("singularity", np.asarray(values[:, -1], dtype=np.float64), limit, "m/rad")
 
 
 def wire_range_excesses(
@@ -129,7 +129,10 @@ def wire_range_excesses(
     anchor, hook = (np.array(place) for place in places_m)
     lengths = zero_m + np.linalg.norm(model.tip_positions(joints, hook) - anchor, axis=1)
     low, high = reach_m
-    return [at_least("wire too short", lengths, low, "m"), at_most("wire too long", lengths, high, "m")]
+    return [
+        quantity_at_least("wire too short", lengths, low, "m"),
+        quantity_at_most("wire too long", lengths, high, "m"),
+    ]
 
 
 def wire_winding(model: RobotModel, path: Array, places_m: tuple[Triple, Triple]) -> Array:
@@ -158,7 +161,7 @@ def wire_wrap_excess(
     model: RobotModel, path: Array, places_m: tuple[Triple, Triple], limit_rad: float
 ) -> LimitExcess:
     """Return how far the wire has wound about the flange's axis since the first posture, against its limit."""
-    return at_most("wire wrap", np.abs(wire_winding(model, path, places_m)), limit_rad, "rad")
+    return quantity_at_most("wire wrap", np.abs(wire_winding(model, path, places_m)), limit_rad, "rad")
 
 
 def speed_excess(
@@ -167,16 +170,16 @@ def speed_excess(
     """Return the speed of the fastest of tip, flange and joints' centres, for joint rates (N, n) [rad/s]."""
     ahead, behind = (body_points(model, path + sign * _SLIGHT_S * rates, tip_m) for sign in (1.0, -1.0))
     fastest = np.linalg.norm(ahead - behind, axis=2).max(axis=1) / (2.0 * _SLIGHT_S)
-    return at_most("tip speed", fastest, limit_m_s, "m/s")
+    return quantity_at_most("tip speed", fastest, limit_m_s, "m/s")
 
 
-def at_most(check: str, found: Array, limit: float, unit: str) -> LimitExcess:
+def quantity_at_most(check: str, found: Array, limit: float, unit: str) -> LimitExcess:
     """Return one quantity per posture (N,) that may not be above its limit."""
     column = found[:, None]
     return LimitExcess(check, column, np.full(column.shape, limit), column - limit, unit)
 
 
-def at_least(check: str, found: Array, limit: float, unit: str) -> LimitExcess:
+def quantity_at_least(check: str, found: Array, limit: float, unit: str) -> LimitExcess:
     """Return one quantity per posture (N,) that may not be below its limit."""
     column = found[:, None]
     return LimitExcess(check, column, np.full(column.shape, limit), limit - column, unit)

@@ -44,7 +44,7 @@ class WireExit:
         bend: Array = self.phi - np.sin(self.phi)
         return bend
 
-    def by_mouth(self) -> Array:
+    def bend_by_mouth_turn(self) -> Array:
         """Return (N, 2) [1/rad]: change of ``lip_bend`` when the mouth turns either way, ``-tan(phi / 2) d e``."""
         across = np.linalg.svd(self.ahead[None])[2][1:]
         by_mouth: Array = -np.tan(self.phi / 2.0)[:, None] * (self.direction @ across.T)

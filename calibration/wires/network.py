@@ -225,6 +225,6 @@ class WireEquations:
                 if mouth is None
                 else self.network_prior.sigma_mouth_rad
             )
-            turned = sigma * self.network_prior.exit_radius_m * wire.by_mouth()
+            turned = sigma * self.network_prior.exit_radius_m * wire.bend_by_mouth_turn()
             noise[np.ix_(mouth_rows, mouth_rows)] += turned @ turned.T
         return np.asarray(noise, dtype=np.float64)

@@ -9,7 +9,7 @@ from typing import TypeAlias
 from cellcal.calibration.message import make_message
 from cellcal.drivers.programs.call_graph import (
     Marks,
-    in_circles,
+    find_recursive_routines,
     reached_missing,
     reached_settings,
     with_interrupts,
@@ -91,7 +91,7 @@ class BatchCalls:
 
     @cached_property
     def _circles(self) -> list[bool]:
-        return in_circles(self._calls)
+        return find_recursive_routines(self._calls)
 
     def calls_itself(self, file: str) -> bool:
         """Return whether a routine of a file may be called again while it runs."""

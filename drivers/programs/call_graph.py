@@ -37,7 +37,7 @@ def reached_settings(
     return [below[group_of[one]] for one in count], [above[group_of[one]] for one in count]
 
 
-def in_circles(calls: Sequence[Collection[int]]) -> list[bool]:
+def find_recursive_routines(calls: Sequence[Collection[int]]) -> list[bool]:
     """Return of each routine whether it, or one that it calls, calls it."""
     found = [routine in called for routine, called in enumerate(calls)]
     for group in _group_cycles(calls):

@@ -44,7 +44,7 @@ class ConditionalBar:
         """Return the bar of one need."""
         return cls(frozenset((need,)), why)
 
-    def joined_with(self, other: "ConditionalBar | None") -> "ConditionalBar":
+    def add_need(self, other: "ConditionalBar | None") -> "ConditionalBar":
         """Return the bar of both needs; the reason is the first one."""
         return self if other is None else ConditionalBar(self.needs | other.needs, self.why)
 

@@ -65,7 +65,7 @@ class Positions:
         return len(self.names)
 
     @property
-    def all_external(self) -> Array:
+    def all_external_axes(self) -> Array:
         """Return the axes (N, k + m) that stand beside the robot's own, those of other groups last."""
         return self.external if self.group_axes is None else np.hstack([self.external, self.group_axes])
 
@@ -92,7 +92,7 @@ class PositionChange:
     joints: Array | None = None  # (K, n) [rad or m]
     configurations: Sequence[str] | None = None
     user_frames: Sequence[str] | None = None  # only makers that write a frame's number at a position
-    external: Array | None = None  # (K, k + m) as `Positions.all_external`
+    external: Array | None = None  # (K, k + m) as `Positions.all_external_axes`
 
 
 class ProgramFile(Protocol):

@@ -57,7 +57,7 @@ class RoutineCall(NamedTuple):
                 arguments = (*self.arguments[:at], source, *self.arguments[at + 1 :])
                 yield self._replace(arguments=arguments, options={}, parts=(), stated=None, of_copy=True)
 
-    def data_for(self, parameters: Sequence["RoutineParameter"], name: str) -> str:
+    def data_of_parameter(self, parameters: Sequence["RoutineParameter"], name: str) -> str:
         """Return the data of which a parameter gets the whole or a component; "" for nothing that has a name."""
         required = [one.name for one in parameters if not one.optional]
         part = "".join(self.parts[required.index(name) :][:1]) if name in required else ""
@@ -98,5 +98,5 @@ class RoutineTargets(NamedTuple):
     def passed_values(self, call: RoutineCall) -> Iterator[str]:
         """Yield the names of data that the routine gives a value, or a component's, where it is called so."""
         for name in () if call.of_copy else sorted(self.written):
-            if passed := call.data_for(self.parameters, name):
+            if passed := call.data_of_parameter(self.parameters, name):
                 yield passed

@@ -150,7 +150,7 @@ def check_arm(device: str, address: str, expected: str, reported: ReportedArm) -
             "at {address} answers a {found_model} (type code {type_code}, software {version}); the cell file names a "
             "{expected_model}.",
             address=address,
-            found_model=any_of(models),
+            found_model=list_alternatives(models),
             type_code=reported.type_code,
             version=reported.version,
             expected_model=expected,
@@ -159,7 +159,7 @@ def check_arm(device: str, address: str, expected: str, reported: ReportedArm) -
     )
 
 
-def any_of(models: Sequence[str]) -> str:
+def list_alternatives(models: Sequence[str]) -> str:
     """Return models as a list for people."""
     return " / ".join(models)
 

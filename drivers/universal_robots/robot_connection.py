@@ -17,9 +17,9 @@ from cellcal.drivers.interfaces import Identity
 from cellcal.drivers.universal_robots.arm_types import (
     ControllerKind,
     ReportedArm,
-    any_of,
     check_arm,
     controller_kind,
+    list_alternatives,
 )
 from cellcal.drivers.universal_robots.dashboard import UrDashboard
 from cellcal.drivers.universal_robots.factory_calibration import ControllerArm, read_controller_arm
@@ -229,7 +229,7 @@ class RobotConnection:
                 make_message(
                     "Its controller does not tell a {model} from a {others}: compare the label on the arm.",
                     model=self._expected.arm,
-                    others=any_of(others),
+                    others=list_alternatives(others),
                 )
             )
         if not tells_serial and not arm.factory.is_measured:

@@ -166,7 +166,7 @@ class CellcalProgram:
         if clock.real_now_s() > due_s and not self.heartbeat_ignored:
             self.abort_operation(
                 RefusalReason.HEARTBEAT_MISSING,
-                at_s=min(max(clock.at_real(due_s), self._begun_s), clock.now_s()),
+                at_s=min(max(clock.world_time_at(due_s), self._begun_s), clock.now_s()),
             )
 
     def change_pace(self, pace: float) -> None:

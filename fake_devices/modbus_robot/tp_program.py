@@ -229,7 +229,7 @@ class TpProgram:
 
     def stop_motion(self, at_real_s: float) -> None:
         clock = self._firmware.arm.clock
-        when_s = min(max(clock.at_real(at_real_s), self._begun_s), clock.now_s())
+        when_s = min(max(clock.world_time_at(at_real_s), self._begun_s), clock.now_s())
         self._firmware.arm.stop(_DECELERATION, when_s)
 
     def is_at_rest(self) -> bool:

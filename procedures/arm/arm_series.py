@@ -50,7 +50,7 @@ class ArmVisits:
         """Return the captures in force."""
         return tuple(self.taken)
 
-    def not_used(self, rejected: tuple[int, ...]) -> tuple[SetAside, ...]:
+    def list_unused(self, rejected: tuple[int, ...]) -> tuple[SetAside, ...]:
         """Return what was taken and not used; ``rejected`` are captures in force that the fit left out."""
         left_out = (SetAside(self.sources[k], LEFT_OUT) for k in rejected)
         return (*self.set_aside, *left_out)

@@ -46,7 +46,7 @@ class DriftCaptures:
         now_m = max(map(noise_m, self.captures))
         return math.hypot(self.reference.sigma_m(REPEAT_M), now_m, REPEAT_M)
 
-    def causes_at(self, bench: Bench, poses: tuple[int, ...]) -> tuple[DriftCause, ...]:
+    def estimate_causes(self, bench: Bench, poses: tuple[int, ...]) -> tuple[DriftCause, ...]:
         """Return how each cause would move the readings at poses of the reference."""
         rows, joints = list(poses), np.array(self.reference.joints_rad)
         places = self.reference.values_m()[rows] if bench.method == "tracker" else None
@@ -92,13 +92,13 @@ def look_for_changes(bench: Bench, captures: DriftCaptures, rules: DriftRules) -
     """Explain the changes so far; where that is not sure, say which pose of the reference would decide."""
     reference, sigma_m = captures.reference, captures.sigma_m()
     changes = values_of(captures.captures) - reference.values_m()[list(captures.poses)]
-    taken = captures.causes_at(bench, captures.poses)
+    taken = captures.estimate_causes(bench, captures.poses)
     finding = explain_changes(taken, changes, sigma_m)
     unmeasured = tuple(k for k in range(len(reference.poses_rad)) if k not in captures.poses)
     decided = finding.is_decided(rules.probability)
     if decided or not unmeasured:
         return DriftAssessment(finding, decided, -1)
-    both = captures.causes_at(bench, (*captures.poses, *unmeasured))
+    both = captures.estimate_causes(bench, (*captures.poses, *unmeasured))
     first, second = [suspect.name for suspect in finding.suspects if suspect.name != OTHER][:2]
     return DriftAssessment(
         finding, False, unmeasured[most_informative_pose(taken, both, changes, sigma_m, (first, second))]

@@ -74,13 +74,15 @@ async def _end_or_exit(at_work: asyncio.Task[None]) -> None:
             at_work.result()
         return
     _log.error(
-        "the devices were not released within %g s; the process ends: %s", LONGEST_END_S, awaited_by(at_work)
+        "the devices were not released within %g s; the process ends: %s",
+        LONGEST_END_S,
+        describe_awaited(at_work),
     )
     sys.stderr.flush()
     os._exit(ExitCode.INTERNAL)
 
 
-def awaited_by(task: asyncio.Task[None]) -> str:
+def describe_awaited(task: asyncio.Task[None]) -> str:
     """Return where a task waits: its coroutines from the outermost inwards, each with its file and line."""
     found: list[str] = []
     inner: Any = task.get_coro()

@@ -102,7 +102,7 @@ def head_rows(content: Mapping[str, Any], translations: Translations = ENGLISH) 
             ),
         ),
         ("run", run["run_id"]),
-        ("from, to (UTC)", f"{at_time(run['started_utc'])}, {at_time(run['ended_utc'])}"),
+        ("from, to (UTC)", f"{format_time(run['started_utc'])}, {format_time(run['ended_utc'])}"),
     ]
     return [(translations.translate(name), value) for name, value in rows]
 
@@ -215,7 +215,7 @@ def answers_by_person(
         yield who, [answer for answer in people if answer["who"] == who]
 
 
-def accepted_by(answers: Iterable[Mapping[str, str]], translations: Translations = ENGLISH) -> str:
+def join_accepted(answers: Iterable[Mapping[str, str]], translations: Translations = ENGLISH) -> str:
     """Return what a person accepted, separated by commas."""
     steps = (answer["step"] for answer in answers)
     return ", ".join(
@@ -236,7 +236,7 @@ def sign_off_rows(
             translations.translate(
                 " and ".join(person["role"] for person in one["people"]) or "role not recorded"
             ),
-            at_time(one["at_utc"]),
+            format_time(one["at_utc"]),
             translations.translate(
                 make_message("SHA-256 of what was shown {one}…", one=one["what_sha256"][:16])
             )
@@ -258,7 +258,7 @@ def picture_rows(pictures: Iterable[Mapping[str, Any]]) -> list[tuple[str, str, 
         (
             f"{one['what']} ({one['media_type'].removeprefix('image/').upper()})",
             one["who"],
-            at_time(one["at_utc"]),
+            format_time(one["at_utc"]),
             one["sha256"],
         )
         for one in pictures
@@ -277,7 +277,7 @@ def made_with_rows(run: Mapping[str, Any], translations: Translations = ENGLISH)
     ]
 
 
-def at_time(wall_utc: str) -> str:
+def format_time(wall_utc: str) -> str:
     """Return date and time to the second."""
     return wall_utc[:19].replace("T", " ")
 

@@ -21,14 +21,14 @@ from cellcal.service.certificates.certificate_texts import (
     NO_TEMPERATURE,
     WHOLE_RESULT,
     WORDS,
-    accepted_by,
     answers_by_person,
-    at_time,
     change_rows,
     controller_rows,
     describe_figure,
     file_stem,
+    format_time,
     head_rows,
+    join_accepted,
     made_with_rows,
     picture_rows,
     short_facts,
@@ -303,9 +303,9 @@ def _people_sections(
         (
             TableCell(who),
             TableCell(str(len(own)), number=True),
-            TableCell(at_time(own[0]["at_utc"])),
-            TableCell(at_time(own[-1]["at_utc"])),
-            TableCell(accepted_by(own, translations)),
+            TableCell(format_time(own[0]["at_utc"])),
+            TableCell(format_time(own[-1]["at_utc"])),
+            TableCell(join_accepted(own, translations)),
         )
         for who, own in answers_by_person(people)
     )

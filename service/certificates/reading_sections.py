@@ -5,7 +5,7 @@ from typing import Any
 
 from cellcal.calibration.message import make_message
 from cellcal.service.certificates.blocks import ParagraphBlock, Section, TableBlock, TableCell, table_head
-from cellcal.service.certificates.certificate_texts import at_time, describe_place, is_pose
+from cellcal.service.certificates.certificate_texts import describe_place, format_time, is_pose
 from cellcal.service.quantities import format_quantity
 from cellcal.service.translation import Translations
 
@@ -33,7 +33,7 @@ def rejected_sections(points: Sequence[Mapping[str, Any]], translations: Transla
     rows = tuple(
         (
             TableCell(translations.translate_step(p["step"])),
-            TableCell(at_time(p["at_utc"])),
+            TableCell(format_time(p["at_utc"])),
             TableCell(translations.translate(p["reason"])),
         )
         for p in unused
@@ -52,7 +52,7 @@ def reading_sections(points: Sequence[Mapping[str, Any]], translations: Translat
         (
             TableCell(str(number), number=True),
             TableCell(translations.translate_step(point["step"])),
-            TableCell(at_time(point["at_utc"])),
+            TableCell(format_time(point["at_utc"])),
             TableCell(_describe_reading(point, translations)),
             TableCell(translations.translate("yes" if point["used"] else "no")),
         )

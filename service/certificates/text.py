@@ -9,14 +9,14 @@ from cellcal.service.certificates.certificate_texts import (
     NO_TEMPERATURE,
     WHOLE_RESULT,
     WORDS,
-    accepted_by,
     answers_by_person,
-    at_time,
     change_rows,
     controller_rows,
     describe_figure,
     file_stem,
+    format_time,
     head_rows,
+    join_accepted,
     made_with_rows,
     picture_rows,
     short_facts,
@@ -111,10 +111,8 @@ def _point_lines(points: list[Mapping[str, Any]]) -> list[str]:
 def _people_lines(people: list[Mapping[str, str]]) -> list[str]:
     lines = []
     for who, own in answers_by_person(people):
-        summary = (
-            f"{who}: {len(own)} answers from {at_time(own[0]['at_utc'])} to {at_time(own[-1]['at_utc'])} UTC"
-        )
-        accepted = accepted_by(own)
+        summary = f"{who}: {len(own)} answers from {format_time(own[0]['at_utc'])} to {format_time(own[-1]['at_utc'])} UTC"
+        accepted = join_accepted(own)
         lines += _wrap_text(summary + (f"; accepted: {accepted}" if accepted else ""))
     return lines
 

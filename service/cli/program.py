@@ -325,14 +325,14 @@ def registers(
     from cellcal.drivers.program_registry import read_program
     from cellcal.service.cli.program_registers import print_registers, transfer_of
     from cellcal.service.engineering.programs.files import find_programs, read_bytes
-    from cellcal.service.engineering.programs.inspect import named_by
+    from cellcal.service.engineering.programs.inspect import find_named_programs
     from cellcal.service.engineering.programs.project import read_project
     from cellcal.service.engineering.programs.registers import ProgramRegisters
     from cellcal.service.engineering.programs.siblings import with_siblings
 
     cell = read_project(project)
     target = cell if clone is None else read_project(clone)
-    found = find_programs(files or named_by(cell), out=out)
+    found = find_programs(files or find_named_programs(cell), out=out)
     programs = [
         with_siblings(one, read_program(str(one.path), read_bytes(one.path))) for one in found.sources
     ]
@@ -342,9 +342,9 @@ def registers(
 
 def _find_programs(files: Sequence[str], cell: "CellProject", outputs: ProgramOutputs) -> "FoundPrograms":
     from cellcal.service.engineering.programs.files import find_programs
-    from cellcal.service.engineering.programs.inspect import named_by
+    from cellcal.service.engineering.programs.inspect import find_named_programs
 
-    return find_programs(files or named_by(cell), out=outputs.out)
+    return find_programs(files or find_named_programs(cell), out=outputs.out)
 
 
 def _of_each_brand(make: Callable[["ConfigurationRule | None"], "TransferPrograms"]) -> "TransferPrograms":

@@ -84,7 +84,7 @@ class CellMetrics:
             )
 
     def _state_metrics(self) -> Iterator[MetricFamily]:
-        from cellcal.service.site.alarms import wrong_in  # noqa: PLC0415  not while the service starts
+        from cellcal.service.site.alarms import list_alarms  # noqa: PLC0415  not while the service starts
 
         session, live = self._session, self._live
         is_current = session is not None and self._clock() - self._last_received_at_s <= CONTROLLER_SILENT_S
@@ -107,7 +107,7 @@ class CellMetrics:
             asks
         )
         alarms = MetricFamily("cellcal_alarms", "gauge", "Alarms that are up, by code.")
-        for alarm in wrong_in(session, live):
+        for alarm in list_alarms(session, live):
             key = (("code", alarm.code),)
             alarms.samples[key] = alarms.samples.get(key, 0.0) + 1.0
         yield alarms if alarms.samples else alarms.add_sample(0, {"code": "any"})

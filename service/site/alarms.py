@@ -57,7 +57,7 @@ class AlarmSet:
         return changes
 
 
-def wrong_in(session: SessionDocument | None, live: LiveDocument | None) -> list[CellAlarm]:
+def list_alarms(session: SessionDocument | None, live: LiveDocument | None) -> list[CellAlarm]:
     """Return what is wrong by the cell process's session and live values; nothing while there is no such process."""
     if session is None:
         return []

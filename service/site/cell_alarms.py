@@ -5,7 +5,7 @@ from datetime import UTC, datetime
 
 from cellcal.calibration.message import make_message
 from cellcal.service.configuration.cell_file import CellConfig
-from cellcal.service.site.alarms import AlarmSet, CellAlarm, wrong_in
+from cellcal.service.site.alarms import AlarmSet, CellAlarm, list_alarms
 from cellcal.service.site.cell_state import DueDates, overdue_items
 from cellcal.service.site.controller_tap import ControllerTap
 
@@ -39,7 +39,7 @@ class CellAlarmWatch:
         session = self._tap.latest_session()
         if session is not None:
             self._cell_process_due_s = now_s  # from here on it must be heard
-            return wrong_in(session, self._tap.latest_live())
+            return list_alarms(session, self._tap.latest_live())
         current = [alarm for alarm in self._alarms.active_alarms if alarm.code not in _NOT_OF_CONTROLLER]
         if now_s < self._cell_process_due_s:
             return current  # who heard nothing yet must not say that all is well

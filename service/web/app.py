@@ -32,7 +32,7 @@ from cellcal.service.web import session_control as control
 from cellcal.service.web import websocket as screen
 from cellcal.service.web.cell_client import CellProcessClient
 from cellcal.service.web.context import AppContext, ServiceSettings
-from cellcal.service.web.error_responses import REFUSALS, not_understood, respond_to_error
+from cellcal.service.web.error_responses import REFUSALS, refuse_request, respond_to_error
 from cellcal.service.web.message_description import describe_messages
 from cellcal.service.web.middleware import RequestFilter
 from cellcal.service.web.pages import add_pages, page_paths
@@ -89,7 +89,7 @@ def create_app(settings: ServiceSettings) -> FastAPI:
     app.state.context, app.state.meter = context, event_sinks.meter
     describe_messages(app)
     app.add_exception_handler(CellError, respond_to_error)
-    app.add_exception_handler(RequestValidationError, not_understood)
+    app.add_exception_handler(RequestValidationError, refuse_request)
     rooms = (
         screen,
         commands,

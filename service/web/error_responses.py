@@ -57,7 +57,7 @@ def _status_of(error: CellError) -> int:
     return 499 if isinstance(error, ClientGoneError) else 422
 
 
-def not_understood(_: Request, error: Exception) -> MessageJsonResponse:
+def refuse_request(_: Request, error: Exception) -> MessageJsonResponse:
     """Say which field is wrong, without sending back what was sent: it may be huge, or no JSON at all."""
     assert isinstance(error, RequestValidationError)
     faults = "; ".join(f"{'.'.join(map(str, each['loc']))}: {each['msg']}" for each in error.errors()[:5])

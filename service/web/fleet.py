@@ -30,7 +30,7 @@ from cellcal.service.record.signing import CheckedDocument, CheckFinding
 from cellcal.service.site.fleet import CellRow, Fleet
 from cellcal.service.site.keys import SiteError
 from cellcal.service.web.dependencies import Who, person_of
-from cellcal.service.web.error_responses import REFUSALS, not_understood, respond_to_error
+from cellcal.service.web.error_responses import REFUSALS, refuse_request, respond_to_error
 from cellcal.service.web.fleet_models import FleetSeen
 from cellcal.service.web.message_description import describe_messages
 from cellcal.service.web.middleware import RequestFilter
@@ -195,7 +195,7 @@ def create_fleet_app(
     app.state.context = context
     describe_messages(app)
     app.add_exception_handler(CellError, respond_to_error)
-    app.add_exception_handler(RequestValidationError, not_understood)
+    app.add_exception_handler(RequestValidationError, refuse_request)
     app.include_router(router)
     app.add_api_route(
         "/api/sign-in/console", open_console, response_class=RedirectResponse, include_in_schema=False

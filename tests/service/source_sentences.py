@@ -40,7 +40,8 @@ _CALLED = """
     Alarm CellAlarm Characteristic CheckedDocument Condition LimitExcess MessageFlaw Prediction SetAside
     TouchDecision ValueChange __init__ _archive_error _change_error _json_error _refuse_request
     _refused_error _row_reason _table_error _toml_error _unreadable_document _unreadable_error _xml_error
-    at_least at_most bar_row damaged_error damaged_file_error drop_coordinates error error_at judge_value
+    bar_row damaged_error damaged_file_error drop_coordinates error error_at judge_value quantity_at_least
+    quantity_at_most
     known_within make_error name_flaw refused_error row_error state_evidence state_fact state_figure
     unreadable_answer_error unreadable_error
 """

@@ -22,7 +22,7 @@ from cellcal.service.record.journal_files import certificates_folder
 from cellcal.service.record.robot_lock import acquire_lease
 from cellcal.service.record.signing import CellKey, station_key
 from cellcal.service.site.access import ASKING, CELL_MESSAGES, cell_access, router_access
-from cellcal.service.site.alarms import STEADY_S, AlarmSet, CellAlarm, wrong_in
+from cellcal.service.site.alarms import STEADY_S, AlarmSet, CellAlarm, list_alarms
 from cellcal.service.site.answers import CellAnswers
 from cellcal.service.site.enrolment import CellApplicant, NewSite, enroll_cells, parse_applicant
 from cellcal.service.site.fleet import SILENT_S, Fleet
@@ -388,14 +388,14 @@ def test_a_device_that_flaps_is_one_alarm() -> None:
 
 
 def test_what_is_wrong_is_read_from_the_desks_own_words() -> None:
-    assert wrong_in(session_of("c"), live_of()) == []
+    assert list_alarms(session_of("c"), live_of()) == []
     loss = {"robot": "fanuc", "what": "lost", "detected_by": "epoch", "words": "battery"}
-    found = wrong_in(
+    found = list_alarms(
         session_of("c", losses=[loss], connection={"connected": False, "message": "no cable", "remedy": "x"}),
         live_of(state="stopped"),
     )
     assert [alarm.code for alarm in found] == ["cell.unreachable", "position.lost", "device.stopped"]
-    assert wrong_in(None, None) == []
+    assert list_alarms(None, None) == []
 
 
 def test_online_needs_a_state_that_was_opened_and_is_new(tmp_path: Path) -> None:

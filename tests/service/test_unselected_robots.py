@@ -9,7 +9,7 @@ from cellcal.service.export.cell_metrics import CellMetrics
 from cellcal.service.record.healthy_counts import LastHealthyCounts
 from cellcal.service.record.journal_files import lease_folder
 from cellcal.service.record.robot_lock import DEVICES, acquire_lease
-from cellcal.service.site.alarms import wrong_in
+from cellcal.service.site.alarms import list_alarms
 from tests.machine_speed import stretched_s
 from tests.service.cell_process_session import (
     RECORD,
@@ -35,7 +35,7 @@ async def test_an_unselected_robot_that_loses_its_encoders_is_named_and_recovere
         assert (loss["robot"], loss["procedure"], loss["mode"]) == ("fanuc", "mastering_recovery", "M1")
         assert "another robot was selected at the desk" in loss["reasons"]
         await until_device(person, "fanuc", lambda device: device["state"] == "position_lost")
-        codes = {(alarm.code, alarm.source) for alarm in wrong_in(person.session, person.live)}
+        codes = {(alarm.code, alarm.source) for alarm in list_alarms(person.session, person.live)}
         assert {("position.lost", "fanuc"), ("device.position_lost", "fanuc")} <= codes
         await select_robot(person, "fanuc")
         assert [each["robot"] for each in person.session["losses"]] == ["fanuc"]
@@ -58,7 +58,7 @@ async def test_a_stop_of_an_unselected_robot_reaches_site_and_metrics_during_a_r
         rev = person.cell_process.rev
         await person.fake_client.inject_fault("protective_stop", device="ur")
         await until_device(person, "ur", lambda device: device["state"] == "stopped")
-        (alarm,) = [each for each in wrong_in(person.session, person.live) if each.source == "ur"]
+        (alarm,) = [each for each in list_alarms(person.session, person.live) if each.source == "ur"]
         assert (alarm.code, "protective stop" in alarm.text) == ("device.stopped", True)
         meter = CellMetrics(read_cell_file(person.cell_file))
         meter.on_event("session", person.session)
@@ -92,7 +92,7 @@ async def test_a_robot_that_another_cellcal_has_is_left_to_it(tmp_path: Path) ->
         with acquire_lease(lease_folder(config), config.robot_named("ur").serial, "a test", DEVICES):
             device_state = await until_device(person, "ur", lambda device: device["state"] == "unknown")
             assert "another cellcal" in device_state["message"]
-            assert not [each for each in wrong_in(person.session, person.live) if each.source == "ur"]
+            assert not [each for each in list_alarms(person.session, person.live) if each.source == "ur"]
         await until_device(person, "ur", lambda device: device["state"] == "ready")
 
 

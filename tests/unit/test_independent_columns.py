@@ -5,13 +5,13 @@ import pinocchio as pin
 import pytest
 
 from cellcal.calibration.arm.kinematics import (
-    by_independent_columns,
     chain_frames,
     cosine_and_sine,
     independent_columns,
     load_model,
     model_names,
     placement_columns,
+    twists_by_independent_columns,
 )
 from cellcal.calibration.geometry import exp_twist, log_rotation
 
@@ -44,7 +44,7 @@ def test_every_twist_is_a_combination_of_the_independent_columns(name):
     every = placement_columns(rotations, origins, origins[-1]).reshape(-1, 3 * _POSTURES)
     columns = columns_of(model, joints)[: 4 * model.axis_count + 3].reshape(-1, 3 * _POSTURES)
     rebuilt_columns = (
-        by_independent_columns(model.placements)[:, :-3] @ columns
+        twists_by_independent_columns(model.placements)[:, :-3] @ columns
     )  # the tip's own turns move no tip
     assert np.abs(rebuilt_columns - every).max() < 1e-13
 
@@ -59,7 +59,7 @@ def test_pinocchios_regressor_is_a_combination_of_the_independent_columns(name):
     frame = twin.addFrame(pin.Frame("tip", parent, tip, pin.FrameType.OP_FRAME))
     data, joints = twin.createData(), some_joints(model)
     columns = columns_of(model, joints)[: 4 * model.axis_count + 3]
-    rebuilt_columns = np.tensordot(by_independent_columns(model.placements)[:, :-3], columns, axes=1)
+    rebuilt_columns = np.tensordot(twists_by_independent_columns(model.placements)[:, :-3], columns, axes=1)
     for i, angles in enumerate(joints @ model.joint_coupling.T + model.theta0_rad):
         pin.forwardKinematics(twin, data, angles)
         pin.updateFramePlacements(twin, data)
@@ -85,7 +85,7 @@ def test_all_combinations_are_derivatives_of_place_and_attitude(name):
     model = bent_model(name)
     joints, step = some_joints(model), 1e-6
     columns = columns_of(model, joints)[: 4 * model.axis_count + 3]
-    combine = by_independent_columns(model.placements)
+    combine = twists_by_independent_columns(model.placements)
     places = np.tensordot(combine[:, :-3], columns, axes=1)
     rotations, _ = chain_frames(model, joints)
     # Of the motions behind the columns, turning about x and y of a frame turns the tip, and so do its own turns.

@@ -7,7 +7,7 @@ import pytest
 
 from cellcal.calibration.arm.kinematics import load_model
 from cellcal.calibration.identification import lints
-from cellcal.calibration.identification.drift_lint import drift_with, order_drift, temperature_drift
+from cellcal.calibration.identification.drift_lint import fit_drift, order_drift, temperature_drift
 from cellcal.calibration.identification.sweep_lint import sweep_lint
 from cellcal.service.engineering.identification.identify import identify_file
 from cellcal.service.engineering.identification.row_fit import IdentifyOptions
@@ -85,7 +85,7 @@ def test_the_deviation_of_a_slope_comes_from_groups():
         rng = np.random.default_rng(seed)
         groups = np.repeat(np.arange(25), 12)
         residuals = rng.standard_normal((1, 25))[:, groups] + 0.1 * rng.standard_normal((1, 300))
-        drift = drift_with(np.repeat(rng.uniform(0, 1, 25), 12), residuals, groups)
+        drift = fit_drift(np.repeat(rng.uniform(0, 1, 25), 12), residuals, groups)
         slopes.append(drift.slope[0])
         sigmas.append(drift.sigma[0])
     assert 0.7 < np.std(slopes) / np.mean(sigmas) < 1.4

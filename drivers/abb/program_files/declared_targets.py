@@ -65,7 +65,7 @@ class DeclaredTargets:
 
         False where the declaration is not in this file: who else goes there is unknown.
         """
-        where, bare = self.declared_at(name, self.scope)
+        where, bare = self.find_declared(name, self.scope)
         if where in ("?", ""):
             return False
         self._note_key(row, where, name.lower())
@@ -83,7 +83,7 @@ class DeclaredTargets:
             return PARAMETER + name.partition("{")[0].lower()
         if is_measured(name):
             return OWN + name
-        where, bare = self.declared_at(name, scope)
+        where, bare = self.find_declared(name, scope)
         if where in ("", "?") or (where.endswith("/") and self.shown.get(bare, True)):
             return name
         if not self.rows_of(name, scope):
@@ -109,7 +109,7 @@ class DeclaredTargets:
         its += new
         return bool(new)
 
-    def declared_at(self, name: str, scope: str) -> tuple[str, str]:
+    def find_declared(self, name: str, scope: str) -> tuple[str, str]:
         """Return where the declaration stands that a scope sees, and the name; ``?`` for none in this file."""
         bare = name.partition("{")[0].lower()
         module = f"{scope.partition('/')[0]}/"
@@ -121,7 +121,7 @@ class DeclaredTargets:
         return ("" if bare in self.of_modules else "?"), bare
 
     def is_own(self, name: str, scope: str) -> bool:
-        return self.declared_at(name, scope)[0] != "?"
+        return self.find_declared(name, scope)[0] != "?"
 
     def parameters_of(self, scope: str) -> Set[str]:
         """Return the names of a routine's parameters, in small letters."""

@@ -19,7 +19,7 @@ from cellcal.drivers.abb.program_files.written_frames import (
     poses_of_numbers,
     standing_numbers,
 )
-from cellcal.drivers.programs.call_graph import called_outside, in_circles
+from cellcal.drivers.programs.call_graph import called_outside, find_recursive_routines
 from cellcal.drivers.programs.text_flow import TextFlow
 
 ANY_NAME = "*"  # of a routine whose name is computed, or stands in quotes
@@ -279,7 +279,7 @@ class _Reader:
     def _circles(self) -> list[bool]:
         """Return of each routine whether it, or one that it calls, calls it."""
         by_name = {decode_name(one.name).lower(): one.number for one in self.routines}
-        return in_circles(
+        return find_recursive_routines(
             [[by_name[name] for name in one.called if name in by_name] for one in self.routines]
         )
 

@@ -111,7 +111,7 @@ class TargetUses(DeclaredTargets):
         made = self.copied | self.returned
         copies = self._copies_made()
         for scope, name in sorted({each[:2] for each in made}):
-            its = _reachable_copies(copies, self.declared_at(name, scope))
+            its = _reachable_copies(copies, self.find_declared(name, scope))
             uses = {use for copy in its for use in of_copies.get(copy, ())}
             some = sorted(uses, key=str)[:_MOST_USES]
             if some and name.lower() in self.external_uses and not self.is_own(name, scope):
@@ -124,7 +124,7 @@ class TargetUses(DeclaredTargets):
         """Return the uses by where a place is declared, and its name."""
         found: dict[tuple[str, str], set[ToolAndFrame]] = defaultdict(set)
         for (scope, name), what_all in self.used.items():
-            found[self.declared_at(name, scope)] |= what_all
+            found[self.find_declared(name, scope)] |= what_all
         return found
 
     def _copies_made(self) -> dict[tuple[str, str], set[tuple[str, str]]]:
@@ -132,7 +132,7 @@ class TargetUses(DeclaredTargets):
         copies: dict[tuple[str, str], set[tuple[str, str]]] = defaultdict(set)
         copies |= {key: set(some) for key, some in self.passed.items()}
         for scope, name, to in self.copied | self.returned:
-            copies[self.declared_at(name, scope)].add(self.declared_at(to, scope))
+            copies[self.find_declared(name, scope)].add(self.find_declared(to, scope))
         return copies
 
     def frames_of_measured(self) -> dict[tuple[str, str], set[str | None]]:
@@ -152,7 +152,7 @@ class TargetUses(DeclaredTargets):
                 copies[parameter].add(passed)
         found = {}
         for scope, name in measured:
-            place = self.declared_at(name, scope)
+            place = self.find_declared(name, scope)
             its = {place} | _reachable_copies(copies, place)
             found[scope, name] = {frame for one in its for _, frame in uses.get(one, ())}
         return found
@@ -170,11 +170,11 @@ class TargetUses(DeclaredTargets):
         """Return the targets, by their names for other files, that were copied into a name or an element of it."""
         if not self.sources:
             for where, source, to in self.copied:
-                self.sources[self.declared_at(to, where)].add((where, source))
-        waiting, found = [self.declared_at(name, scope)], set[tuple[str, str]]()
+                self.sources[self.find_declared(to, where)].add((where, source))
+        waiting, found = [self.find_declared(name, scope)], set[tuple[str, str]]()
         while waiting:
             more = self.sources.get(waiting.pop(), set()) - found
-            waiting += [self.declared_at(source, where) for where, source in more]
+            waiting += [self.find_declared(source, where) for where, source in more]
             found |= more
         keys = {self.key_for_other_files(source, where) for where, source in found}
         return sorted(keys - {""})
@@ -260,12 +260,12 @@ class TargetUses(DeclaredTargets):
 
     def uses_of_open_place(self, name: str, scope: str) -> set[ToolAndFrame]:
         """Return how the moves of a file go to a place that it declares without numbers; nothing for any other."""
-        place = self.declared_at(name, scope)
+        place = self.find_declared(name, scope)
         if place[0] in ("", "?") or self.rows_of(name, scope):
             return set()
         if not self.of_open_places:
             for (where, target), some in self.used.items():
-                self.of_open_places[self.declared_at(target, where)] |= some
+                self.of_open_places[self.find_declared(target, where)] |= some
         return self.of_open_places.get(place, set()) | self.of_parameters.get(place, set())
 
     def add_uses(self, scope: str, name: str, uses: set[ToolAndFrame]) -> bool:
@@ -277,13 +277,13 @@ class TargetUses(DeclaredTargets):
 
     def note_passed(self, scope: str, name: str, parameter: tuple[str, str]) -> None:
         """Note that a routine's parameter, by scope and name, gets what stands in a name."""
-        self.passed[self.declared_at(name, scope)].add(parameter)
+        self.passed[self.find_declared(name, scope)].add(parameter)
 
     def note_copied_parameters(self) -> None:
         """Note how moves of this file go to copies of parameters, and to copies of those."""
         copies: dict[tuple[str, str], set[tuple[str, str]]] = defaultdict(set)
         for scope, name, to in self.copied:
-            copies[self.declared_at(name, scope)].add(self.declared_at(to, scope))
+            copies[self.find_declared(name, scope)].add(self.find_declared(to, scope))
         if not self.parameters & copies.keys():
             return
         uses = self._uses_of_places()

@@ -76,7 +76,7 @@ class ComputedRegisters:
             + sum(map(len, self.set_to.values()))
         )
 
-    def added_to(self, register: int) -> Triple:
+    def read_addition(self, register: int) -> Triple:
         """Return what is added to a register that holds a position: zero, or not readable."""
         if register in self.altered_whole or self.any_altered:
             return UNREADABLE

@@ -114,7 +114,7 @@ class RecordTexts:
             )
         return found
 
-    def any_form(self, row: int) -> re.Match[bytes]:
+    def match_any_form(self, row: int) -> re.Match[bytes]:
         """Return the text of a position in whatever form: groups 1 to 4 are GP, UF, UT and CONFIG."""
         if self.positions.kinds[row] == REMOTE:
             raise self.row_error(row, make_message("is {kinds}, and takes no pose.", kinds=REMOTE))
@@ -234,7 +234,7 @@ def _configuration_edits(
     for row, text in zip(rows.tolist(), configurations, strict=True):
         if text == blocks.positions.configurations[row]:
             continue
-        start, end = blocks.any_form(row).span(4)
+        start, end = blocks.match_any_form(row).span(4)
         if start < 0 or not text or CONFIGURATION.fullmatch(text) is None:
             raise blocks.row_error(
                 row,
@@ -254,5 +254,5 @@ def _user_frames(blocks: RecordTexts, rows: NDArray[np.int64], user_frames: Sequ
                 make_message("cannot take the user frame {text!r}.", text=text),
                 "A user frame is a number.",
             )
-        start, end = blocks.any_form(row).span(2)
+        start, end = blocks.match_any_form(row).span(2)
         yield start, end, text.encode()

@@ -107,7 +107,7 @@ def external_edits(blocks: "RecordTexts", rows: NDArray[np.int64], external: Arr
 
 
 def _axis_edit(blocks: "RecordTexts", row: int, axis: tuple[bytes, int], value: float) -> Iterator["Edit"]:
-    block = blocks.any_form(row)
+    block = blocks.match_any_form(row)
     data = blocks.place.data
     for found in FIELD.finditer(data, block.start(), block.end()):
         if (found[1], int(found[2])) != axis:

@@ -165,7 +165,7 @@ def _take_targets(found: MotionFindings, motion: MotionStatement) -> None:
     why, condition = _why_no_place(motion), _condition_of_motion(motion)
     for number in motion.targets:
         if condition is not None:
-            found.needs[number] = condition.joined_with(found.needs.get(number))
+            found.needs[number] = condition.add_need(found.needs.get(number))
         elif why:
             found.increments.setdefault(number, why)
         else:

@@ -217,7 +217,7 @@ def _shifts_of_places_here(
                 axes_of(registers, each),
                 point=point,
                 user_frame=frame,
-                translation_m=UNREADABLE if each in found.shifted else registers.added_to(each),
+                translation_m=UNREADABLE if each in found.shifted else registers.read_addition(each),
                 quaternion=None if each in registers.turned else NO_TURN,
             )
         yield from (replace(shift, point=point, user_frame=frame) for shift in _set_elements(each, registers))
@@ -260,7 +260,7 @@ def _shifts_by_registers(
     for register, line in {**found.goes_to, **found.shifted}.items():
         if register in registers.altered or register in found.shifted or registers.any_altered:
             turn = None if register in registers.turned else NO_TURN
-            amount = UNREADABLE if register in found.shifted else registers.added_to(register)
+            amount = UNREADABLE if register in found.shifted else registers.read_addition(register)
             axes = axes_of(registers, register)
             for number in sorted(registers.origins.get(register, ())):
                 yield (

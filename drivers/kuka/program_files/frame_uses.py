@@ -168,7 +168,7 @@ class KrlRoutine:
         return value, called
 
 
-def reached_from(routines: Sequence[KrlRoutine]) -> None:
+def spread_frames_to_called(routines: Sequence[KrlRoutine]) -> None:
     """Give every routine what is set by those of its file that it calls, and that call it."""
     by_name: dict[str, list[int]] = {}
     for routine in routines:

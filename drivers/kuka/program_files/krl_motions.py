@@ -21,7 +21,12 @@ from cellcal.drivers.kuka.program_files.lines import (
     without_strings,
 )
 from cellcal.drivers.kuka.program_files.literals import KrlLiteral
-from cellcal.drivers.kuka.program_files.passed_points import call_of, calls_of, given_from, is_by_value
+from cellcal.drivers.kuka.program_files.passed_points import (
+    call_of,
+    calls_of,
+    first_filled_argument,
+    is_by_value,
+)
 from cellcal.drivers.kuka.program_files.point_uses import PointMove, PointUses
 from cellcal.drivers.kuka.program_files.table_settings import TableSettings
 from cellcal.drivers.programs.barred import OVERWRITTEN
@@ -210,13 +215,13 @@ class KrlMotions:
         for name, arguments in calls_of(code):
             if name in patterns.KNOWN_CALLS:
                 continue
-            for argument in arguments[given_from(name) :]:
+            for argument in arguments[first_filled_argument(name) :]:
                 self._give_value(argument, line)
             for number, argument in enumerate(arguments):
                 if (frame := patterns.FRAME_PASSED.fullmatch(argument)) is not None:
                     self._pass_frame(frame[1].upper(), (name, number), line)
             call = call_of(routine.name, name, arguments)
-            if call is not None and given_from(name) >= len(arguments):
+            if call is not None and first_filled_argument(name) >= len(arguments):
                 self.points.calls.append(call)
 
     def _pass_frame(self, which: str, parameter: tuple[str, int], line: KrlLine) -> None:

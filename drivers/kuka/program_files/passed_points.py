@@ -70,7 +70,7 @@ def _end_of_argument(code: str, place: int) -> int:
     return len(code)
 
 
-def given_from(name: str) -> int:
+def first_filled_argument(name: str) -> int:
     """Return which argument of a function is the first that gets a value; far behind all where none does."""
     return 2 if name.startswith(_GIVING_INTERFACE) else _GIVING.get(name, _NONE_GIVEN)
 
@@ -138,7 +138,7 @@ def _key_for_other_files(name: str, routine: KrlRoutine) -> str:
     return OWN + name if bare in routine.declared else name
 
 
-def in_passed_table(doubtful: Container[str], tool: str | None, base: str | None) -> str:
+def explain_passed_table(doubtful: Container[str], tool: str | None, base: str | None) -> str:
     """Return why a table's tool or base that a call passes to a routine which sets it is unknown, or ""."""
     entries = {
         f"{which}_data[{index}]"

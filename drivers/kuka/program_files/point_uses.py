@@ -15,7 +15,7 @@ from cellcal.drivers.kuka.program_files.frame_uses import (
     WRITTEN_OUT,
     Branches,
     KrlRoutine,
-    reached_from,
+    spread_frames_to_called,
 )
 from cellcal.drivers.kuka.program_files.stretches import Now, Stretches
 from cellcal.drivers.programs.barred import OVERWRITTEN, TURNED_BASE
@@ -100,7 +100,7 @@ class PointUses:
 
     def finish_reading(self) -> None:
         """Give points their tool and base."""
-        reached_from(self.routines)
+        spread_frames_to_called(self.routines)
         for used in self.rows:
             if self.external_tool and self.found.kinds[used.row] == CARTESIAN:
                 self.found.drop_coordinates(used.row, EXTERNAL_TOOL)
@@ -216,7 +216,7 @@ class PointUses:
         tool = self._name_of("TOOL", tool_now or routine.tool.value_in_force(said_before=tool_said))
         value = base_now or routine.base.value_in_force(said_before=base_said)
         base = self._name_of("BASE", value)
-        why = in_set_table(self.set_tables, tool, None if joints else base)
+        why = explain_set_table(self.set_tables, tool, None if joints else base)
         if why:
             return MoveFrames(None, None, why, routine.name)
         turned = not joints and value is not None and value.startswith(TURNED)
@@ -379,7 +379,7 @@ class PointUses:
             return None if value is None else value.removeprefix(TURNED)
         return f"${which}={value[1:]}"
 
-    def written_out(self, which: str) -> dict[str, Pose | None]:
+    def frames_written_out(self, which: str) -> dict[str, Pose | None]:
         """Return the tools or bases that are written out, by the names under which files find them."""
         return {self._name_of(which, value).lower(): pose for value, pose in self.set_frames[which].items()}
 
@@ -390,7 +390,9 @@ def data_of(move_frames: MoveFrames) -> str:
     return tool.removeprefix(FRAME_DATA) if tool.startswith(FRAME_DATA) else ""
 
 
-def in_set_table(set_tables: Container[str], tool: str | None, base: str | None, prefix: str = "") -> str:
+def explain_set_table(
+    set_tables: Container[str], tool: str | None, base: str | None, prefix: str = ""
+) -> str:
     """Return why a table's tool or base that programs set is unknown; "" where none is set."""
     for which, number in (("TOOL", tool), ("BASE", base)):
         is_table_entry = number is not None and number.isdigit() and number != "0"

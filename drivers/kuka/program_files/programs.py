@@ -37,11 +37,11 @@ from cellcal.drivers.kuka.program_files.measured_points import measured_shifts
 from cellcal.drivers.kuka.program_files.passed_points import (
     calls_of_file,
     copies_of_file,
-    in_passed_table,
+    explain_passed_table,
     routine_targets_of,
 )
 from cellcal.drivers.kuka.program_files.point_edits import PointEdits
-from cellcal.drivers.kuka.program_files.point_uses import in_set_table
+from cellcal.drivers.kuka.program_files.point_uses import explain_set_table
 from cellcal.drivers.kuka.program_files.standing_bases import standing_rows, with_standing_bases
 from cellcal.drivers.kuka.program_files.taught_entries import (
     NO_ENTRIES,
@@ -268,8 +268,8 @@ def _read_src(source: ProgramText) -> _Read:
     declarations = FileDeclarations(
         "",
         uses=points.declared_uses(),
-        tools=points.written_out("TOOL"),
-        bases=points.written_out("BASE"),
+        tools=points.frames_written_out("TOOL"),
+        bases=points.frames_written_out("BASE"),
         routines=points.routine_effects(),
         doubtful=dict.fromkeys(points.set_tables, COMPUTED) | ({SET: ROOT_SET} if points.sets_root else {}),
         imports=remark_imports(points.found),
@@ -344,7 +344,7 @@ def _with_carried_bases(positions: Positions, taught: Set[int], external_uses: E
         if any(f"{cell} {CARRIED} {base}" in external_uses.doubtful for cell in cells)
     }
     conditions = {
-        row: ConditionalBar.for_need(ProjectNeed.MOVED_FRAME, TURNED_BASE).joined_with(
+        row: ConditionalBar.for_need(ProjectNeed.MOVED_FRAME, TURNED_BASE).add_need(
             positions.conditions.get(row)
         )
         for row in taught
@@ -368,8 +368,8 @@ def _without_set_tables(positions: Positions, module: str, external_uses: Extern
     remarks_by_frames: dict[tuple[str | None, str | None], str] = {}
     for row, row_frames in enumerate(zip(positions.tools, positions.user_frames, strict=True)):
         if row_frames not in remarks_by_frames:
-            whys = [in_set_table(external_uses.doubtful, *row_frames, f"{one} ") for one in whose]
-            whys.append(in_passed_table(external_uses.doubtful, *row_frames))
+            whys = [explain_set_table(external_uses.doubtful, *row_frames, f"{one} ") for one in whose]
+            whys.append(explain_passed_table(external_uses.doubtful, *row_frames))
             remarks_by_frames[row_frames] = next(filter(None, whys), "")
         if positions.kinds[row] == CARTESIAN and remarks_by_frames[row_frames]:
             barred.setdefault(row, remarks_by_frames[row_frames])

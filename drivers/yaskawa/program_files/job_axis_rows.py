@@ -85,7 +85,7 @@ def axis_rows_of(job: YaskawaJob) -> AxisRows:
     return found
 
 
-def rows_alone(jobs: Iterable[YaskawaJob], beside: Iterable[JobRow]) -> dict[str, int]:
+def select_rows_alone(jobs: Iterable[YaskawaJob], beside: Iterable[JobRow]) -> dict[str, int]:
     """Return the rows that axes go to without the robot, and that no point has beside it, with the line."""
     row_names = {_row_name(row.kind, int(row.number)) for row in beside}
     named = {name: line for job in jobs for name, line in axis_rows_of(job).alone.items()}

@@ -21,7 +21,7 @@ from cellcal.drivers.programs.positions import (
 )
 from cellcal.drivers.programs.shifts import NO_TURN, ProgramShift, ShiftAxes
 from cellcal.drivers.yaskawa.program_files.job_amounts import is_straight_amount, may_shifts_turn
-from cellcal.drivers.yaskawa.program_files.job_axis_rows import rows_alone
+from cellcal.drivers.yaskawa.program_files.job_axis_rows import select_rows_alone
 from cellcal.drivers.yaskawa.program_files.job_calls import (
     declarations_of,
     frames_from_others,
@@ -290,7 +290,7 @@ def read_job(
         pulses_per_rad=None if ratios is None else tuple(float(ratio) for ratio in ratios),
         robot=robot,
         beside=beside,
-        alone=rows_alone(jobs, beside.values()),
+        alone=select_rows_alone(jobs, beside.values()),
     )
 
 

@@ -153,7 +153,7 @@ def file_names(measurements: Measurements) -> FileNames:
     )
 
 
-def at_temperature(prepared: PreparedMeasurements, effect: TemperatureEffect) -> PreparedMeasurements:
+def bring_to_temperature(prepared: PreparedMeasurements, effect: TemperatureEffect) -> PreparedMeasurements:
     """Return measurements brought to the temperature of an effect; without a column of temperatures as they are."""
     temperature = prepared.measurements.temperature
     if temperature is None:
@@ -320,7 +320,7 @@ def check_file(
 ) -> CheckedFile:
     """Evaluate the finished model, frames included, on another file."""
     if fitted.effect is not None:
-        other = at_temperature(other, fitted.effect)
+        other = bring_to_temperature(other, fitted.effect)
     pair = fitted.measurements.observations.joints_rad, other.measurements.observations.joints_rad
     noticed = [*lints.find_leakage(*pair), *lints.beyond_fitted_range(*pair)]
     count = len(other.observations)

@@ -31,7 +31,7 @@ from cellcal.calibration.identification.temperature import temperature_effect
 from cellcal.calibration.identification.work_parts import PartRunner
 from cellcal.service.engineering.identification.identify_check import (
     PreparedMeasurements,
-    at_temperature,
+    bring_to_temperature,
     file_names,
     without_contradicting_attitudes,
 )
@@ -146,7 +146,7 @@ def _at_one_temperature(
     if temperature is None:
         return prepared
     effect = temperature_effect(model, prepared.observations.select_rows(train), temperature[train], grouping)
-    return prepared if effect is None else at_temperature(prepared, effect)
+    return prepared if effect is None else bring_to_temperature(prepared, effect)
 
 
 def _split_rows(count: int, options: IdentifyOptions) -> tuple[Rows, Rows]:

@@ -16,7 +16,7 @@ from cellcal.calibration.identification.parameters import LEVEL_NAMES
 from cellcal.service.engineering.identification.cell_identify import IdentifiedCellReport
 from cellcal.service.engineering.plots.correlations import matrix_of
 from cellcal.service.engineering.plots.distribution import draw_distribution, draw_histogram
-from cellcal.service.engineering.plots.residuals import by_joint, by_row, held_out_by_row
+from cellcal.service.engineering.plots.residuals import draw_by_joint, draw_by_row, held_out_by_row
 from cellcal.service.engineering.plots.style import figure_style, new_figure, title_of, write_figures
 
 
@@ -133,11 +133,11 @@ def draw_cell_figures(report: IdentifiedCellReport) -> dict[str, Figure]:
                 len(evidence.channel_names),
             )
             figures[f"residuals_by_row_{name}"] = new_figure(11.0, 3.2 + 1.3 * channels)
-            by_row(figures[f"residuals_by_row_{name}"], evidence)
+            draw_by_row(figures[f"residuals_by_row_{name}"], evidence)
             figures[f"residuals_by_joint_{name}"] = new_figure(
                 *((10.0, 6.0) if channels == 1 else (13.0, 6.6))
             )
-            by_joint(figures[f"residuals_by_joint_{name}"], evidence)
+            draw_by_joint(figures[f"residuals_by_joint_{name}"], evidence)
             if series.held_out.n:
                 figures[f"distribution_{name}"] = new_figure(10.0, 4.0)
                 draw_distribution(figures[f"distribution_{name}"], evidence)

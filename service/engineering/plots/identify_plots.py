@@ -10,7 +10,7 @@ from cellcal.service.engineering.plots.correlations import correlation_matrix
 from cellcal.service.engineering.plots.distribution import draw_distribution
 from cellcal.service.engineering.plots.evidence import IdentificationEvidence
 from cellcal.service.engineering.plots.overview import draw_overview
-from cellcal.service.engineering.plots.residuals import by_joint, by_row
+from cellcal.service.engineering.plots.residuals import draw_by_joint, draw_by_row
 from cellcal.service.engineering.plots.style import figure_style, new_figure, write_figures
 from cellcal.service.engineering.plots.workspace import error_map
 
@@ -29,8 +29,8 @@ def draw_figures(report: IdentifyReport) -> dict[str, Figure]:
     unknowns = len(report.identification.robust.fit.layout)
     drawings: dict[str, tuple[tuple[float, float], _Draw]] = {
         "overview": ((14.0, 9.6), draw_overview),
-        "residuals_by_row": ((11.0, 3.2 + 1.3 * channels), by_row),
-        "residuals_by_joint": ((10.0, 6.0) if one else (13.0, 6.6), by_joint),
+        "residuals_by_row": ((11.0, 3.2 + 1.3 * channels), draw_by_row),
+        "residuals_by_joint": ((10.0, 6.0) if one else (13.0, 6.6), draw_by_joint),
         "workspace": ((11.0, 8.6), error_map),
         "correlations": (_square_page(unknowns), correlation_matrix),
         "distribution": ((10.0, 4.0), draw_distribution),

@@ -23,7 +23,7 @@ _FEW = 200  # rows, whose marks may be large
 _DENSE = 1500  # dots: an SVG holds them as one picture
 
 
-def by_row(figure: FigureBase, evidence: PlottedResiduals) -> None:
+def draw_by_row(figure: FigureBase, evidence: PlottedResiduals) -> None:
     """Draw held-out errors in the order of measuring, and below, the fit's residuals channel by channel."""
     names = evidence.channel_names
     panels = figure.subplots(1 + len(names), 1, sharex=True, height_ratios=[2.2, *[1.0] * len(names)])
@@ -81,7 +81,7 @@ def held_out_by_row(panel: "Axes", evidence: PlottedResiduals) -> None:
     style_axes(panel)
 
 
-def by_joint(figure: FigureBase, evidence: PlottedResiduals) -> None:
+def draw_by_joint(figure: FigureBase, evidence: PlottedResiduals) -> None:
     """Draw residuals of the fit over each joint's position, with the course of their medians, before and after."""
     signed = evidence.signed_mm
     axes = evidence.joints_rad.shape[1]

@@ -83,7 +83,7 @@ def name_in(project: Project, program: ProgramFile, name: str | None) -> str | N
     return next((key for key in project.frames if key.lower() == name.lower()), name)
 
 
-def in_no_frame(program: ProgramFile, name: str | None) -> bool:
+def names_no_frame(program: ProgramFile, name: str | None) -> bool:
     """Return whether a position names no user frame, or only the robot's base."""
     return name is None or _is_same_name(name, base_of(program.brand), program.brand)
 

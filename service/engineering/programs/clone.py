@@ -135,7 +135,9 @@ def _at_zero(change: Array, master: Project, clone: Project) -> Array:
     """Return the change between the cells with all external axes at zero, from that while fixtures were measured."""
     if not (len(master.axes) or len(clone.axes)):
         return change
-    found: Array = clone.axes.at_fixture() @ change @ inverse_transform(master.axes.at_fixture())
+    found: Array = (
+        clone.axes.cell_fixture_motion() @ change @ inverse_transform(master.axes.cell_fixture_motion())
+    )
     return found
 
 

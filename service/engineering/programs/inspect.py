@@ -149,11 +149,11 @@ def sources_of(request: InspectionRequest) -> tuple[FoundPrograms, Project | Non
     cell = _read_cell(request)
     named = request.files
     if not named and request.project is not None and cell is not None:
-        named = named_by(cell)
+        named = find_named_programs(cell)
     return find_programs(named, out=request.roundtrip), cell
 
 
-def named_by(project: Project) -> tuple[str, ...]:
+def find_named_programs(project: Project) -> tuple[str, ...]:
     """Return the programs that a project names.
 
     Raises

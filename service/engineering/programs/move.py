@@ -118,7 +118,7 @@ def change_at_zero(cell: Project, base_change: Array) -> Array:
     """Return the change with all external axes at zero, from that while the fixture was measured."""
     if not len(cell.axes):
         return base_change
-    carrier = cell.axes.at_fixture()
+    carrier = cell.axes.cell_fixture_motion()
     found: Array = carrier @ base_change @ inverse_transform(carrier)
     return found
 

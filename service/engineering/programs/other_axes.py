@@ -42,7 +42,7 @@ def of_another_arm(program: ProgramFile, axes: int) -> NDArray[np.bool_]:
     return other
 
 
-def beside_external_values(
+def find_moved_other_axes(
     positions: Positions, axes: int, unstated: NDArray[np.bool_], stated_groups: Set[int]
 ) -> NDArray[np.bool_]:
     """Return (N,) all points of a program in which an axis beside the arm leaves zero; none of any other program.

@@ -229,7 +229,7 @@ def _point_statuses(points: ProgramPoints, after: Sequence[ProgramFile], good: F
     for number, (before, new) in enumerate(zip(points.programs, after, strict=True)):
         if len(before.positions.external_columns):
             rows = np.flatnonzero(points.of == number)
-            same[rows] &= _is_equal(before.positions.all_external, new.positions.all_external)
+            same[rows] &= _is_equal(before.positions.all_external_axes, new.positions.all_external_axes)
     return list(np.where(good, np.where(same, UNCHANGED, CHANGED), LEFT).tolist())
 
 

@@ -26,9 +26,9 @@ from cellcal.service.engineering.programs.cell_of_program import (
     bring_their_own,
     find_contradiction,
     frame_of,
-    in_no_frame,
     missing_reason,
     name_in,
+    names_no_frame,
     refuse_foreign,
     tool_of,
 )
@@ -188,7 +188,7 @@ class ProgramTransfer:
         goes = np.ones(len(group.rows), dtype=bool)
         joints = ~points.cartesian[group.rows]
         program = points.programs[points.of[group.rows[0]]]
-        in_base = in_no_frame(program, group.frame)
+        in_base = names_no_frame(program, group.frame)
         frame = name_in(self._route.source, program, group.frame)
         for some, by_joints in ((~joints, False), (joints, True)):
             taken = self._route.covers_frame(frame, bare_joints=by_joints and in_base, in_joints=by_joints)

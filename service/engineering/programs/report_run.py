@@ -27,7 +27,7 @@ from cellcal.service.engineering.programs.report_files import ReportFormat, repo
 from cellcal.service.engineering.programs.report_html import as_html
 from cellcal.service.engineering.programs.report_texts import ReportLanguage
 from cellcal.service.engineering.programs.result import ProgramResult
-from cellcal.service.engineering.programs.shares import shared_out
+from cellcal.service.engineering.programs.shares import share_work
 from cellcal.service.engineering.programs.versions import CloneRecord
 from cellcal.service.translation import Locale
 
@@ -150,7 +150,7 @@ def change_programs(
         ]
         sources = iter(found.sources)
         work = _ChangeWork(change, place, [all_formats[kind] for kind in kinds], extras or RunExtras())
-        for part in shared_out(work.process_sources, found.sources):
+        for part in share_work(work.process_sources, found.sources):
             for entry, texts in zip(part.entries, part.report_lines, strict=True):
                 for file, kind, text in zip(files, kinds, texts, strict=True):
                     file.write(all_formats[kind].between + text if report.entries else text)

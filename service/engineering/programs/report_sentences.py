@@ -36,7 +36,7 @@ def verdict_text(report: ProgramsReport, language: ReportLanguage = SCREEN) -> s
     sentences = [counted_up]
     if counts[LEFT]:
         sentences.append(texts.left_means)
-    sentences += points_off(report, language)
+    sentences += describe_points_off(report, language)
     if report.refused:
         sentences.append(count_with_noun(len(report.refused), texts.files_refused))
     if report.unread:
@@ -46,7 +46,7 @@ def verdict_text(report: ProgramsReport, language: ReportLanguage = SCREEN) -> s
     return language.join(sentences)
 
 
-def points_off(report: ProgramsReport, language: ReportLanguage = SCREEN) -> list[str]:
+def describe_points_off(report: ProgramsReport, language: ReportLanguage = SCREEN) -> list[str]:
     """Return how many points are off though they are changed; nothing where none is."""
     return [count_with_noun(report.finding_count, language.texts.points_off)] if report.finding_count else []
 

@@ -10,7 +10,7 @@ from cellcal.service.engineering.programs.worker_processes import run_in_process
 Part = TypeVar("Part")
 
 
-def shared_out(
+def share_work(
     work: Callable[[Sequence[ProgramSource]], Part], sources: Sequence[ProgramSource]
 ) -> Iterator[Part]:
     """Yield what work makes of sources, in their order; large lines are worked on by all processors."""

@@ -295,18 +295,18 @@ def test_a_large_line_is_shared_out_and_comes_back_in_order(tmp_path: Path, monk
         path = tmp_path / f"{i}.ls"
         path.write_bytes(b"x" * (300 + i))
         sources.append(ProgramSource(path, Path(path.name)))
-    one = list(shares.shared_out(_pid_and_names, sources))
+    one = list(shares.share_work(_pid_and_names, sources))
     assert [name for part in one for name in part[1]] == [f"{i}.ls" for i in range(40)]
     assert {part[0] for part in one} == {os.getpid()}
     monkeypatch.setattr(worker_processes, "_WORTH_BYTES", 1000)
     monkeypatch.setattr(worker_processes, "_AT_ONCE_BYTES", 1000)
     monkeypatch.setattr(worker_processes, "_processor_count", lambda: 2)
-    many = list(shares.shared_out(_pid_and_names, sources))
+    many = list(shares.share_work(_pid_and_names, sources))
     assert [name for part in many for name in part[1]] == [f"{i}.ls" for i in range(40)]
     assert len(many) > 10
     assert os.getpid() not in {part[0] for part in many}
     with pytest.raises(ZeroDivisionError):
-        list(shares.shared_out(lambda some: 1 // (len(some) - len(some)), sources))
+        list(shares.share_work(lambda some: 1 // (len(some) - len(some)), sources))
 
 
 def test_a_process_that_is_ended_from_outside_ends_the_work_with_a_sentence(

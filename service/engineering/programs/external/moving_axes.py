@@ -95,12 +95,12 @@ class ExternalAxis:
         return self.entered.kind
 
     def values_in_si(self, column: ExternalColumn, written: Array) -> Array:
-        """Return values (N,) [m or rad] of a column of `Positions.all_external`."""
+        """Return values (N,) [m or rad] of a column of `Positions.all_external_axes`."""
         found: Array = written * self._per_written(column)
         return found
 
     def written_values(self, column: ExternalColumn, values: Array) -> Array:
-        """Return values (N,) as `Positions.all_external` has them."""
+        """Return values (N,) as `Positions.all_external_axes` has them."""
         found: Array = values / self._per_written(column)
         return found
 
@@ -186,7 +186,7 @@ class CellAxes:
         )
         return found
 
-    def at_fixture(self) -> Array:
+    def cell_fixture_motion(self) -> Array:
         """Return what brings places that the robot saw at the fixture to the cell frame (4, 4)."""
         at = np.array([[self.fixture_at.get(axis.name, axis.entered.zero) for axis in self.axes]])
         tables = [

@@ -23,7 +23,7 @@ from cellcal.service.engineering.programs.other_axes import (
     BESIDE_EXTERNAL,
     EXTERNAL,
     OTHER_JOINTS,
-    beside_external_values,
+    find_moved_other_axes,
     of_another_arm,
 )
 
@@ -58,7 +58,7 @@ def external_reasons(
     stays = np.isin(positions.groups, list(groups))
     other_arm = of_another_arm(program, joint_count)
     unstated = has_unstated_axes(positions, axes)
-    beside = beside_external_values(positions, joint_count, unstated, groups)
+    beside = find_moved_other_axes(positions, joint_count, unstated, groups)
     reasons = [""] * len(positions)
     for flags, why in (
         ((positions.groups != 1) & ~stays, OTHER_GROUP),
@@ -119,7 +119,7 @@ def _is_met(
 
 def _leader_is_stated(positions: Positions, row: int, axes: CellAxes, carriers: Sequence[int]) -> bool:
     """Return whether all axes of other groups at a position are stated, and one of them carries its work."""
-    values = positions.all_external[row]
+    values = positions.all_external_axes[row]
     others = [
         column.name
         for column, value in zip(positions.external_columns, values.tolist(), strict=True)

@@ -18,13 +18,13 @@ class PointAxes:
     """The external axes of N positions of one program, as a project knows them."""
 
     values: Array  # (N, A) of the project's axes [m or rad], NaN where the program states none
-    columns: tuple[int, ...]  # (A,) of `Positions.all_external`, -1 where the program has none
+    columns: tuple[int, ...]  # (A,) of `Positions.all_external_axes`, -1 where the program has none
     contradictions: tuple[str, ...]  # (A,) why a column is not the axis, "" where it is
 
 
 def point_axes_of(positions: Positions, axes: CellAxes) -> PointAxes:
     """Return the values of a cell's axes at every position."""
-    table, columns = positions.all_external, positions.external_columns
+    table, columns = positions.all_external_axes, positions.external_columns
     values = np.full((len(positions), len(axes)), np.nan)
     found, contradictions = [], []
     for number, axis in enumerate(axes.axes):

@@ -30,7 +30,11 @@ from cellcal.service.engineering.programs.project import Project
 from cellcal.service.engineering.programs.report import ProgramEntry, ProgramsReport, largest_finite
 from cellcal.service.engineering.programs.report_html import points_to_draw
 from cellcal.service.engineering.programs.report_picture import CIVIDIS, Colouring, ColourScale
-from cellcal.service.engineering.programs.report_sentences import heading_text, list_problems, points_off
+from cellcal.service.engineering.programs.report_sentences import (
+    describe_points_off,
+    heading_text,
+    list_problems,
+)
 from cellcal.service.engineering.programs.report_texts import ReportLanguage
 from cellcal.service.engineering.programs.result import CHANGED, LEFT, UNCHANGED
 from cellcal.service.engineering.programs.verdicts import count_verdicts, place_in, verdict_of
@@ -110,7 +114,7 @@ def _build_preview(made: JobResult, order: Sequence[ProgramEntry], verdicts: dic
     report, target = made.report, made.target
     arm = target.identified
     notes = [
-        *points_off(report, made.language),
+        *describe_points_off(report, made.language),
         *map(made.language.say, made.notes),
         *map(without_paths, list_problems(report, made.language)),
     ]

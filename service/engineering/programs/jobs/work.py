@@ -25,7 +25,7 @@ from cellcal.service.engineering.programs.calls_not_given import CallsNotGiven
 from cellcal.service.engineering.programs.clone import clone_transfer
 from cellcal.service.engineering.programs.compensate import compensation_transfer
 from cellcal.service.engineering.programs.files import FilesError, FoundPrograms, find_programs
-from cellcal.service.engineering.programs.inspect import named_by
+from cellcal.service.engineering.programs.inspect import find_named_programs
 from cellcal.service.engineering.programs.jobs.cells import cell_here, pose_from_json
 from cellcal.service.engineering.programs.jobs.files import OUT, REQUEST_FILE, SOURCES, stored_projects
 from cellcal.service.engineering.programs.jobs.limits import Limits
@@ -173,7 +173,7 @@ def _find_programs(task: ProgramTask) -> FoundPrograms:
 
 def _copy_own(cell: Project) -> None:
     """Copy the programs that a project names; what is read and reported afterwards is the copy."""
-    named = [Path(name) for name in named_by(cell)]
+    named = [Path(name) for name in find_named_programs(cell)]
     if sum(path.stat().st_size for path in named) > MOST_FILE_BYTES:
         raise FilesError(
             make_message(
