@@ -111,7 +111,8 @@ def _point_lines(points: list[Mapping[str, Any]]) -> list[str]:
 def _people_lines(people: list[Mapping[str, str]]) -> list[str]:
     lines = []
     for who, own in answers_by_person(people):
-        summary = f"{who}: {len(own)} answers from {format_time(own[0]['at_utc'])} to {format_time(own[-1]['at_utc'])} UTC"
+        first, last = format_time(own[0]["at_utc"]), format_time(own[-1]["at_utc"])
+        summary = f"{who}: {len(own)} answers from {first} to {last} UTC"
         accepted = join_accepted(own)
         lines += _wrap_text(summary + (f"; accepted: {accepted}" if accepted else ""))
     return lines
