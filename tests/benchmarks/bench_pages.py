@@ -1,9 +1,10 @@
-"""How long a page takes from a tap until it can be used: ``python -m tests.benchmarks.bench_pages [rounds] [busy]``.
+"""How long a page takes from a tap until it can be used: ``python -m tests.benchmarks.bench_pages --busy 4``.
 
 Chromium taps each procedure on the first page of a demo; the page counts, from the tap until its fields and buttons
-are drawn, on its own clock. ``busy`` processes that only count compete for the processor meanwhile.
+are drawn, on its own clock. ``--busy`` processes that only count compete for the processor meanwhile.
 """
 
+import argparse
 import asyncio
 import json
 import os
@@ -53,11 +54,14 @@ async def _tap(page: Page, place: int) -> tuple[str, float]:
 
 def main() -> None:
     """Print a line a procedure and, last, one JSON line."""
-    rounds, busy = (int(word) for word in [*sys.argv[1:3], "3", "0"][:2])
-    counting = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(busy)]
+    options = argparse.ArgumentParser(description=__doc__)
+    options.add_argument("--rounds", type=int, default=3, help="how often each procedure is tapped")
+    options.add_argument("--busy", type=int, default=0, help="processes that compete for the processor")
+    chosen = options.parse_args()
+    counting = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(chosen.busy)]
     try:
         with served_demo() as client:
-            found = asyncio.run(time_taps(str(client.base_url), rounds))
+            found = asyncio.run(time_taps(str(client.base_url), chosen.rounds))
     finally:
         for process in counting:
             process.kill()
@@ -65,7 +69,7 @@ def main() -> None:
     every = [time_ms for times in found.values() for time_ms in times]
     for name, times in found.items():
         sys.stdout.write(f"{median(times):8.0f} {max(times):8.0f}  {name}\n")
-    figures = {"taps": len(every), "median_ms": median(every), "worst_ms": max(every), "busy": busy}
+    figures = {"taps": len(every), "median_ms": median(every), "worst_ms": max(every), "busy": chosen.busy}
     sys.stdout.write(json.dumps({**figures, "load": os.getloadavg()[0]}) + "\n")
 
 

@@ -1,5 +1,6 @@
-"""How long a line of programs takes to clone: ``python -m tests.benchmarks.bench_programs [points] [each]``."""
+"""How long a line of programs takes to clone: ``python -m tests.benchmarks.bench_programs --points 4000``."""
 
+import argparse
 import resource
 import sys
 import tempfile
@@ -51,7 +52,11 @@ def program_of_points(frame_tip: np.ndarray, texts: tuple[str, ...]) -> InMemory
 
 def main() -> None:
     """Print seconds, and memory beside that of the points themselves."""
-    count, each = (int(word) for word in (*sys.argv[1:], "1200", "40")[:2])
+    options = argparse.ArgumentParser(description=__doc__)
+    options.add_argument("--points", type=int, default=1200, help="of all programs together")
+    options.add_argument("--each", type=int, default=40, help="points of a program")
+    chosen = options.parse_args()
+    count, each = chosen.points, chosen.each
     with tempfile.TemporaryDirectory() as folder:
         master, clone = DrawnCell("master", 1), DrawnCell("clone", 1001)
         carrier = clone_transfer(
