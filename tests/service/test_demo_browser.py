@@ -62,7 +62,7 @@ async def _check_refusal(page: Page) -> None:
     )
     await page.get_by_test_id("demo-battery").click()
     refused = page.get_by_test_id("demo-refused")
-    await expect(refused).to_contain_text("die Demo kennt keinen Fehler 'flood'. Wählen Sie battery, ")
+    await expect(refused).to_contain_text("Die Demo kennt keinen Fehler 'flood'. Wählen Sie battery, ")
 
 
 async def _check_bar(browser: Browser, url: str) -> None:
