@@ -20,7 +20,13 @@ from dataclasses import replace
 from html import escape
 from typing import Any
 
-from cellcal.fake_devices.abb_web_services.http_port import COOKIE, HttpAnswer, HttpPort, HttpRequest, SessionTable
+from cellcal.fake_devices.abb_web_services.http_port import (
+    COOKIE,
+    HttpAnswer,
+    HttpPort,
+    HttpRequest,
+    SessionTable,
+)
 from cellcal.fake_devices.abb_web_services.omnicore_resources import OmnicoreResources
 from cellcal.fake_devices.abb_web_services.own_certificate import make_server_context
 from cellcal.fake_devices.link_faults import LinkFaults

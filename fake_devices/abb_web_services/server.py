@@ -16,7 +16,13 @@ import json
 import re
 import secrets
 
-from cellcal.fake_devices.abb_web_services.http_port import COOKIE, HttpAnswer, HttpPort, HttpRequest, SessionTable
+from cellcal.fake_devices.abb_web_services.http_port import (
+    COOKIE,
+    HttpAnswer,
+    HttpPort,
+    HttpRequest,
+    SessionTable,
+)
 from cellcal.fake_devices.abb_web_services.resources import ResourceTable
 from cellcal.fake_devices.link_faults import LinkFaults
 
