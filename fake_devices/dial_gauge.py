@@ -33,8 +33,6 @@ class DialDevice(IoDevice):
         super().__init__(world, table, _DIAL_KINDS)
         self.plunger = DialPlunger(world, table)
         self.coupler.analogue[int(table.get("dial_input", 1)) - 1] = self._current_share
-        if "echo_output" in table:
-            self.coupler.loops[int(table["echo_output"])] = int(table["echo_input"])
 
     def _current_share(self) -> float:
         if self.faults.active_parameters("wire_break") is not None:

@@ -54,6 +54,7 @@ from cellcal.procedures.steps.pages import ARM_CHECKS, WIRE_CHECKS, PlannedMoves
 from cellcal.procedures.verdict import (
     Characteristic,
     ProcedureVerdict,
+    chance_rule,
     judge_value,
     state_evidence,
     state_fact,
@@ -254,7 +255,9 @@ def _make_verdict(spec: DriftCheck, result: DriftResult) -> ProcedureVerdict:
     figures: list[Characteristic] = [change, state_figure("RMS of the changes", finding.change_rms_m, "m")]
     if finding.has_changed:
         likely = finding.likeliest_cause
-        rule = make_message("PASS if at least {share:g}, else UNDECIDED: measure at more poses", share=share)
+        rule = chance_rule(
+            make_message("PASS if at least {share:g}, else UNDECIDED: measure at more poses", share=share)
+        )
         figures.append(
             state_evidence(
                 make_message("cause: {likely_name}", likely_name=likely.name),

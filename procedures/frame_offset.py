@@ -51,7 +51,13 @@ from cellcal.procedures.teaching.moved_frame import (
     saving_text,
 )
 from cellcal.procedures.teaching.point_remarks import with_remarks
-from cellcal.procedures.verdict import ProcedureVerdict, known_within, state_fact, state_figure
+from cellcal.procedures.verdict import (
+    ProcedureVerdict,
+    chi_square_rule,
+    known_within,
+    state_fact,
+    state_figure,
+)
 from cellcal.procedures.write_review import (
     frame_changes,
     raise_first,
@@ -286,7 +292,7 @@ def _judge_result(spec: FrameOffset, found: FoundFrameOffset) -> ProcedureVerdic
             state_fact(
                 "shape of the points",
                 found.placed.is_consistent(),
-                "chi square of the points touched against those given, 99.9 %",
+                chi_square_rule("chi square of the points touched against those given, 99.9 %"),
                 found=found.placed.chi_square,
                 limit=found.placed.most_chi_square,
             ),

@@ -16,11 +16,16 @@ from pydantic_core import to_jsonable_python
 
 from cellcal.calibration import uncertainty
 from cellcal.calibration.errors import CalibrationError
-from cellcal.calibration.message import make_message
+from cellcal.calibration.message import join_messages, make_message
 from cellcal.calibration.uncertainty import coverage_factor, decide_conformity
 
 PASS, FAIL, UNDECIDED = uncertainty.Verdict.PASS, uncertainty.Verdict.FAIL, uncertainty.Verdict.UNDECIDED
 
+_CHANCE = "a chance of 1 is certainty, and 0 is none; it is shown rounded"
+_CHI_SQUARE = (
+    "chi square counts how far the measurements are off, in their own deviations; "
+    "up to the limit that is noise"
+)
 NOTHING_MEASURED = "Nothing was measured in this run: nothing to save."
 
 
@@ -151,6 +156,16 @@ def state_evidence(
 ) -> Characteristic:
     """State whether the evidence suffices: PASS, or UNDECIDED with what is missing in ``rule``."""
     return Characteristic(name, found, unit, 0.0, 2.0, limit, PASS if holds else UNDECIDED, rule)
+
+
+def chi_square_rule(rule: str) -> str:
+    """Return a rule about a chi square with what the number means."""
+    return join_messages("; ", (rule, _CHI_SQUARE))
+
+
+def chance_rule(rule: str) -> str:
+    """Return a rule about a probability with what the number means."""
+    return join_messages("; ", (rule, _CHANCE))
 
 
 def state_figure(

@@ -15,6 +15,7 @@ from cellcal.calibration.errors import CalibrationError
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.message import make_message
 from cellcal.calibration.motion.motion_quantities import (
+    SHOWN_UNITS,
     LimitExcess,
     joint_limit_excess,
     singularity_excess,
@@ -249,11 +250,15 @@ def _far_outside(model: RobotModel, targets: Array) -> list[MotionFinding]:
             if index < len(targets) - 1
             else "the start"
         )
+        sliding = model.sliding is not None and bool(model.sliding[axis])
+        unit, scale = ("mm", 1e3) if sliding else SHOWN_UNITS["rad"]
         words = make_message(
-            "{called}, joint limits: {found:.4g} rad, limit {limit:.4g} rad",
+            "{called}, joint limits of {name}: {found:.4g} {unit}, limit {limit:.4g} {unit}",
             called=called,
-            found=found,
-            limit=limit,
+            name=f"J{axis + 1}",
+            found=found * scale,
+            unit=unit,
+            limit=limit * scale,
         )
         findings.append(MotionFinding(int(index), "joint limits", found, limit, words))
     return findings
@@ -325,9 +330,9 @@ def _joint_speed(model: RobotModel, limits: MotionLimits, speed_rad_s: float) ->
     if 0 < speed_rad_s <= limit:
         return []
     words = make_message(
-        "joint speed: {speed_rad_s:.4g} rad/s is not within 0 and {limit:.4g} rad/s",
-        speed_rad_s=speed_rad_s,
-        limit=limit,
+        "joint speed: {speed:.4g} deg/s is not within 0 and {limit:.4g} deg/s",
+        speed=np.rad2deg(speed_rad_s),
+        limit=np.rad2deg(limit),
     )
     return [MotionFinding(0, "joint speed", speed_rad_s, limit, words)]
 
@@ -340,14 +345,15 @@ def _worst_findings(excess: LimitExcess, owner: NDArray[np.int_]) -> list[Motion
         row, column = np.unravel_index(np.argmax(excess.excess[samples]), excess.excess[samples].shape)
         worst = samples[row]
         found, limit = float(excess.found[worst, column]), float(excess.limit[worst, column])
-        what, unit = excess.quantity_names[column] if excess.quantity_names else excess.check, excess.unit
+        what = excess.quantity_names[column] if excess.quantity_names else excess.check
+        unit, scale = excess.shown_as(int(column))
         words = make_message(
             "target {target}, {what}: {found:.4g} {unit}, limit {limit:.4g} {unit}",
             target=target + 1,
             what=what,
-            found=found,
+            found=found * scale,
             unit=unit,
-            limit=limit,
+            limit=limit * scale,
         )
         if excess.uncertainty is not None:
             words = make_message(

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +16,7 @@ Triple = tuple[float, float, float]
 
 _SLIGHT_S = 1e-5  # central differences of points along a path: exact to about 1e-10
 _NEAR_AXIS = 0.1  # of the wire's length: nearer to the flange's axis an anchor has no side
+SHOWN_UNITS = {"rad": ("deg", float(np.rad2deg(1.0)))}  # in which people read what is not shown as it is
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,6 +32,15 @@ class LimitExcess:
     uncertainty: Array | None = (
         None  # (N, Q) of the limit: what is kept only because joints are not known better
     )
+    lengths: NDArray[np.bool_] | None = (
+        None  # (Q,) which of them are metres, where ``unit`` is that of the others
+    )
+
+    def shown_as(self, column: int) -> tuple[str, float]:
+        """Return the unit in which people read a quantity, and how many of it make its SI unit."""
+        if self.lengths is not None and self.lengths[column]:
+            return "mm", 1e3
+        return SHOWN_UNITS.get(self.unit, (self.unit, 1.0))
 
     def is_broken(self) -> NDArray[np.bool_]:
         """Return (N,): which postures break any."""
@@ -48,24 +59,33 @@ class LimitExcess:
             self.unit,
             self.quantity_names,
             uncertainty,
+            self.lengths,
         )
 
 
 def joint_limit_excess(model: RobotModel, joints: Array, margin_rad: Array) -> LimitExcess:
     """Return every joint against its limits less a margin per axis (n,) [rad]."""
     low, high = model.lower_rad + margin_rad, model.upper_rad - margin_rad
-    told: tuple[str, ...] = ()
+    lengths = np.zeros(model.axis_count + len(model.combined_limits), dtype=bool)
+    if model.sliding is not None:
+        lengths[: model.axis_count] = model.sliding
     if model.combined_limits:
         weights = np.array([limit.weights for limit in model.combined_limits]).T
         margins = margin_rad @ np.abs(weights)
         low = np.concatenate([low, [each.lower_rad for each in model.combined_limits] + margins])
         high = np.concatenate([high, [each.upper_rad for each in model.combined_limits] - margins])
         joints = np.concatenate([joints, joints @ weights], axis=1)
-        of_sums = [make_message("joint limits of {name}", name=each.name) for each in model.combined_limits]
-        told = (*("joint limits" for _ in range(model.axis_count)), *of_sums)
     below, above = low - joints, joints - high
     limit = np.where(below > above, low, high)
-    return LimitExcess("joint limits", joints, limit, np.maximum(below, above), "rad", told)
+    names = _limit_names(model.axis_count, tuple(each.name for each in model.combined_limits))
+    return LimitExcess("joint limits", joints, limit, np.maximum(below, above), "rad", names, lengths=lengths)
+
+
+@cache
+def _limit_names(axis_count: int, sums: tuple[str, ...]) -> tuple[str, ...]:
+    """Return what a refusal calls the limits of each joint and of each sum of joints."""
+    names = (*(f"J{axis}" for axis in range(1, axis_count + 1)), *sums)
+    return tuple(make_message("joint limits of {name}", name=name) for name in names)
 
 
 def workspace_excess(

@@ -32,12 +32,7 @@ from cellcal.drivers.interfaces import (
 )
 from cellcal.drivers.modbus_robot.cell_program import CellProgram, ProgramRequest, ProgramState
 from cellcal.drivers.modbus_robot.condition import condition_of, read_alarms
-from cellcal.drivers.modbus_robot.frames import (
-    active_frames,
-    flange_pose,
-    read_frame,
-    write_frame,
-)
+from cellcal.drivers.modbus_robot.frames import active_frames, flange_pose, read_frame, write_frame
 from cellcal.drivers.modbus_robot.joint_speed import read_speed_share
 from cellcal.drivers.modbus_robot.mastering import (
     read_drive_train,

@@ -9,7 +9,7 @@ from typing import Self
 from cellcal.calibration.message import make_message
 from cellcal.drivers.errors import DeviceTimeoutError
 
-_REMEDY = "Check the device and its cable, then try again."
+_REMEDY = "Check the device, its cable, and address and port in the cell file, then try again."
 _HALF_REMEDY = (
     "Something between cuts answers, or another kind of server answers there: compare over a cable straight to the "
     "controller, then look at firewall, proxy and address."

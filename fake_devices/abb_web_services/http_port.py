@@ -25,6 +25,8 @@ from cellcal.fake_devices.link_faults import LinkFaults
 from cellcal.fake_devices.listening_port import ListeningPort
 
 LINK_FAULTS = ("silent", "refuse", "reset", "garbage", "page", "no_session", "cut_upload", "doubled")
+COOKIE = "ABBCX"
+_SESSIONS = 70  # at one time
 _PHRASES = {
     200: "OK",
     201: "Created",
@@ -134,22 +136,21 @@ class HttpPort(ListeningPort):
 class SessionTable:
     """The sessions of a web server; a request without the cookie of one takes a new one."""
 
-    def __init__(self, faults: LinkFaults, most: int) -> None:
-        self._faults, self._most = faults, most
+    def __init__(self, faults: LinkFaults) -> None:
+        self._faults = faults
         self._open: set[str] = set()
 
-    def find(self, cookie: str, name: str) -> str | None:
-        """Return the session that the cookie names, where it is open."""
-        pairs = (part.strip().partition("=") for part in cookie.split(";"))
-        return next((value for key, _, value in pairs if key == name and value in self._open), None)
-
-    def begin(self) -> str | None:
-        """Open a session and return the value of its cookie; None where no session is left."""
-        if len(self._open) >= self._most or self._faults.use_once("no_session") is not None:
-            return None
+    def find_or_begin(self, request: HttpRequest) -> tuple[str, bool]:
+        """Return a request's session and whether it is new; "" where none is left: the answer is 503 then."""
+        pairs = (part.strip().partition("=") for part in request.headers.get("cookie", "").split(";"))
+        found = next((value for key, _, value in pairs if key == COOKIE and value in self._open), None)
+        if found is not None:
+            return found, False
+        if len(self._open) >= _SESSIONS or self._faults.use_once("no_session") is not None:
+            return "", False
         session = secrets.token_hex(8)
         self._open.add(session)
-        return session
+        return session, True
 
     def end(self, session: str) -> None:
         """Close a session."""

@@ -20,7 +20,13 @@ from dataclasses import replace
 from html import escape
 from typing import Any
 
-from cellcal.fake_devices.abb_web_services.http_port import HttpAnswer, HttpPort, HttpRequest, SessionTable
+from cellcal.fake_devices.abb_web_services.http_port import (
+    COOKIE,
+    HttpAnswer,
+    HttpPort,
+    HttpRequest,
+    SessionTable,
+)
 from cellcal.fake_devices.abb_web_services.omnicore_resources import OmnicoreResources
 from cellcal.fake_devices.abb_web_services.own_certificate import make_server_context
 from cellcal.fake_devices.link_faults import LinkFaults
@@ -28,8 +34,6 @@ from cellcal.fake_devices.link_faults import LinkFaults
 USER, PASSWORD = "Default User", "robotics"
 _HAL, _XHTML = "application/hal+json;v=2.0", "application/xhtml+xml;v=2.0"
 _FORM = "application/x-www-form-urlencoded;v=2.0"
-_SESSIONS = 70
-_COOKIE = "ABBCX"
 
 
 class OmnicorePort(HttpPort):
@@ -38,19 +42,16 @@ class OmnicorePort(HttpPort):
     def __init__(self, host: str, port: int, resources: OmnicoreResources, faults: LinkFaults) -> None:
         super().__init__(host, port, faults, tls=make_server_context("omnicore"))
         self._resources = resources
-        self.sessions = SessionTable(faults, _SESSIONS)
+        self.sessions = SessionTable(faults)
 
     def answer_request(self, request: HttpRequest) -> HttpAnswer:
         """Return the answer of the resources to a client that is known."""
         if not _is_known(request.headers.get("authorization", "")):
             return HttpAnswer(401, headers=('WWW-Authenticate: Basic realm="validusers@robapi.abb"',))
-        more: tuple[str, ...] = ()
-        session = self.sessions.find(request.headers.get("cookie", ""), _COOKIE)
-        if session is None:
-            session = self.sessions.begin()
-            if session is None:
-                return HttpAnswer(503)
-            more = (f"Set-Cookie: {_COOKIE}={session}; path=/; Secure; HttpOnly",)
+        session, is_new = self.sessions.find_or_begin(request)
+        if not session:
+            return HttpAnswer(503)
+        more = (f"Set-Cookie: {COOKIE}={session}; path=/; Secure; HttpOnly",) if is_new else ()
         return replace(self._answer_session(request, session), headers=more)
 
     def _answer_session(self, request: HttpRequest, session: str) -> HttpAnswer:

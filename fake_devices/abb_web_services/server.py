@@ -16,15 +16,19 @@ import json
 import re
 import secrets
 
-from cellcal.fake_devices.abb_web_services.http_port import HttpAnswer, HttpPort, HttpRequest, SessionTable
+from cellcal.fake_devices.abb_web_services.http_port import (
+    COOKIE,
+    HttpAnswer,
+    HttpPort,
+    HttpRequest,
+    SessionTable,
+)
 from cellcal.fake_devices.abb_web_services.resources import ResourceTable
 from cellcal.fake_devices.link_faults import LinkFaults
 
 USER, PASSWORD = "Default User", "robotics"
 _REALM = "validusers@robapi.abb"
 _PAIR = re.compile(r'(\w+)=(?:"([^"]*)"|([^",\s]+))')
-_SESSIONS = 70
-_COOKIE = "ABBCX"
 
 
 class ServicePort(HttpPort):
@@ -34,7 +38,7 @@ class ServicePort(HttpPort):
         super().__init__(host, port, faults)
         self._table = table
         self._nonce = secrets.token_hex(16)
-        self.sessions = SessionTable(faults, _SESSIONS)
+        self.sessions = SessionTable(faults)
 
     def answer_request(self, request: HttpRequest) -> HttpAnswer:
         """Return the answer of the resources to a client that is known."""
@@ -43,16 +47,11 @@ class ServicePort(HttpPort):
                 f'Digest realm="{_REALM}", domain="/", qop="auth", nonce="{self._nonce}", algorithm=MD5'
             )
             return HttpAnswer(401, headers=(f"WWW-Authenticate: {challenge}",))
-        more: tuple[str, ...] = ()
-        session = self.sessions.find(request.headers.get("cookie", ""), _COOKIE)
-        if session is None:
-            session = self.sessions.begin()
-            if session is None:
-                return HttpAnswer(503)
-            more = (
-                f"Set-Cookie: -http-session-={session}; path=/",
-                f"Set-Cookie: {_COOKIE}={session}; path=/",
-            )
+        session, is_new = self.sessions.find_or_begin(request)
+        if not session:
+            return HttpAnswer(503)
+        cookies = ("-http-session-", COOKIE) if is_new else ()
+        more = tuple(f"Set-Cookie: {cookie}={session}; path=/" for cookie in cookies)
         if request.path == "/logout":
             self.sessions.end(session)
         status, content = self._table.answer(request)

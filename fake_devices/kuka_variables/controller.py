@@ -116,9 +116,10 @@ class KukaController:
         """Let the robot carry the workpiece."""
         self.ipo_mode = "TCP"
 
-    def open_gate(self, *, is_open: bool) -> None:
-        """Open or close the operator safety."""
-        self.safety_closed, self.drives_on = not is_open, not is_open
+    def open_gate(self) -> None:
+        """Open the operator safety; in automatic that is a message which is acknowledged at the pendant."""
+        self.safety_closed, self.drives_on = False, False
+        self.stop_message = self.stop_message or self.mode in ("AUT", "EX")
 
     def lose_mastering(self, axes: list[int]) -> None:
         """Let the resolver memory of some axes fail: the controller unmasters them."""

@@ -56,7 +56,7 @@ class FakeKukaRobot(NetworkedRobot):
         c = self.controller
         self._events |= {
             "stream_restart": lambda _: self._stream.restart(),
-            "open_gate": lambda _: c.open_gate(is_open=True),
+            "open_gate": lambda _: c.open_gate(),
             "t1_mode": lambda _: self._turn_switch("T1"),
             "program_stop": lambda _: c.programs.robot.stop_program(),
             "program_start": lambda _: c.programs.robot.press_start(),

@@ -36,8 +36,6 @@ class ProbeDevice(IoDevice):
         super().__init__(world, table, _PROBE_KINDS)
         self.probe = ContactProbe(world, table)
         self.coupler.digital[int(table.get("contact_input", 1)) - 1] = self._signal_state
-        if "echo_output" in table:
-            self.coupler.loops[int(table["echo_output"])] = int(table["echo_input"])
 
     def _signal_state(self) -> bool:
         if self.faults.active_parameters("stuck_closed") is not None:

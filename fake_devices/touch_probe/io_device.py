@@ -30,6 +30,8 @@ class IoDevice:
     def __init__(self, world: World, table: Mapping[str, Any], kinds: Mapping[str, dict[str, Any]]) -> None:
         self._name, self.world = str(table["name"]), world
         self.coupler = _coupler_for(world, table)
+        if "echo_output" in table:
+            self.coupler.loops[int(table["echo_output"])] = int(table["echo_input"])
         self.faults = LinkFaults(kinds, world.clock.real_now_s)
         self._follower: asyncio.Task[None] | None = None
 

@@ -11,6 +11,7 @@ from cellcal.procedures.verdict import (
     Characteristic,
     ProcedureVerdict,
     ValueChange,
+    chi_square_rule,
     judge_value,
     known_within,
     state_evidence,
@@ -36,7 +37,7 @@ def verdict_on_calibration(spec: RobotCalibration, result: CalibrationResult) ->
             ),
             state_fact(
                 "the check poses agree with the stated uncertainty", out.is_as_predicted,
-                "chi square of the errors against what was predicted, 99.9 %", found=out.chi_square,
+                chi_square_rule("chi square of the errors against what was predicted, 99.9 %"), found=out.chi_square,
                 limit=out.most_chi_square,
             ),
             *_goal_figures(spec, found),

@@ -23,6 +23,7 @@ from cellcal.procedures.verdict import (
     PASS,
     Characteristic,
     ProcedureVerdict,
+    chi_square_rule,
     known_within,
     state_fact,
     state_figure,
@@ -79,7 +80,7 @@ def frame_figures(found: ToolByPoints, tip_m: float, axes_rad: float) -> tuple[C
         state_fact(
             "shape of the points",
             found.placed.is_consistent(),
-            "chi square of the points found against the drawing, 99.9 %",
+            chi_square_rule("chi square of the points found against the drawing, 99.9 %"),
             found=found.placed.chi_square,
             limit=found.placed.most_chi_square,
         ),
@@ -91,7 +92,7 @@ def tool_figures(found: FoundTool, limits: ToolLimits) -> tuple[Characteristic, 
     """Return what is claimed of the tool frame."""
     places = zip("xyz", found.flange_tool.position_m, strict=True)
     checks = found.checks
-    rule = "chi square of the errors against what was predicted, 99.9 %"
+    rule = chi_square_rule("chi square of the errors against what was predicted, 99.9 %")
     return (
         *(
             state_figure(make_message("tip {axis} in the flange", axis=axis), value, "m")

@@ -1,7 +1,7 @@
 """The conditions of the gate as figures of a verdict, under names that a technician understands."""
 
 from cellcal.calibration.mastering.turn_results import GateCheck
-from cellcal.procedures.verdict import Characteristic, state_fact
+from cellcal.procedures.verdict import Characteristic, chance_rule, chi_square_rule, state_fact
 
 _NAMES = {
     "success probability": "chance that the whole turns found are right",
@@ -16,14 +16,20 @@ _NAMES = {
     "verification power": "how clearly a wrong turn would show at the check poses, in deviations",
     "verification": "misfit of the check poses (chi square)",
 }
+_RULES = {
+    "success probability": chance_rule,
+    "chi square": chi_square_rule,
+    "verification": chi_square_rule,
+}
 
 
 def state_gate_check(check: GateCheck) -> Characteristic:
-    """Return a condition of the gate as a figure of a verdict."""
+    """Return a condition of the gate as a figure of a verdict; its rule says what the number means."""
+    explain = _RULES.get(check.name, str)
     return state_fact(
         _NAMES.get(check.name, check.name),
         check.passed,
-        check.sentence,
+        explain(check.sentence),
         found=check.found,
         limit=check.limit,
         unit=check.unit,

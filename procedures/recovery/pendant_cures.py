@@ -79,7 +79,7 @@ async def bring_back_axis(cell: Cell, what: AxisCure) -> CuredAxis:
     NotBroughtBackError
         It was asked for again and again, and the axis is shown as lost.
     """
-    wrong_text = ""
+    wrong_text = await _done_before_text(cell, what)
     for tries in range(1, TRIES + 1):
         await _ask_and_watch(cell, what, wrong_text)
         state = await read_axis_state(cell)
@@ -89,6 +89,18 @@ async def bring_back_axis(cell: Cell, what: AxisCure) -> CuredAxis:
             "The controller still shows axis {axis} as lost. ", axis=axis_name(what.cure, what.axis)
         )
     raise _not_back_error(state)
+
+
+async def _done_before_text(cell: Cell, what: AxisCure) -> str:
+    """Return what to say where the work was done already, as by an entry of the run that lost the link after it."""
+    if not what.was_lost or what.cure not in SHOWS_EACH_AXIS:
+        return ""
+    if what.axis in (await read_axis_state(cell)).lost_axes:
+        return ""
+    return make_message(
+        "The controller shows axis {axis} as brought back already: where that was done as said here, only confirm. ",
+        axis=axis_name(what.cure, what.axis),
+    )
 
 
 async def see_none_lost(cell: Cell, brought_back: tuple[int, ...]) -> AxisState:

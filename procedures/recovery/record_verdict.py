@@ -15,7 +15,15 @@ from cellcal.procedures.recovery.recovery_kit import (
 from cellcal.procedures.refit import (
     MEASURED_AGAIN,
 )
-from cellcal.procedures.verdict import ProcedureVerdict, SetAside, state_evidence, state_fact, state_figure
+from cellcal.procedures.verdict import (
+    ProcedureVerdict,
+    SetAside,
+    chance_rule,
+    chi_square_rule,
+    state_evidence,
+    state_fact,
+    state_figure,
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,16 +54,18 @@ def verdict_on_record(result: RecordResult) -> ProcedureVerdict:
     agree = state_fact(
         "the lengths agree with each other",
         wire.is_consistent(),
-        "chi square at most its 99.9 % limit, and no capture stands out",
+        chi_square_rule("chi square at most its 99.9 % limit, and no capture stands out"),
         found=wire.chi_square,
         limit=chi_square_limit(wire.degrees_of_freedom),
     )
     finds = state_evidence(
         "chance that all lost turns would be found",
         prospect.success_probability >= GOOD_PROBABILITY,
-        make_message(
-            "PASS if at least {good_probability:g}, else UNDECIDED: record more poses",
-            good_probability=GOOD_PROBABILITY,
+        chance_rule(
+            make_message(
+                "PASS if at least {good_probability:g}, else UNDECIDED: record more poses",
+                good_probability=GOOD_PROBABILITY,
+            )
         ),
         found=prospect.success_probability,
         limit=GOOD_PROBABILITY,
@@ -88,9 +98,11 @@ def _verdict_on_places(result: RecordResult) -> ProcedureVerdict:
     finds = state_evidence(
         "chance that all lost turns would be found",
         kit.success_probability >= GOOD_PROBABILITY,
-        make_message(
-            "PASS if at least {good_probability:g}, else UNDECIDED: record more places",
-            good_probability=GOOD_PROBABILITY,
+        chance_rule(
+            make_message(
+                "PASS if at least {good_probability:g}, else UNDECIDED: record more places",
+                good_probability=GOOD_PROBABILITY,
+            )
         ),
         found=kit.success_probability,
         limit=GOOD_PROBABILITY,

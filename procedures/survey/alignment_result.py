@@ -17,6 +17,7 @@ from cellcal.procedures.verdict import (
     Characteristic,
     ProcedureVerdict,
     SetAside,
+    chi_square_rule,
     known_within,
     state_fact,
     state_figure,
@@ -127,7 +128,7 @@ def judge_alignment(
             state_fact(
                 "shape of the points",
                 placed.is_consistent(),
-                "chi square of the points found against the drawing, 99.9 %",
+                chi_square_rule("chi square of the points found against the drawing, 99.9 %"),
                 found=placed.chi_square,
                 limit=placed.most_chi_square,
             ),

@@ -13,6 +13,7 @@ from cellcal.procedures.run import RefusalError
 from cellcal.procedures.verdict import (
     NOTHING_MEASURED,
     ProcedureVerdict,
+    chi_square_rule,
     known_within,
     state_fact,
     state_figure,
@@ -126,7 +127,7 @@ def bases_instruction(result: BasesResult) -> Instruction:
 
 def judge_bases(result: BasesResult, limits: FrameLimits) -> ProcedureVerdict:
     """Return the figures of all bases against the limits of the settings."""
-    rule = "chi square of the points that all robots found, against one drawing, 99.9 %"
+    rule = chi_square_rule("chi square of the points that all robots found, against one drawing, 99.9 %")
     freedom = result.degrees_of_freedom
     most = chi_square_limit(freedom) if freedom else None
     shape = state_fact(

@@ -41,6 +41,7 @@ def check(cell: Path, /, *, as_json: Annotated[bool, Parameter(name="--json")] =
             state = Text(device.state, style=colour)
             table.add_row(device.name, state, device.message, device.remedy)
         STDERR_CONSOLE.print(table)
+        _print_joints(report)
         _print_evidence(report)
         for line in report.advice:
             STDERR_CONSOLE.print(f"[bold yellow]{escape(line)}[/]")
@@ -51,6 +52,17 @@ def check(cell: Path, /, *, as_json: Annotated[bool, Parameter(name="--json")] =
     if report.damage:
         return ExitCode.SIGNATURE
     return ExitCode.BUSY if report.in_use else ExitCode.PASS
+
+
+def _print_joints(report: "CellCheckReport") -> None:
+    """Print where the axes of each robot stand: a wrong sign, zero or order is found at the pendant only."""
+    from cellcal.service.cli.printing import STDERR_CONSOLE
+
+    for device in report.devices:
+        if device.joints:
+            axes = ", ".join(f"{joint.name} {joint.value:.3f} {joint.unit}" for joint in device.joints)
+            line = f"{device.name} shows {axes}. Compare with the pendant, at two postures that differ in all axes."
+            STDERR_CONSOLE.print(line, markup=False)
 
 
 def _print_evidence(report: "CellCheckReport") -> None:

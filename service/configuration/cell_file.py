@@ -242,7 +242,7 @@ class _CellFileReader:
             if robot is None:
                 continue
             try:
-                load_model(fixed_reference(robot.model, self.path.absolute().parent))
+                model = load_model(fixed_reference(robot.model, self.path.absolute().parent))
             except CalibrationError as refused:
                 none = f"there is no robot model {robot.model!r}"
                 why = (
@@ -251,6 +251,15 @@ class _CellFileReader:
                     else make_message(": {refused_message}", refused_message=refused.message.rstrip("."))
                 )
                 self.faults.append((f"robot[{i}].model", f"{none}{why}; {refused.remedy}"))
+                continue
+            if model.axis_count != robot.capabilities.axes:
+                other = make_message(
+                    "{model} has {axes} axes, and {shown} are read of this controller",
+                    model=robot.model,
+                    axes=model.axis_count,
+                    shown=robot.capabilities.axes,
+                )
+                self.faults.append((f"robot[{i}].model", other))
 
     def _table_list(self, document: dict[str, Any], key: str) -> list[Any]:
         tables = document.get(key, [])

@@ -1,6 +1,7 @@
 """Reach every device of a cell and say what is missing, before work begins."""
 
 import asyncio
+import math
 from collections.abc import Awaitable, Callable
 from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
@@ -9,8 +10,8 @@ from typing import Any
 
 from cellcal.calibration.arm.kinematics import MODEL_TOLERANCE_M, load_model
 from cellcal.calibration.message import join_messages, make_message
-from cellcal.drivers.errors import DeviceError
-from cellcal.drivers.interfaces import ComparesJoints, Device, DoubtsIdentity, Readiness, Robot
+from cellcal.drivers.errors import DeviceError, RefusedError
+from cellcal.drivers.interfaces import ComparesJoints, Device, DoubtsIdentity, JointReading, Readiness, Robot
 from cellcal.drivers.registry import RobotConfig
 from cellcal.drivers.wire.evidence import AbilityEvidence, driver_evidence
 from cellcal.procedures.steps.mastering import model_error_m
@@ -37,6 +38,15 @@ _FIRST_SCREEN = (
 
 
 @dataclass(frozen=True, slots=True)
+class ShownJoint:
+    """Where an axis stands, as its pendant shows it."""
+
+    name: str
+    value: float
+    unit: str  # deg, or mm of an axis that slides
+
+
+@dataclass(frozen=True, slots=True)
 class DeviceReport:
     """The report of one device."""
 
@@ -47,6 +57,9 @@ class DeviceReport:
     serial: str = ""
     keeps_mastering: bool = False
     evidence: tuple[AbilityEvidence, ...] = ()  # of a robot's abilities
+    joints: tuple[
+        ShownJoint, ...
+    ] = ()  # to be compared with the pendant; none of a robot that lost its position
 
     @property
     def is_ready(self) -> bool:
@@ -153,13 +166,36 @@ async def _report_robot(device: Robot, config: RobotConfig) -> DeviceReport:
     report = replace(report, keeps_mastering=device.capabilities.writes_mastering)
     report = await _compare_joint_sources(device, report)
     if not device.capabilities.tells_flange_pose:
-        return replace(report, message=f"{report.message} {_NOT_COMPARED}")
+        report = replace(report, message=f"{report.message} {_NOT_COMPARED}")
     if report.is_ready:
-        return await _hold_against_model(device, config.model, report)
+        try:
+            return await _look_at_joints(device, config.model, report)
+        except RefusedError as error:  # it is reached, and something is selected that has to be changed first
+            message = join_messages(" ", (report.message, error.message))
+            return replace(report, state=Readiness.NOT_READY, message=message, remedy=error.remedy)
     if report.state in _STANDS:
         with suppress(DeviceError):  # what such a robot does not show now is compared when it is ready
-            return await _hold_against_model(device, config.model, report)
+            return await _look_at_joints(device, config.model, report)
     return report
+
+
+async def _look_at_joints(device: Robot, name: str, report: DeviceReport) -> DeviceReport:
+    """Report where the axes stand and, where the controller shows its flange, compare that with the model."""
+    joints = await device.read_joints()
+    sliding = load_model(name).sliding
+    slides = [False] * len(joints.joints_rad) if sliding is None else [bool(each) for each in sliding]
+    shown = (
+        ShownJoint(
+            device.capabilities.axis_name(axis),
+            value * 1e3 if slides[axis] else math.degrees(value),
+            "mm" if slides[axis] else "deg",
+        )
+        for axis, value in enumerate(joints.joints_rad)
+    )
+    report = replace(report, joints=tuple(shown))
+    if not device.capabilities.tells_flange_pose:
+        return report
+    return await _hold_against_model(device, name, joints, report)
 
 
 async def _compare_joint_sources(device: Robot, report: DeviceReport) -> DeviceReport:
@@ -174,9 +210,10 @@ async def _compare_joint_sources(device: Robot, report: DeviceReport) -> DeviceR
     return replace(report, message=join_messages(" ", (report.message, found))) if found else report
 
 
-async def _hold_against_model(device: Robot, name: str, report: DeviceReport) -> DeviceReport:
+async def _hold_against_model(
+    device: Robot, name: str, joints: JointReading, report: DeviceReport
+) -> DeviceReport:
     """Compare where the controller sees its flange with where the file's model puts it."""
-    joints = await device.read_joints()
     error_m = model_error_m(load_model(name), joints.joints_rad, await device.flange_pose())
     if joints.moving or error_m <= MODEL_TOLERANCE_M:
         return report

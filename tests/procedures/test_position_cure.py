@@ -158,6 +158,19 @@ async def test_an_axis_that_stays_lost_is_asked_for_again_and_then_given_up() ->
     assert made.arm.moves == []
 
 
+async def test_work_that_was_done_in_an_earlier_entry_is_only_to_be_confirmed() -> None:
+    made = await cure_scene()
+    lost = AxisCure(1, PositionCure.REVOLUTION_COUNTERS, "kept", was_lost=True)
+    await bring_back_axis(made.cell, lost)
+    read, key = made.technician.read, "bring_back_revolution_counters"
+    first = read[key]
+    await bring_back_axis(made.cell, lost)
+    assert "brought back already" not in first
+    assert read[key].startswith("The controller shows axis 2 as brought back already: ")
+    await bring_back_axis(made.cell, replace(lost, was_lost=False))  # a person wants it done
+    assert "brought back already" not in read[key]
+
+
 async def test_without_a_record_or_with_other_gears_or_another_robot_nothing_begins() -> None:
     made = await cure_scene()
     assert made.cell.position_record is not None

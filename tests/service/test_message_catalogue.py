@@ -21,6 +21,7 @@ FORMER = ROOT / "tests/data/former_refusals.json"  # journals of earlier version
 HOLE = re.compile(r"\{\w+\}")
 NAMED = re.compile(r"\{[a-z]\w*\}")
 NUMBERED = re.compile(r"\{[a-z]\w*_\d+\}")
+IN_RADIANS = re.compile(r"\} rad\b(?!/m)")
 LEAD = re.compile(r"^(\{\w+\}\s*)+")
 JOINT = re.compile(r"[\s.,;:]*")
 LATIN_MARK = re.compile(r"[\u4e00-\u9fff”][,;:?!]|[,;:?!]\s*[\u4e00-\u9fff]")
@@ -56,6 +57,21 @@ def test_every_template_stands_in_the_catalogues_with_the_names_of_its_holes() -
         for line, template in read_source(file).templates
         for sentence in sentences_with_holes(template)
         if number_holes(sentence) in numbered and not {sentence, LEAD.sub("", sentence)} & catalogue()
+    ]
+    assert not wrong
+
+
+OF_DESCRIPTIONS = ("calibration/arm/",)  # URDF files are written in radians
+
+
+def test_no_sentence_shows_an_angle_in_radians() -> None:
+    """Pendants and people have degrees; only a file that is itself in radians is spoken of in them."""
+    wrong = [
+        f"{file.relative_to(ROOT)}:{line}: {template}"
+        for file in source_files()
+        if not str(file.relative_to(ROOT)).startswith(OF_DESCRIPTIONS)
+        for line, template in read_source(file).templates
+        if IN_RADIANS.search(template)
     ]
     assert not wrong
 

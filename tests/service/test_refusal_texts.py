@@ -72,7 +72,7 @@ NOT_FOR_PEOPLE = ENGLISH_ONLY | {
     "1",
     "plan the {1} face",  # of x, y and z, each of which has its words
     "Robot Web Services",
-    "Joint moves, fastest joint {1} rad/s.",  # stand in a program file, as its warning does
+    "Joint moves, fastest joint {1} deg/s.",  # stand in a program file, as its warning does
     "Compare the joints before you run it, in T1.",
     'title = "Universal Robots {1}{2}"',  # stand in a model file
     'Its factory calibration is {1}."',

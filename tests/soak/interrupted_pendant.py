@@ -48,7 +48,9 @@ MOST_SLIP_RAD = 0.004  # below the limit of a new zero
 def interrupted_pendant(seeds: int) -> CampaignFigures:
     """So many recoveries of a FANUC for each kind of interruption."""
     ended = [
-        _say(kind, seed, recover_fanuc(kind, seed)) for kind in INTERRUPTIONS for seed in range(1, seeds + 1)
+        _print_run(kind, seed, recover_fanuc(kind, seed))
+        for kind in INTERRUPTIONS
+        for seed in range(1, seeds + 1)
     ]
     return CampaignFigures(*describe_interrupted("pendant_cut", ended))
 
@@ -57,7 +59,7 @@ def interrupted_abb(seeds: int) -> CampaignFigures:
     """So many cures of an ABB for each kind of interruption, of its revolution counters and of its zeros."""
     zeros: tuple[Zero, ...] = ("kept", "new")
     ended = [
-        _say(f"{kind}, zero {zero}", seed, cure_abb(kind, zero, seed))
+        _print_run(f"{kind}, zero {zero}", seed, cure_abb(kind, zero, seed))
         for kind in INTERRUPTIONS
         for zero in zeros
         for seed in range(1, seeds + 1)
@@ -107,7 +109,7 @@ def cure_abb(interruption: Interruption, zero: Zero, seed: int) -> InterruptedRu
         return live_through(case, Path(folder) / "facts.jsonl", interruption, is_exact)
 
 
-def _say(what: str, seed: int, found: InterruptedRun) -> InterruptedRun:
+def _print_run(what: str, seed: int, found: InterruptedRun) -> InterruptedRun:
     sys.stderr.write(f"{what} {seed}: {found}\n")
     return found
 

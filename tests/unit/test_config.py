@@ -198,6 +198,13 @@ def test_a_robot_on_a_wall_is_a_model_with_its_mounting(good_cell_file: Path) ->
     assert any("no robot model" in sentence for sentence in faults_of(good_cell_file).values())
 
 
+def test_a_model_with_another_number_of_axes_is_refused(good_cell_file: Path) -> None:
+    text = good_cell_file.read_text().replace('"fanuc_m6ib"', '"kuka_lbr_iiwa7_r800"')
+    good_cell_file.write_text(text)
+    found = faults_of(good_cell_file)["robot[0].model"]
+    assert found == "kuka_lbr_iiwa7_r800 has 7 axes, and 6 are read of this controller"
+
+
 def test_a_table_that_is_like_none_is_answered_with_all_that_are_valid(good_cell_file: Path) -> None:
     good_cell_file.write_text(good_cell_file.read_text() + "\n[foo]\na = 1\n")
     assert "valid here: cell," in faults_of(good_cell_file)["foo"]

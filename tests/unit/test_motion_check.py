@@ -119,6 +119,22 @@ def test_every_target_is_reported_with_a_sentence():
     assert verdict.findings[0].sentence.startswith("target 1, joint limits")
 
 
+def test_a_refusal_has_angles_in_degrees_and_names_the_joint():
+    near = check_moves(MODEL, HOME, move_axis(0, 175)[None], WIDE, speed_rad_s=SPEED).findings[0]
+    assert near.sentence == "target 1, joint limits of J1: 175 deg, limit 167 deg"
+    assert near.found == pytest.approx(np.deg2rad(175.0))
+    far = check_moves(MODEL, HOME, move_axis(1, 4000)[None], WIDE, speed_rad_s=SPEED).findings[0]
+    assert far.sentence.startswith("target 1, joint limits of J2: 4000 deg, limit ")
+    fast = check_moves(MODEL, HOME, move_axis(0, 20)[None], WIDE, speed_rad_s=np.deg2rad(30.0)).findings[0]
+    assert fast.sentence.startswith("joint speed: 30 deg/s is not within 0 and ")
+    wound = replace(WIRE, anchor_in_base_m=(0.0, 0.0, 2.0), wrap_rad=0.1)
+    limits = replace(WIDE, wire=wound)
+    turned = check_moves(MODEL, HOME, move_axis(5, 90)[None], limits, speed_rad_s=SPEED)
+    assert [f.sentence for f in turned.findings if f.check == "wire wrap"] == [
+        "target 1, wire wrap: 90 deg, limit 5.73 deg"
+    ]
+
+
 def test_targets_of_another_robot_are_refused():
     with pytest.raises(CalibrationError):
         check_moves(MODEL, HOME, np.zeros((2, 5)), WIDE, speed_rad_s=SPEED)

@@ -298,7 +298,9 @@ def test_a_joint_that_slides_has_its_limits_in_the_motion_gate():
     model = load_model(TRACK)
     start, far = np.zeros(7), np.array([[2.999, 0, 0, 0, 0, 0, 0]])
     assert not broken(model, start, far)
-    assert broken(model, start, np.array([[3.2, 0, 0, 0, 0, 0, 0]]))
+    assert broken(model, start, np.array([[3.2, 0, 0, 0, 0, 0, 0]])) == [
+        "target 1, joint limits of J1: 3200 mm, limit 3000 mm"
+    ]
 
 
 def test_a_sum_of_joints_has_its_limit_in_the_motion_gate():

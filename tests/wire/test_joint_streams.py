@@ -115,6 +115,32 @@ async def test_what_comes_is_said_in_the_check_of_the_cell(
     await wait_until(says_rates)
 
 
+async def test_the_check_shows_the_axes_as_the_pendant_names_them(
+    stream_cell: CellConfig, fakes: FakeCellClient
+) -> None:
+    truth = (await fakes.read_truth())["robots"]
+    report = await check_cell(stream_cell)
+    for device in report.devices:
+        names = stream_cell.robot_named(device.name).capabilities.all_axis_names()
+        assert tuple(joint.name for joint in device.joints) == names
+        joints_rad = truth[device.name]["joints_rad"]
+        assert [joint.value for joint in device.joints] == pytest.approx(np.degrees(joints_rad), abs=1e-3)
+        assert {joint.unit for joint in device.joints} == {"deg"}
+
+
+async def test_a_robot_that_is_reached_and_refuses_a_look_is_not_ready(
+    stream_cell: CellConfig, fakes: FakeCellClient
+) -> None:
+    await fakes.inject_fault("external_tool", device="kuka")
+    try:
+        found = {device.name: device for device in (await check_cell(stream_cell)).devices}["kuka"]
+    finally:
+        await fakes.inject_fault("mend", device="kuka")
+    assert (found.state, found.serial) == ("not_ready", "864231")
+    assert "$IPO_MODE" in found.message
+    assert found.remedy
+
+
 async def _is_seen_moving(robot: Any, goal_rad: tuple[float, ...]) -> bool:
     move = asyncio.create_task(robot.move_joints(goal_rad, speed_rad_s=0.5))
     moving = False

@@ -115,13 +115,13 @@ async def test_a_factory_table_of_another_drawing_gets_no_file() -> None:
 @pytest.mark.parametrize(
     ("changes", "says"),
     [
-        ({"lower_rad": (-360.0,) * 6, "upper_rad": (360.0,) * 6}, "limits of -360 to 360 rad of joint 1"),
+        ({"lower_rad": (-360.0,) * 6, "upper_rad": (360.0,) * 6}, "limits of -20626 to 20626 deg of joint 1"),
         (
             {"lower_rad": (2.0, *(-2.0,) * 5), "upper_rad": (1.0, *(2.0,) * 5)},
-            "limits of 2 to 1 rad of joint 1",
+            "limits of 114.59 to 57.296 deg of joint 1",
         ),
-        ({"max_speed_rad_s": (2.0, 2.0, 0.0, 2.0, 2.0, 2.0)}, "a speed of 0 rad/s of joint 3"),
-        ({"max_speed_rad_s": (180.0,) * 6}, "a speed of 180 rad/s"),
+        ({"max_speed_rad_s": (2.0, 2.0, 0.0, 2.0, 2.0, 2.0)}, "a speed of 0 deg/s of joint 3"),
+        ({"max_speed_rad_s": (180.0,) * 6}, "a speed of 10313 deg/s"),
     ],
 )
 async def test_limits_and_speeds_of_no_arm_get_no_file(changes: dict[str, Any], says: str) -> None:

@@ -33,6 +33,7 @@ _KINDS = {
     "stopped": AlarmKind.OTHER,
 }
 _MOST_ALARMS = 5
+_DEADMAN = "SRVO-003"  # the enabling device is released: between two jogs by hand that is no stop
 
 
 @dataclass(frozen=True, slots=True)
@@ -153,7 +154,8 @@ def condition_of(status: RmiStatus, texts: tuple[str, ...]) -> Condition:
             alarms,
             _stop_since(lost, alarms),
         )
-    if not status.has_servo_power:
+    is_let_go = status.pendant_enabled and (not alarms or alarms[0].code == _DEADMAN)
+    if not status.has_servo_power and not is_let_go:
         return replace(_power_off(alarms[0] if alarms else None), alarms=alarms)
     if status.pendant_enabled:
         remedy = "Switch the teach pendant off and the mode switch to AUTO."

@@ -181,8 +181,8 @@ def condition_of(state: ControllerState) -> Condition:
 
 
 def _stop_of(state: ControllerState) -> Condition | None:
-    """Return what stops the robot whatever its position is."""
-    if not state.has_safety:
+    """Return what stops the robot whatever its position is; in T1 and T2 a person jogs with the gate open."""
+    if not state.has_safety and state.mode in _AUTOMATIC:
         return Condition(
             Readiness.STOPPED,
             "the operator safety is open.",

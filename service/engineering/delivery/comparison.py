@@ -179,7 +179,7 @@ def _not_copied(
 
 async def _no_program(store: ProgramStore) -> CellError:
     below = await folders_below(store)
-    remedy = "Name the folder in which the programs lie."
+    remedy = "Name the folder in which the programs lie, or look at the pendant whether there are any."
     if below:
         remedy = make_message("Files lie below it: {folders}. Name one of these.", folders=", ".join(below))
     return CellError(

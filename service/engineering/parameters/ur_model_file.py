@@ -77,9 +77,11 @@ def _check_joints(arm: ControllerArm) -> None:
     ):
         is_wide = max(abs(low), abs(high)) > _WIDEST_RAD and joint < len(_JOINTS)
         if is_wide or low >= high:
-            what = make_message("limits of {low:.4g} to {high:.4g} rad", low=low, high=high)
+            what = make_message(
+                "limits of {low:.5g} to {high:.5g} deg", low=math.degrees(low), high=math.degrees(high)
+            )
         elif not 0.0 < speed <= _FASTEST_RAD_S:
-            what = make_message("a speed of {speed:.4g} rad/s", speed=speed)
+            what = make_message("a speed of {speed:.5g} deg/s", speed=math.degrees(speed))
         else:
             continue
         raise CalibrationError(

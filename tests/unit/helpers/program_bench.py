@@ -130,7 +130,7 @@ class ProgramBench:
 
     def pause(self) -> None:
         if self.kuka is not None:
-            self.kuka.open_gate(is_open=True)
+            self.kuka.open_gate()
         if self.abb is not None:
             self.abb.press_emergency_stop()
 
