@@ -9,7 +9,7 @@ import numpy as np
 from cellcal.calibration.arm.kinematics import RobotModel
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.identification.misfit_couplings import pair_readings
-from cellcal.calibration.identification.misfit_error import MisfitCause, MisfitScore
+from cellcal.calibration.identification.misfit_error import MisfitCause, MisfitScore, say_column_apart
 from cellcal.calibration.identification.misfit_hypotheses import FileNames, JointInterpretation
 from cellcal.calibration.identification.observations import Observations, PointObservations, Rows
 from cellcal.calibration.identification.quick_fit import refine_number, trimmed_joint_scores
@@ -59,14 +59,11 @@ def _apart(series_rad: Array, rows: Rows, names: FileNames) -> Iterator[JointInt
     for joint, count in itertools.product(range(series_rad.shape[1]), _APART):
         changed = series_rad.copy()
         changed[:, joint] = np.roll(series_rad[:, joint], count)
-        name, many = names.joints[joint], abs(count)
         yield JointInterpretation(
             "rows",
             1,
             changed[rows],
-            make_message("{joint} stands {count} rows too far up in the file", joint=name, count=many)
-            if count > 0
-            else make_message("{joint} stands {count} rows too far down in the file", joint=name, count=many),
+            say_column_apart(names.joints[joint], -count),
             "Put each of its values beside the others of its row.",
         )
 

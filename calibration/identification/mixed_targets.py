@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from cellcal.calibration.arm.kinematics import RobotModel
 from cellcal.calibration.geometry import Array
-from cellcal.calibration.identification.misfit_error import MisfitCause, MisfitError
+from cellcal.calibration.identification.misfit_error import MisfitCause, one_target_error
 from cellcal.calibration.identification.observations import Rows
 from cellcal.calibration.identification.rows_apart import describe_rows
 from cellcal.calibration.identification.target_change import (
@@ -147,15 +147,5 @@ def refuse_mixed_targets(model: RobotModel, mixed: MixedTargets | None, file_row
     if mixed is None:
         return
     cause = mixed.as_cause(file_rows)
-    raise MisfitError(
-        make_message(
-            "the measurements do not fit {model_name} with one target: {left_mm:.2f} mm remain, and "
-            "{remaining_mm:.2f} mm if {says}.",
-            model_name=model.label,
-            left_mm=mixed.before_m * 1e3,
-            remaining_mm=mixed.remaining_m * 1e3,
-            says=cause.says,
-        ),
-        remedy=make_message("{cure} Nothing was stored.", cure=cause.cure),
-        causes=(cause,),
-    )
+    remedy = make_message("{cure} Nothing was stored.", cure=cause.cure)
+    raise one_target_error(model, mixed.before_m, cause, remedy)
