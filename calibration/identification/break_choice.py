@@ -22,6 +22,7 @@ from cellcal.calibration.identification.series_breaks import (
     change_between,
     find_small_break,
     find_small_excursion,
+    settle_small_breaks,
     sort_breaks,
 )
 from cellcal.calibration.message import make_message
@@ -45,6 +46,7 @@ def choose_breaks(
         waited = 0 if trial.accept(candidate) else waited + 1
         if waited == _PATIENCE:
             break
+    trial.replace_if_better(settle_small_breaks(fits, trial.chosen))
     while len(trial.chosen) < _MOST_BREAKS and _accept_small(trial, fits):
         continue
     return trial.chosen, tuple(trial.reasons)
@@ -83,6 +85,14 @@ class _BreakTrial:
         if comparison.better:
             self.chosen, self._best = candidate, errors
         return comparison.better
+
+    def replace_if_better(self, placed: tuple[SeriesBreak, ...]) -> None:
+        """Take as many breaks at other rows where groups are predicted better with them."""
+        if self._best is None or [each.row for each in placed] == [each.row for each in self.chosen]:
+            return
+        errors = _errors_with_breaks(self._fits, self._folds, placed)
+        if np.median(errors) < np.median(self._best) and np.mean(errors**2) < np.mean(self._best**2):
+            self.chosen, self._best = placed, errors
 
 
 def _errors_with_breaks(fits: FrameFits, folds: Rows, breaks: Sequence[SeriesBreak]) -> Array:
