@@ -1,5 +1,7 @@
 """Targets or devices that were measured in turn, row by row: each series of every so many rows fits by itself."""
 
+import numpy as np
+
 from cellcal.calibration.arm.kinematics import RobotModel
 from cellcal.calibration.identification.misfit_error import MisfitCause, MisfitScore
 from cellcal.calibration.identification.misfit_fit import fit_quickly
@@ -36,5 +38,5 @@ def turn_causes(model: RobotModel, series: Observations, limit_m: float) -> tupl
 
 
 def _each_alone(model: RobotModel, series: PointObservations, count: int) -> list[MisfitScore]:
-    rows = range(len(series))
-    return [fit_quickly(model, series.select_rows(list(rows[first::count]))) for first in range(count)]
+    rows = np.arange(len(series))
+    return [fit_quickly(model, series.select_rows(rows[first::count])) for first in range(count)]

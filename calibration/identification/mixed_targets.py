@@ -115,9 +115,9 @@ class _Division:
         """Return the best division of three starts: along each direction in which the rows disagree."""
         rest = self._rest(self._values)
         # What a device sees elsewhere is so in its own frame, and a target in that of the flange.
-        away = rest.reshape(-1, 3)
+        away: Array = rest.reshape(-1, 3)
         if not self._is_device:
-            away = np.linalg.solve(self._columns, away[..., None])[..., 0]
+            away = np.asarray(np.linalg.solve(self._columns, away[..., None])[..., 0], dtype=np.float64)
         away = away - np.median(away, axis=0)
         directions = np.linalg.svd(away, full_matrices=False)[2]
         divided = [self._divide(away @ direction > 0.0) for direction in directions]
