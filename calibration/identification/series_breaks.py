@@ -97,26 +97,6 @@ def find_small_break(fits: FrameFits, breaks: Sequence[SeriesBreak]) -> SeriesBr
     return cut
 
 
-def settle_small_breaks(fits: FrameFits, breaks: Sequence[SeriesBreak]) -> tuple[SeriesBreak, ...]:
-    """Return breaks, each where it gains most once the geometry is fitted, while the others stay.
-
-    The errors of an arm that was never calibrated draw the break of a small move to rows beside it.
-    """
-    settled = list(breaks)
-    for index, found in enumerate(breaks):
-        others = [each.row for each in settled if each is not found]
-        around = _free_span(found.row, others, len(fits.observations))
-        if not fits.carry_geometry(others):
-            continue
-        try:
-            moved = _best_cut(fits.fit_geometry(others), others, around)
-        except DegenerateDataError:
-            continue
-        if moved is not None and moved.row != found.row:
-            settled[index] = moved
-    return sort_breaks(*settled)
-
-
 def find_small_excursion(
     fits: FrameFits, breaks: Sequence[SeriesBreak]
 ) -> tuple[SeriesBreak, SeriesBreak] | None:
