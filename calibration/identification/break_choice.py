@@ -13,7 +13,12 @@ from cellcal.calibration.identification.cross_validation import (
 )
 from cellcal.calibration.identification.estimator import FitProblem, errors_m
 from cellcal.calibration.identification.fold_errors import errors_without_folds
-from cellcal.calibration.identification.frame_fits import FrameFits, fit_frames, mount_at_breaks
+from cellcal.calibration.identification.frame_fits import (
+    SHORTEST_MOUNTING,
+    FrameFits,
+    fit_frames,
+    mount_at_breaks,
+)
 from cellcal.calibration.identification.observations import Observations, Rows, with_mounting
 from cellcal.calibration.identification.parameters import ArmState
 from cellcal.calibration.identification.series_breaks import (
@@ -45,9 +50,30 @@ def choose_breaks(
         waited = 0 if trial.accept(candidate) else waited + 1
         if waited == _PATIENCE:
             break
+    trial.replace_if_better(_placed_with_geometry(fits, trial.chosen))
     while len(trial.chosen) < _MOST_BREAKS and _accept_small(trial, fits):
         continue
     return trial.chosen, tuple(trial.reasons)
+
+
+def _placed_with_geometry(fits: FrameFits, breaks: tuple[SeriesBreak, ...]) -> tuple[SeriesBreak, ...]:
+    """Return breaks, each where its rows change from one place of the device to the next once the geometry is fitted.
+
+    The errors of an arm that was never calibrated draw the break of a small move to rows beside it.
+    """
+    rows = [found.row for found in breaks]
+    if not breaks or not fits.carry_geometry(rows):
+        return breaks
+    state = fits.fit_geometry(rows)[0].state
+    edges = [0, *rows, len(fits.observations)]
+    placed = []
+    for mounting, found in enumerate(breaks):
+        first, last = edges[mounting] + SHORTEST_MOUNTING, edges[mounting + 2] - SHORTEST_MOUNTING
+        if first < last:
+            around = fits.observations.select_rows(np.arange(first, last))
+            edges[mounting + 1] = first + change_between(*errors_in_both_mountings(state, around, mounting))
+        placed.append(SeriesBreak(edges[mounting + 1], found.bic_gain))
+    return tuple(placed)
 
 
 def _accept_small(trial: "_BreakTrial", fits: FrameFits) -> bool:
@@ -83,6 +109,14 @@ class _BreakTrial:
         if comparison.better:
             self.chosen, self._best = candidate, errors
         return comparison.better
+
+    def replace_if_better(self, placed: tuple[SeriesBreak, ...]) -> None:
+        """Take as many breaks at other rows where groups are predicted better with them."""
+        if self._best is None or [each.row for each in placed] == [each.row for each in self.chosen]:
+            return
+        errors = _errors_with_breaks(self._fits, self._folds, placed)
+        if np.median(errors) < np.median(self._best) and np.mean(errors**2) < np.mean(self._best**2):
+            self.chosen, self._best = placed, errors
 
 
 def _errors_with_breaks(fits: FrameFits, folds: Rows, breaks: Sequence[SeriesBreak]) -> Array:

@@ -17,7 +17,7 @@ from cellcal.calibration.identification.cross_validation import (
 from cellcal.calibration.identification.estimator import FitProblem, errors_m
 from cellcal.calibration.identification.first_guess import first_guess
 from cellcal.calibration.identification.level_fit import fit_level
-from cellcal.calibration.identification.lints import Lint
+from cellcal.calibration.identification.lints import UNREPEATABLE_M, Lint
 from cellcal.calibration.identification.observations import (
     Observations,
     PoseObservations,
@@ -72,6 +72,8 @@ def contradicting_attitudes(
         )
     except (CalibrationError, np.linalg.LinAlgError):
         return []
+    if np.median(with_them) < UNREPEATABLE_M:
+        return []  # what is exact is rounded only: no row contradicts another
     better = compare_models(("", with_them), ("", without), groups[rows], least_gain=_GAIN).better
     if not better or np.median(without) > (1.0 - _GAIN) * np.median(with_them):
         return []

@@ -1,4 +1,4 @@
-"""Rows predicted without their fold: what the fold told is taken out of the fit of all rows."""
+"""Rows predicted without their fold: the information of the fold is subtracted from that of all rows."""
 
 from dataclasses import replace
 
@@ -46,19 +46,19 @@ def errors_without_folds(fit: ArmFit, problem: FitProblem, weights: Array, folds
     root = np.sqrt(weights)
     weighed = replace(problem, root=root)
     columns, residuals = place_columns(layout, fit.state, weighed)
-    told = [
+    information_of_folds = [
         _products(columns[..., folds == fold]) * np.outer(prior, prior)
         for fold in range(int(folds.max()) + 1)
     ]
-    information = np.eye(len(layout)) + sum(told)
+    information = np.eye(len(layout)) + sum(information_of_folds)
     errors = np.empty(len(folds))
-    for fold, of_fold in enumerate(told):
+    for fold, of_fold in enumerate(information_of_folds):
         training, held_rows = np.flatnonzero(folds != fold), np.flatnonzero(folds == fold)
         inverse = inverse_information(information - of_fold)
         others, left = weighed.select_rows(training), np.where(folds == fold, 0.0, residuals)
         state, step = fit.state, np.zeros(len(layout))
-        for taken in range(_STEPS):
-            if taken:
+        for step_number in range(_STEPS):
+            if step_number:
                 left[:, training] = whitened_residuals(state, others) * root[training]
             pull = np.tensordot(columns, left, axes=2) * prior
             step = inverse @ (pull - layout.prior_deviations(state) / prior)

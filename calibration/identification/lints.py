@@ -21,7 +21,7 @@ _SHARE = 0.3  # of the floor, above which a resolution is named
 _ENOUGH_ROWS = 20_000  # for a mean
 _UNIFORM = 1 / np.sqrt(12.0)
 _BEYOND_RAD = float(np.deg2rad(10.0))  # limits of descriptions are rounded, and robots overrun theirs
-_UNREPEATABLE_M = 2e-6
+UNREPEATABLE_M = 2e-6
 _FINE_STEP_M = 1e-5
 _ROUNDED_ALONE = 0.55  # of a step: the median of what rounding of three coordinates leaves is 0.48
 _FINE_M = 2e-5  # rounded joints leave as much
@@ -261,7 +261,7 @@ def find_calculated_positions(held_out_m: Array, step_m: float) -> list[Lint]:
     not tell.
     """
     left_m = float(np.median(held_out_m)) if len(held_out_m) else np.inf
-    closest = max(_UNREPEATABLE_M, _ROUNDED_PLACE * step_m if step_m <= _FINE_STEP_M else 0.0)
+    closest = max(UNREPEATABLE_M, _ROUNDED_PLACE * step_m if step_m <= _FINE_STEP_M else 0.0)
     if left_m > closest:
         return []
     return [

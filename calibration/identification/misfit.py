@@ -23,7 +23,14 @@ from cellcal.calibration.identification.misfit_error import (
     cure_by_column,
     misfit_error,
 )
-from cellcal.calibration.identification.misfit_explaining import ALIKE, ALIKE_M, explaining_causes, gross_m
+from cellcal.calibration.identification.misfit_explaining import (
+    ALIKE,
+    ALIKE_M,
+    DECISIVE,
+    MOST_ROWS,
+    explaining_causes,
+    gross_m,
+)
 from cellcal.calibration.identification.misfit_fit import fit_quickly, motion_of, places_only
 from cellcal.calibration.identification.misfit_hypotheses import (
     FileNames,
@@ -52,10 +59,8 @@ from cellcal.calibration.identification.quick_fit import spread_rows, trimmed_rm
 from cellcal.calibration.message import make_message
 
 _FEWEST = {"point": 8, "pose": 8, "length": 14}
-_MOST_ROWS = 80
 _SUSPECT = 0.002  # of the motion: no nominal arm with its mastering fitted is off by as much
 _SUSPECT_M = 1e-3
-_DECISIVE = 3.0  # times better must the rows fit with a cause
 _DECISIVE_NUMBER = 1.4  # times better with one more number: the pitch of a screw, or a lag
 _FEWEST_SCREWED = 16
 _FEWEST_TOLD_APART = 20  # rows, for hundreds of robots
@@ -92,7 +97,7 @@ def refuse_misfit(
     fewest = _FEWEST.get(observations.kind)
     if fewest is None or count_postures(observations.joints_rad, fewest) < fewest:
         return
-    rows = spread_rows(len(observations), _MOST_ROWS)
+    rows = spread_rows(len(observations), MOST_ROWS)
     some = observations.select_rows(rows)
     motion_m = motion_of(model, some)
     _refuse_constant(some, motion_m)
@@ -103,9 +108,9 @@ def refuse_misfit(
     if stands.score_m > max(_SUSPECT * motion_m, _SUSPECT_M):
         others = _other_robots(model, model_names()) if search_models else []
         # A zero far off is a cause itself, which the fit found by chance: any that fits better takes its place.
-        limit_m = stands.score_m / (1.0 if far_zeros(stands) else _DECISIVE)
+        limit_m = stands.score_m / (1.0 if far_zeros(stands) else DECISIVE)
         causes = explaining_causes(model, observations, limit_m, names, others)
-        decisive_m = min(stands.score_m / _DECISIVE, gross_m(motion_m))
+        decisive_m = min(stands.score_m / DECISIVE, gross_m(motion_m))
         causes = causes or _slides(model, some, decisive_m, names)
         causes = causes or joint_column_causes(model, observations, rows, names, fit_quickly, decisive_m)
         if causes:
@@ -113,21 +118,22 @@ def refuse_misfit(
     if stands.score_m <= gross_m(motion_m):
         _refuse_far_zero(model, observations, stands, names)
         return
-    _refuse_unexplained(model, observations, (stands.score_m, motion_m), names, search_models=search_models)
+    sizes_m = stands.score_m, motion_m
+    _refuse_unexplained(model, observations, rows, sizes_m, names, search_models=search_models)
 
 
 def _refuse_unexplained(
     model: RobotModel,
     observations: Observations,
+    rows: Rows,
     sizes_m: tuple[float, float],
     names: FileNames,
     *,
     search_models: bool,
 ) -> None:
-    """Refuse rows that no reading explains; sizes are what is left and the motion."""
+    """Refuse a series that no reading explains, by the rows looked at; sizes are what is left and the motion."""
     left_m, motion_m = sizes_m
-    rows = spread_rows(len(observations), _MOST_ROWS)
-    late = LateSearch(model, observations, rows, names, min(left_m / _DECISIVE, gross_m(motion_m)))
+    late = LateSearch(model, observations, rows, names, min(left_m / DECISIVE, gross_m(motion_m)))
     if causes := late.find_causes():
         raise misfit_error(model, left_m, motion_m, causes)
     if _misfits_throughout(model, observations, gross_m(motion_m)):
@@ -150,7 +156,7 @@ def refuse_gross_misfit(
     limit_m = gross_m(motion_m)
     if left_m <= limit_m:
         return
-    row = find_split(model, observations, min(limit_m, left_m / _DECISIVE))
+    row = find_split(model, observations, min(limit_m, left_m / DECISIVE))
     if row is None:
         names = names or FileNames(model.joint_names)
         raise _unknown_cause_error(model, left_m, motion_m, observations, names)
@@ -250,7 +256,7 @@ def _misfits_throughout(model: RobotModel, observations: Observations, limit_m: 
     fewest = _FEWEST[observations.kind]
     parts = np.array_split(np.arange(len(observations)), max(min(len(observations) // fewest, _PARTS), 1))
     return all(
-        fit_quickly(model, observations.select_rows(part[spread_rows(len(part), _MOST_ROWS)])).score_m
+        fit_quickly(model, observations.select_rows(part[spread_rows(len(part), MOST_ROWS)])).score_m
         > limit_m
         for part in parts
     )
@@ -265,7 +271,7 @@ def _refuse_other_robot(
     if len(observations) < _FEWEST_TOLD_APART or not entries:
         return
     others = _other_robots(model, [entry.name for entry in entries])
-    if causes := explaining_causes(model, observations, left_m / _DECISIVE, names, others):
+    if causes := explaining_causes(model, observations, left_m / DECISIVE, names, others):
         raise misfit_error(model, left_m, motion_m, causes)
 
 
@@ -286,7 +292,7 @@ def _refuse_one_number(
     left_m, motion_m = sizes_m
     some, unexplained_m = observations.select_rows(rows), gross_m(motion_m)
     if isinstance(some, LengthObservations):
-        limit_m = min(left_m / _DECISIVE, unexplained_m)
+        limit_m = min(left_m / DECISIVE, unexplained_m)
         for lengths, cause in length_readings(model, some):
             if (fitted := fit_quickly(model, lengths, limit_m=limit_m)).score_m <= limit_m:
                 raise misfit_error(model, left_m, motion_m, (replace(cause, remaining_m=fitted.score_m),))

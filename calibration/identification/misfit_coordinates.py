@@ -13,7 +13,7 @@ import numpy as np
 
 from cellcal.calibration.arm.kinematics import RobotModel
 from cellcal.calibration.geometry import Array
-from cellcal.calibration.identification.misfit_error import MisfitCause
+from cellcal.calibration.identification.misfit_error import MisfitCause, say_column_apart
 from cellcal.calibration.identification.misfit_hypotheses import USUAL_LENGTH_UNITS, FileNames
 from cellcal.calibration.identification.observations import Observations, PointObservations
 from cellcal.calibration.identification.quick_fit import trimmed_rms
@@ -150,11 +150,7 @@ def _describe(design: Array, columns: Array, wrong: int, names: FileNames, limit
         there = slice(rows, None) if rows > 0 else slice(None, rows)
         of = slice(None, -rows) if rows > 0 else slice(-rows, None)
         if _fit_line(design[of], column[there]).left_m <= limit_m:
-            return make_message(
-                "{column} stands {count} rows too far down in the file", column=name, count=rows
-            ) if rows > 0 else make_message(
-                "{column} stands {count} rows too far up in the file", column=name, count=-rows
-            ), "Put each of its numbers beside the others of its reading."
+            return say_column_apart(name, rows), "Put each of its numbers beside the others of its reading."
     if (column >= 0.0).all():
         return make_message(
             "{column}, which is never negative, does not", column=name

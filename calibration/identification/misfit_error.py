@@ -61,6 +61,17 @@ def describe_cause(candidate: MisfitCandidate, fitted: MisfitScore) -> MisfitCau
     )
 
 
+def say_column_apart(column: str, rows_down: int) -> str:
+    """Return that a column stands so many rows from the others, negative: up."""
+    if rows_down > 0:
+        return make_message(
+            "{column} stands {count} rows too far down in the file", column=column, count=rows_down
+        )
+    return make_message(
+        "{column} stands {count} rows too far up in the file", column=column, count=-rows_down
+    )
+
+
 def cure_or_others(cure: str, others: Sequence[MisfitCause]) -> str:
     """Return a cure, and those of the causes that fit as well."""
     cures = [cure]
@@ -86,4 +97,20 @@ def misfit_error(
         ),
         remedy=make_message("{cure} Nothing was stored.", cure=cure_or_others(first.cure, rest)),
         causes=causes,
+    )
+
+
+def one_target_error(model: RobotModel, before_m: float, cause: MisfitCause, remedy: str) -> MisfitError:
+    """Return the refusal of rows that were taken as of one target, and leave so much [m] without the cause."""
+    return MisfitError(
+        make_message(
+            "the measurements do not fit {model_name} with one target: {left_mm:.2f} mm remain, and "
+            "{remaining_mm:.2f} mm if {says}.",
+            model_name=model.label,
+            left_mm=before_m * 1000.0,
+            remaining_mm=cause.remaining_m * 1000.0,
+            says=cause.says,
+        ),
+        remedy=remedy,
+        causes=(cause,),
     )

@@ -13,6 +13,7 @@ from cellcal.calibration.identification.observations import Observations
 from cellcal.calibration.identification.quick_fit import spread_rows
 
 MOST_ROWS = 80
+DECISIVE = 3.0  # times better must the rows fit with a cause
 ALIKE = 1.6  # times the best score: these causes cannot be told apart
 ALIKE_M = 2e-4
 _GROSS = 0.015  # of the motion: nothing is calibrated by such a fit

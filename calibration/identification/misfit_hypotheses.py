@@ -94,17 +94,17 @@ def joint_readings(
     """
     joints_rad = series_rad[rows]
     return [
-        *_angle_units(joints_rad, names, _turning(model)),
-        *_slide_units(joints_rad, names, _turning(model)),
-        *_sign_readings(model, joints_rad, names),
-        *_home_readings(joints_rad, names, _turning(model)),
+        *_angle_units(joints_rad, names, turning_joints(model)),
+        *_slide_units(joints_rad, names, turning_joints(model)),
+        *sign_readings(model, joints_rad, names),
+        *_home_readings(joints_rad, names, turning_joints(model)),
         *_turned_homes(model, joints_rad, names),
-        *_order_readings(joints_rad, names, _turning(model)),
-        *_lagging_readings(series_rad, rows),
+        *order_readings(joints_rad, names, turning_joints(model)),
+        *lagging_readings(series_rad, rows),
     ]
 
 
-def _turning(model: RobotModel) -> NDArray[np.bool_]:
+def turning_joints(model: RobotModel) -> NDArray[np.bool_]:
     """Return which joints turn (n,)."""
     return np.ones(model.axis_count, dtype=bool) if model.sliding is None else ~model.sliding
 
@@ -188,9 +188,12 @@ def _stand_together(joints: Sequence[int], turning: Sequence[int]) -> bool:
     return list(joints) in (list(turning[:count]), list(turning[-count:]))
 
 
-def _sign_readings(model: RobotModel, joints_rad: Array, names: FileNames) -> Iterator[JointInterpretation]:
+def sign_readings(
+    model: RobotModel, joints_rad: Array, names: FileNames, *, most: int | None = None
+) -> Iterator[JointInterpretation]:
+    """Return every choice of joints, at most so many, that count the other way round."""
     axes = model.axis_count
-    for count in range(1, axes + 1):
+    for count in range(1, (most or axes) + 1):
         for turned in itertools.combinations(range(axes), count):
             sign = np.ones(axes)
             sign[list(turned)] = -1.0
@@ -228,9 +231,9 @@ def _home_readings(
 
 def _turned_homes(model: RobotModel, joints_rad: Array, names: FileNames) -> Iterator[JointInterpretation]:
     """Return one or two signs together with the zero of one joint: angles of a table of rows, not of a controller."""
-    turning = _turning(model)
+    turning = turning_joints(model)
     inner = [joint for joint in range(1, joints_rad.shape[1] - 1) if turning[joint]]
-    signs = [reading for reading in _sign_readings(model, joints_rad, names) if reading.parts <= _MOST_TURNED]
+    signs = list(sign_readings(model, joints_rad, names, most=_MOST_TURNED))
     for sign, joint, quarter in itertools.product(signs, inner, (1, 2, -1)):
         changed = sign.joints_rad.copy()
         changed[:, joint] += quarter * _QUARTER
@@ -281,9 +284,10 @@ def with_zeros(
     )
 
 
-def _order_readings(
+def order_readings(
     joints_rad: Array, names: FileNames, turning: NDArray[np.bool_]
 ) -> Iterator[JointInterpretation]:
+    """Return the joints in every other order; of seven and more in the simple ones."""
     plain = tuple(range(joints_rad.shape[1]))
     orders = itertools.permutations(plain) if len(plain) <= _MOST_PERMUTED else _simple_orders(plain)
     for order in orders:
@@ -323,7 +327,7 @@ def _swap_order(plain: tuple[int, ...], a: int, b: int) -> tuple[int, ...]:
     return tuple(order)
 
 
-def _lagging_readings(series_rad: Array, rows: Rows) -> Iterator[JointInterpretation]:
+def lagging_readings(series_rad: Array, rows: Rows) -> Iterator[JointInterpretation]:
     """Return joints of the rows before or after: two logs that were put side by side one row off."""
     for shift in (1, -1, 2, -2):
         if len(series_rad) > 4 * abs(shift):

@@ -9,7 +9,7 @@ import numpy as np
 from cellcal.calibration.arm.kinematics import RobotModel
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.identification.misfit_couplings import pair_readings
-from cellcal.calibration.identification.misfit_error import MisfitCause, MisfitScore
+from cellcal.calibration.identification.misfit_error import MisfitCause, MisfitScore, say_column_apart
 from cellcal.calibration.identification.misfit_hypotheses import FileNames, JointInterpretation
 from cellcal.calibration.identification.observations import Observations, PointObservations, Rows
 from cellcal.calibration.identification.quick_fit import refine_number, trimmed_joint_scores
@@ -43,6 +43,7 @@ def joint_column_causes(
         *_apart(series.joints_rad, rows, names),
         *_other_gears(model, some, names),
         *_together(some.joints_rad, names),
+        *_turned_along(model, some, names),
     ]
     scores = trimmed_joint_scores(
         model, np.stack([reading.joints_rad for reading in readings]), some.positions_m
@@ -59,14 +60,11 @@ def _apart(series_rad: Array, rows: Rows, names: FileNames) -> Iterator[JointInt
     for joint, count in itertools.product(range(series_rad.shape[1]), _APART):
         changed = series_rad.copy()
         changed[:, joint] = np.roll(series_rad[:, joint], count)
-        name, many = names.joints[joint], abs(count)
         yield JointInterpretation(
             "rows",
             1,
             changed[rows],
-            make_message("{joint} stands {count} rows too far up in the file", joint=name, count=many)
-            if count > 0
-            else make_message("{joint} stands {count} rows too far down in the file", joint=name, count=many),
+            say_column_apart(names.joints[joint], -count),
             "Put each of its values beside the others of its row.",
         )
 
@@ -95,6 +93,44 @@ def _other_gears(
                 ),
                 "See the gear ratio with which this column was calculated, and correct the column in the file.",
             )
+
+
+def _turned_along(
+    model: RobotModel, some: PointObservations, names: FileNames
+) -> Iterator[JointInterpretation]:
+    """Return each joint with the share of one of the two before it that its column lacks, as wrists have."""
+    for joint, behind in itertools.product(range(model.axis_count), (1, 2)):
+        before = joint - behind
+        if before < 1:
+            continue
+        share = refine_number(
+            lambda shares, of=joint, by=before: trimmed_joint_scores(  # type: ignore[misc]
+                model, _with_share(some.joints_rad, of, by, shares), some.positions_m
+            ),
+            _WIDEST,
+            _STEPS,
+        )
+        if abs(share) < _LEAST:
+            continue
+        yield JointInterpretation(
+            "coupling",
+            1,
+            _with_share(some.joints_rad, joint, before, np.array([share]))[0],
+            make_message(
+                "{joint} turns by about {share:+.3f} of {other} more than its column says",
+                joint=names.joints[joint],
+                share=share,
+                other=names.joints[before],
+            ),
+            "See how the controller or the log couples these joints, and correct the column in the file.",
+        )
+
+
+def _with_share(joints_rad: Array, joint: int, before: int, shares: Array) -> Array:
+    """Return joints (H, N, n) of which one has each share (H,) of another added."""
+    joints = np.repeat(joints_rad[None], len(shares), axis=0)
+    joints[:, :, joint] += shares[:, None] * joints_rad[:, before]
+    return joints
 
 
 def _multiplied(joints_rad: Array, joint: int, factors: Array) -> Array:

@@ -8,7 +8,12 @@ import numpy as np
 
 from cellcal.calibration.arm.kinematics import RobotModel
 from cellcal.calibration.identification.misfit_error import MisfitCause, MisfitError
-from cellcal.calibration.identification.misfit_explaining import explaining_causes, gross_m
+from cellcal.calibration.identification.misfit_explaining import (
+    DECISIVE,
+    MOST_ROWS,
+    explaining_causes,
+    gross_m,
+)
 from cellcal.calibration.identification.misfit_fit import fit_quickly, motion_of, places_only
 from cellcal.calibration.identification.misfit_hypotheses import FileNames, home_reading
 from cellcal.calibration.identification.misfit_joint_columns import joint_column_causes
@@ -23,9 +28,7 @@ from cellcal.calibration.identification.quick_fit import spread_rows
 from cellcal.calibration.message import join_messages, make_message
 
 _FEWEST_ROWS = 16  # of each part
-_MOST_ROWS = 80
 _SHARE = 3
-_DECISIVE = 3.0
 _DIVIDE = (
     "Something changed in between: target, device, or how a column was written. Divide the file where it did, and "
     "identify each part."
@@ -78,7 +81,7 @@ def parts_error(
 
 def _cause_of(model: RobotModel, part: Observations, names: FileNames) -> MisfitCause | None:
     """Return what a part fits by, a cause without words where it fits as it is; None where it does not."""
-    rows = spread_rows(len(part), _MOST_ROWS)
+    rows = spread_rows(len(part), MOST_ROWS)
     some = part.select_rows(rows)
     stands, limit_m = fit_quickly(model, some), gross_m(motion_of(model, some))
     far = far_zeros(stands)
@@ -86,7 +89,7 @@ def _cause_of(model: RobotModel, part: Observations, names: FileNames) -> Misfit
     if fits and not far:
         return MisfitCause((), "", "", stands.score_m)
     # A zero far off is a cause itself, which the fit found by chance.
-    limit_m = min(stands.score_m / (1.0 if far else _DECISIVE), limit_m)
+    limit_m = min(stands.score_m / (1.0 if far else DECISIVE), limit_m)
     causes = explaining_causes(model, part, limit_m, names, [])
     causes = causes or joint_column_causes(model, part, rows, names, fit_quickly, limit_m)
     if not causes and fits:

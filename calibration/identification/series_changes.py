@@ -33,7 +33,7 @@ _DEVICE_COLUMNS = 6
 _SMALLEST_RAD = 3e-4
 _RIDGE = 1e-9
 _COARSE = 40  # places of change that are looked at first
-_SAME_SIDES = (
+SAME_SIDES = (
     0.6  # a joint comes from one side before a row, and from the other behind it, in four of five rows
 )
 _SAME_PLACE = 0.25  # of the way: the target came back
@@ -208,7 +208,7 @@ def find_series_changes(series: SeriesColumns | None, observations: Observations
         found = _decisive(search)
     except LinAlgError:
         return None
-    if found is None or _may_be_play(found, search, _approaches(observations)[series.rows]):
+    if found is None or _may_be_play(found, search, approaches(observations)[series.rows]):
         return None
     metres = float(np.median(series.sigma_m) * np.sqrt(3.0))
     return SeriesChanges(
@@ -218,7 +218,7 @@ def find_series_changes(series: SeriesColumns | None, observations: Observations
     )
 
 
-def _approaches(observations: Observations) -> Array:
+def approaches(observations: Observations) -> Array:
     """Return from which side each joint came (N, joints): 1 upwards, -1 downwards, as before where it stood."""
     joints_rad = observations.joints_rad
     signs = np.sign(np.diff(joints_rad, axis=0, prepend=joints_rad[:1]))
@@ -227,7 +227,7 @@ def _approaches(observations: Observations) -> Array:
     return signs
 
 
-def _may_be_play(found: _Hypothesis, search: _Search, approaches: Array) -> bool:
+def _may_be_play(found: _Hypothesis, search: _Search, sides: Array) -> bool:
     """Return whether a joint whose zero changed comes to its places from the other side from that row on.
 
     The play of the joint explains such rows as well: a sweep upwards and back is no reason to refuse them.
@@ -235,9 +235,9 @@ def _may_be_play(found: _Hypothesis, search: _Search, approaches: Array) -> bool
     row, kind, columns = found.parts[0]
     if kind != JOINT:
         return False
-    behind = np.where(np.arange(len(approaches)) >= row, 1.0, -1.0)
-    agreement = float(np.mean(approaches[:, search.joint_at(int(columns[0]))] * behind))
-    return abs(agreement) > _SAME_SIDES
+    behind = np.where(np.arange(len(sides)) >= row, 1.0, -1.0)
+    agreement = float(np.mean(sides[:, search.joint_at(int(columns[0]))] * behind))
+    return abs(agreement) > SAME_SIDES
 
 
 def _decisive(search: _Search) -> _Hypothesis | None:

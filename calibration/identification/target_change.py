@@ -15,7 +15,7 @@ from cellcal.calibration.geometry import Array
 from cellcal.calibration.identification.estimator import FitProblem, estimate_arm, place_columns
 from cellcal.calibration.identification.first_guess import first_guess
 from cellcal.calibration.identification.layouts import make_layout
-from cellcal.calibration.identification.misfit_error import MisfitCause, MisfitError
+from cellcal.calibration.identification.misfit_error import MisfitCause, one_target_error
 from cellcal.calibration.identification.observations import (
     LengthObservations,
     Observations,
@@ -168,15 +168,5 @@ def refuse_target_change(model: RobotModel, change: TargetChange | None, file_ro
         moved_mm=change.moved_m * 1000.0,
         row=int(file_rows[change.row]),
     )
-    raise MisfitError(
-        make_message(
-            "the measurements do not fit {model_name} with one target: {left_mm:.2f} mm remain, and "
-            "{remaining_mm:.2f} mm if {says}.",
-            model_name=model.label,
-            left_mm=change.before_m * 1000.0,
-            remaining_mm=change.remaining_m * 1000.0,
-            says=says,
-        ),
-        remedy=_CURE,
-        causes=(MisfitCause(("target",), says, _CURE, change.remaining_m),),
-    )
+    cause = MisfitCause(("target",), says, _CURE, change.remaining_m)
+    raise one_target_error(model, change.before_m, cause, _CURE)

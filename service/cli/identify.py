@@ -179,7 +179,7 @@ def identify(  # noqa: PLR0913  # a command's options are its arguments
     )
     outputs = IdentifyOutputs(save, serial, by, urdf, geometric_joints, project_axes)
     outputs.refuse_unwritable(robot, residual_model=residual_model)
-    at_options = _at_options(at, at_convention, identified=at_identified)
+    at_options = _at_options(at, at_convention, at_csv, identified=at_identified)
     if layout is not None and describes_a_cell(layout):
         from cellcal.calibration.cells.levels import CellOptions
         from cellcal.service.cli.identify_cell import CellCommand, identify_cell, refuse_for_a_cell
@@ -217,10 +217,15 @@ def _split_words(texts: tuple[str, ...]) -> tuple[str, ...]:
     return tuple(word.strip() for text in texts for word in text.split(","))
 
 
-def _at_options(at: Path | None, convention: str, *, identified: bool) -> "AtOptions | None":
-    """Return the points to predict."""
+def _at_options(
+    at: Path | None, convention: str, out: Path | None, *, identified: bool
+) -> "AtOptions | None":
+    """Return the points to predict; what they would be written over is refused before the work."""
     from cellcal.service.engineering.identification.at_points import AtOptions
+    from cellcal.service.engineering.identification.identify_at import refuse_existing
 
+    if out is not None:
+        refuse_existing(out)
     return None if at is None else AtOptions(at, convention, identified)
 
 
@@ -264,22 +269,23 @@ def _print_identification(report: "IdentifyReport", views: _ReportViews, *, as_j
     from cellcal.service.engineering.identification.identify_at import tips_at, write_tips
 
     tips = None if views.at is None else tips_at(views.at, report, identified=views.at_identified)
+    if as_json:
+        at = {} if tips is None else {"at": tips.as_document()}
+        dh = {"dh": asdict(report.dh)} if views.dh and report.dh is not None else {}
+        print_json({**report.as_document(), **at, **dh})
+    else:
+        console = Console(highlight=False, emoji=False)
+        print_report(console, report)
+        if views.dh:
+            print_dh(console, report.dh, report.robot)
+        if tips is not None:
+            print_tips(console, tips)
+    # At last: what cannot be written loses no result.
     if tips is not None and views.at_csv is not None:
         write_tips(tips, views.at_csv)
         STDERR_CONSOLE.print(f"wrote {views.at_csv}", markup=False)
     if views.plot is not None:
         _draw_plots(report, views.plot)
-    if as_json:
-        at = {} if tips is None else {"at": tips.as_document()}
-        dh = {"dh": asdict(report.dh)} if views.dh and report.dh is not None else {}
-        print_json({**report.as_document(), **at, **dh})
-        return
-    console = Console(highlight=False, emoji=False)
-    print_report(console, report)
-    if views.dh:
-        print_dh(console, report.dh, report.robot)
-    if tips is not None:
-        print_tips(console, tips)
 
 
 def _draw_plots(report: "IdentifyReport", folder: Path) -> None:

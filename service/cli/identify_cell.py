@@ -73,8 +73,6 @@ def identify_cell(command: CellCommand, options: "CellOptions") -> int:
 
     report = identify_cell_file(command.measurements, command.layout, command.robot, options, command.limits)
     tips = {} if command.at is None else cell_tips(command.at, report)
-    if command.at_csv is not None:
-        _write_tips(tips, command.at_csv)
     if command.as_json:
         at = {"at": {name: found.as_document() for name, found in tips.items()}} if tips else {}
         print_json({**report.as_document(), **at})
@@ -85,7 +83,10 @@ def identify_cell(command: CellCommand, options: "CellOptions") -> int:
             print_tables(console, report)
         for name, found in tips.items():
             print_tips(console, found, name)
-    _write_outputs(command, report)  # at last: what cannot be written loses no result
+    # At last: what cannot be written loses no result.
+    if command.at_csv is not None:
+        _write_tips(tips, command.at_csv)
+    _write_outputs(command, report)
     return ExitCode.PASS if report.is_proved else ExitCode.OUT_OF_TOLERANCE
 
 

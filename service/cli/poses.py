@@ -119,10 +119,13 @@ def poses(  # noqa: PLR0913  # a command's options are its arguments
     from cellcal.service.engineering.identification.pose_planning import (
         PlanRequest,
         RobotDescription,
+        refuse_existing,
         write_plan,
     )
     from cellcal.service.exit_codes import ExitCode
 
+    if out is not None:
+        refuse_existing(out)
     acceptance = _build_acceptance(accept_tip_mm, accept_worst_tip_mm, accept_offset_deg, offsets)
     instrument = DesignInstrument(kind, sigma_mm / 1e3, sigma_deg / DEGREES_PER_RADIAN, _to_metres(anchor_mm))
     report = _plan_and_show(

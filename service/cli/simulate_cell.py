@@ -70,6 +70,8 @@ def robot(  # noqa: PLR0913  a command's options are its arguments
     }  # fmt: skip
     if urdf is not None:
         settings["description"] = str(urdf)
+    if save is not None:
+        _refuse_nameless(serial, by)
     found, spec = _calibrate_part("robot", (simulated, measured), settings, (columns, units))
     if save is not None:
         _save_parameters(found, spec, save, (serial, by))
@@ -199,20 +201,25 @@ def _parse_pairs(pairs: tuple[str, ...]) -> dict[str, str]:
     return {key: value for key, _, value in (pair.partition("=") for pair in pairs)}
 
 
+def _refuse_nameless(serial: str, by: str) -> None:
+    """Refuse, before the work, a parameter set of no robot or of no person."""
+    from cellcal.calibration.errors import CellError
+
+    if not (serial and by):
+        raise CellError(
+            "--save needs --serial and --by.", remedy="Say whose robot it is and who says so.", code="usage"
+        )
+
+
 def _save_parameters(
     found: "CalibratedPart", spec: "SimulationCell", folder: Path, who: tuple[str, str]
 ) -> None:
     from datetime import UTC, datetime
 
-    from cellcal.calibration.errors import CellError
     from cellcal.service.cli.printing import STDERR_CONSOLE
     from cellcal.service.engineering.parameters.parameter_files import SetOrigin
     from cellcal.service.engineering.parameters.simulated_cells import save_robot
 
-    if not all(who):
-        raise CellError(
-            "--save needs --serial and --by.", remedy="Say whose robot it is and who says so.", code="usage"
-        )
     made_at = datetime.now(UTC).isoformat(timespec="seconds")
     saved = save_robot(found, spec, folder, SetOrigin(*who, made_at))
     STDERR_CONSOLE.print(f"version {saved.version} of robot {saved.robot_serial} in {folder}", markup=False)

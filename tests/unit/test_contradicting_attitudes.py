@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from cellcal.calibration.arm.kinematics import load_model
-from cellcal.calibration.geometry import quaternion_from_rotation
+from cellcal.calibration.geometry import exp_rotation, log_rotation, quaternion_from_rotation
 from cellcal.calibration.identification.contradicting_attitudes import (
     AttitudeSteps,
     contradicting_attitudes,
@@ -59,6 +59,15 @@ def test_attitudes_of_an_arm_with_other_errors_are_left_out() -> None:
     turns = other.truth.seen_from(0).base_flange(poses.observations.joints_rad)[:, :3, :3]
     (message,) = notes(replace(poses.observations, rotations=turns))
     assert "contradict the places" in message
+
+
+def test_exact_attitudes_that_are_rounded_stay() -> None:
+    for seed in range(6):
+        true = tracker_poses(NAME, 60, seed=seed)
+        poses = true.truth.seen_from(0).base_flange(true.observations.joints_rad)
+        turns = np.array([exp_rotation(np.round(log_rotation(turn), 7)) for turn in poses[:, :3, :3]])
+        places = np.round(poses[:, :3, 3], 9)
+        assert notes(replace(true.observations, positions_m=places, rotations=turns)) == []
 
 
 def test_a_file_with_the_controllers_attitudes_is_fitted_to_its_places(tmp_path: Path) -> None:

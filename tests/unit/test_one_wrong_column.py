@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from cellcal.calibration.arm.kinematics import load_model
-from cellcal.calibration.geometry import Array
+from cellcal.calibration.geometry import Array, exp_twist
 from cellcal.calibration.identification.misfit import refuse_gross_misfit, refuse_misfit
 from cellcal.calibration.identification.misfit_error import MisfitError
 from cellcal.calibration.identification.misfit_hypotheses import FileNames
-from cellcal.calibration.identification.mixed_targets import find_mixed_targets
+from cellcal.calibration.identification.mixed_targets import find_mixed_targets, refuse_mixed_targets
 from cellcal.calibration.identification.target_change import series_columns
 from tests.unit.helpers.simulated_arm import SimulatedMeasurements, tracker_points
 
@@ -116,13 +116,56 @@ def test_a_joint_sorted_by_itself_is_pointed_at(robot: str) -> None:
     assert f"{true.model.joint_names[1]} only rises or falls" in refusal_of(true, joints=joints).remedy
 
 
+def mixed_in(model, rows):
+    return find_mixed_targets(series_columns(model, rows), rows)
+
+
+@pytest.mark.parametrize("robot", ROBOTS)
+@pytest.mark.parametrize("every", [2, 3])
+@pytest.mark.parametrize("move", [(5e-4, 0, 0, 0, 0, 0), (0, 0, 0, 0, 0, 1e-3), (0.1, 0.1, 0, 0.1, 0.05, 0)])
+def test_two_devices_in_turn_are_told_apart_row_by_row(
+    robot: str, every: int, move: tuple[float, ...]
+) -> None:
+    true = tracker_points(robot, 60, seed=5)
+    second = np.arange(0, 60, every)
+    places, there = true.observations.positions_m.copy(), exp_twist(np.array(move))
+    places[second] = places[second] @ there[:3, :3].T + there[:3, 3]
+    rows = replace(true.observations, positions_m=places)
+    found = mixed_in(true.model, rows)
+    assert found is not None
+    assert found.is_device
+    # Which of two halves is the second one, nothing tells.
+    assert found.second.tolist() in (second.tolist(), np.setdiff1d(np.arange(60), second).tolist())
+    with pytest.raises(MisfitError, match=r"as seen by one device.*two devices or stations in turn"):
+        refuse_mixed_targets(true.model, found, np.arange(60))
+
+
+@pytest.mark.parametrize("robot", ROBOTS)
+@pytest.mark.parametrize("joint", [0, -1])
+def test_play_of_a_joint_is_no_second_device_or_target(robot: str, joint: int) -> None:
+    for seed in range(4):
+        true = tracker_points(robot, 60, seed=seed)
+        joints = true.observations.joints_rad.copy()
+        joints[:, joint] += np.deg2rad(0.1) * np.sign(np.diff(joints[:, joint], prepend=0.0))
+        assert mixed_in(true.model, replace(true.observations, joints_rad=joints)) is None
+
+
+@pytest.mark.parametrize("robot", ROBOTS)
+def test_a_joint_that_another_turns_along_is_not_two_targets(robot: str) -> None:
+    for seed in range(4):
+        true = tracker_points(robot, 60, seed=seed)
+        joints = true.observations.joints_rad.copy()
+        joints[:, 5] += 0.02 * joints[:, 4]
+        assert mixed_in(true.model, replace(true.observations, joints_rad=joints)) is None
+
+
 @pytest.mark.parametrize("robot", ROBOTS)
 @pytest.mark.parametrize("times", [0.03, 1.0])
 def test_two_targets_in_turn_are_told_apart_row_by_row(robot: str, times: float) -> None:
     true = tracker_points(robot, 60, seed=5)
     second = np.flatnonzero(np.random.default_rng(3).random(60) < 0.4)
     rows = replace(true.observations, positions_m=second_target(true, AWAY_M * times, second))
-    found = find_mixed_targets(series_columns(true.model, rows))
+    found = mixed_in(true.model, rows)
     assert found is not None
     assert found.second.tolist() == second.tolist()
     assert found.apart_m == pytest.approx(float(np.linalg.norm(AWAY_M)) * times, rel=0.1)
@@ -133,7 +176,7 @@ def test_two_targets_in_turn_are_told_apart_row_by_row(robot: str, times: float)
 def test_rows_of_one_target_are_not_divided(robot: str, count: int) -> None:
     for seed in range(6):
         true = tracker_points(robot, count, seed=seed)
-        assert find_mixed_targets(series_columns(true.model, true.observations)) is None
+        assert mixed_in(true.model, true.observations) is None
 
 
 @pytest.mark.parametrize("robot", ROBOTS)
@@ -174,3 +217,45 @@ def test_another_robot_is_named_as_it_is_mounted(mounting: str) -> None:
     true = tracker_points("ur5", 40, seed=2)
     named = replace(true, model=load_model(f"ur5e@{mounting}"))
     assert f"`--robot ur5@{mounting}`" in refusal_of(named, search=True).remedy
+
+
+@pytest.mark.parametrize("robot", ROBOTS)
+@pytest.mark.parametrize("count", [2, 3])
+def test_far_devices_and_several_targets_in_turn_are_counted(robot: str, count: int) -> None:
+    true = tracker_points(robot, 72, seed=7)
+    places = true.observations.positions_m.copy()
+    for each in range(1, count):
+        there, rows = (
+            exp_twist(np.array([0.8 * each, 0.1, 0.3, 0.2, 0.1, 0.7 * each])),
+            np.arange(each, 72, count),
+        )
+        places[rows] = places[rows] @ there[:3, :3].T + there[:3, 3]
+    said = refusal_of(true, places=places).message
+    assert f"{count} targets or devices were measured in turn" in said
+
+
+@pytest.mark.parametrize("robot", ROBOTS)
+@pytest.mark.parametrize(("joint", "other"), [(4, 3), (5, 4), (5, 3)])
+def test_a_share_of_another_joint_that_a_column_lacks_is_named(robot: str, joint: int, other: int) -> None:
+    true = tracker_points(robot, 60, seed=7)
+    joints = true.observations.joints_rad.copy()
+    joints[:, joint] -= 0.08 * joints[:, other]
+    said = refusal_of(true, joints=joints).message
+    assert f"{J[joint]} turns by about +0.0" in said
+    assert f"of {J[other]} more than its column says" in said
+
+
+@pytest.mark.parametrize("robot", ROBOTS)
+def test_two_faults_of_the_joints_are_named_together(robot: str) -> None:
+    true = tracker_points(robot, 60, seed=7)
+    joints = true.observations.joints_rad[:, [0, 1, 2, 4, 3, 5]].copy()
+    joints[:, 2] *= -1.0
+    refused = refusal_of(true, joints=joints)
+    assert "in another order: A1, A2, A3, A5, A4, A6, and A3 counts the other way round" in refused.message
+    assert "joints=A1,A2,-A3,A5,A4,A6" in refused.remedy
+    joints = np.roll(true.observations.joints_rad, 1, axis=0)
+    joints[:, 1] *= -1.0
+    refused = refusal_of(true, joints=joints)
+    assert "1 row apart, and A2 counts the other way round" in refused.message
+    assert "Move the joints 1 row up in the file." in refused.remedy
+    assert "joints=A1,-A2,A3,A4,A5,A6" in refused.remedy

@@ -112,6 +112,19 @@ def test_a_base_by_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str
     assert text.count("mm after") == 8
 
 
+def test_a_missing_file_is_named_before_the_other_is_read(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    unreadable = tmp_path / "a.csv"
+    unreadable.write_text("no tags at all\n")
+    command = ["simulate-cell", "robot", str(unreadable), str(tmp_path / "none.csv"), "--model", "ur10"]
+    assert run_command_line(command) != ExitCode.PASS
+    assert "there is no file" in capsys.readouterr().err
+    # Neither is a robot without a serial number.
+    assert run_command_line([*command, "--save", str(tmp_path / "sets")]) != ExitCode.PASS
+    assert "--save needs --serial and --by." in capsys.readouterr().err
+
+
 def test_a_workpiece_by_the_command_and_what_is_missing(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

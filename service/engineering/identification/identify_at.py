@@ -159,8 +159,8 @@ def statement_of(learnt: str, rows: int, rejected: int, *, far: bool) -> tuple[s
     return tuple(sentences)
 
 
-def write_tips(tips: TipsAt, path: Path) -> None:
-    """Write the points as CSV: degrees and millimetres.
+def refuse_existing(path: Path) -> None:
+    """Refuse to write points over a file.
 
     Raises
     ------
@@ -171,6 +171,17 @@ def write_tips(tips: TipsAt, path: Path) -> None:
         raise MeasurementError(
             make_message("{path} is there already.", path=path), remedy="Name a file that does not exist."
         )
+
+
+def write_tips(tips: TipsAt, path: Path) -> None:
+    """Write the points as CSV: degrees and millimetres.
+
+    Raises
+    ------
+    MeasurementError
+        The file is there already.
+    """
+    refuse_existing(path)
     factors = np.full(tips.joints_rad.shape[1], np.degrees(1.0)) if tips.shown is None else tips.shown[0]
     names = list(tips.shown[1] if tips.shown else (f"q{i + 1}_deg" for i in range(len(factors))))
     names += ["x_mm", "y_mm", "z_mm", "sigma_x_mm", "sigma_y_mm", "sigma_z_mm", "sigma_mm", "u95_mm"]

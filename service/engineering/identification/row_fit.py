@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from cellcal.calibration.arm.kinematics import RobotModel
+from cellcal.calibration.identification.axis_scales import find_axis_scale, refuse_axis_scale
 from cellcal.calibration.identification.cross_validation import Grouping, group_rows
 from cellcal.calibration.identification.identify import Identification, start_identification
 from cellcal.calibration.identification.misfit import refuse_misfit
@@ -163,13 +164,15 @@ def _split_rows(count: int, options: IdentifyOptions) -> tuple[Rows, Rows]:
 
 
 def _refuse_changes(chain: RobotModel, prepared: PreparedMeasurements) -> None:
-    """Refuse rows within which a target, or the zero of a joint, changed."""
+    """Refuse rows within which a target, device or zero of a joint changed, or one coordinate of another size."""
     observations, rows = prepared.observations, prepared.measurements.rows
     series = series_columns(chain, observations)
     try:
         refuse_series_changes(chain, find_series_changes(series, observations), rows)
         refuse_target_change(chain, find_target_change(series), rows)
-        refuse_mixed_targets(chain, find_mixed_targets(series), rows)
+        refuse_mixed_targets(chain, find_mixed_targets(series, observations), rows)
+        position = file_names(prepared.measurements).position
+        refuse_axis_scale(chain, observations, find_axis_scale(series, observations), position)
     except MisfitError as error:
         column = prepared.measurements.targets[0]
         if not column or all("target" not in cause.kinds for cause in error.causes):

@@ -18,14 +18,15 @@ from cellcal.calibration.orientation import CONVENTIONS, values_from
 from cellcal.calibration.points.tag_placement import PlacedTags
 from cellcal.calibration.points.tag_points import TagPath
 from cellcal.procedures.simulation_cell import CalibratedPart, CalibratedRobot, Description, SimulationCell
-from cellcal.service.configuration.file_settings import file_settings
+from cellcal.service.configuration.file_settings import file_settings, tag_settings
 from cellcal.service.engineering.measured.embedded_files import file_of, is_embedded
+from cellcal.service.engineering.measured.table import MeasurementError
 from cellcal.service.engineering.measured.tag_files import read_description, tags_of_setting
 from cellcal.service.engineering.parameters.calibrated_models import nominal_sha256
 from cellcal.service.engineering.parameters.parameter_files import SetOrigin
 from cellcal.service.engineering.parameters.parameter_set import ParameterSet, ParameterValue
 from cellcal.service.engineering.parameters.parameter_sets import ParameterSets
-from cellcal.service.files import SHARED_FILE, replace_file
+from cellcal.service.files import SHARED_FILE, missing_file_words, replace_file
 
 _ATTITUDE_FORMS = (
     "fanuc_wpr",
@@ -39,7 +40,18 @@ _RESULT: TypeAdapter[CalibratedPart] = TypeAdapter(CalibratedPart)
 
 
 def with_files(kind: type, settings: Mapping[str, object]) -> dict[str, object]:
-    """Return a procedure's settings with the content of the files that they name."""
+    """Return a procedure's settings with the content of the files that they name.
+
+    Raises
+    ------
+    MeasurementError
+        A file cannot be read; one of tags that is missing is named before any is read.
+    """
+    for name in tag_settings(kind):
+        file = _file_in(settings.get(name))
+        if isinstance(file, str) and file and not Path(file).exists():
+            why, cure = missing_file_words(Path(file))
+            raise MeasurementError(why, remedy=cure)
     hints = get_type_hints(kind)
     read = dict(settings)
     for key, value in settings.items():
@@ -51,6 +63,11 @@ def with_files(kind: type, settings: Mapping[str, object]) -> dict[str, object]:
     return read
 
 
+def _file_in(value: Any) -> Any:
+    """Return the file of a setting: a path, or one that it carries."""
+    return value.get("file", value) if isinstance(value, dict) else value
+
+
 def refuse_paths(kind: type, settings: Mapping[str, object]) -> None:
     """Refuse settings of a screen that name files of this computer: who looks from afar may not read them.
 
@@ -60,8 +77,7 @@ def refuse_paths(kind: type, settings: Mapping[str, object]) -> None:
         A file is named and not carried.
     """
     for name in file_settings(kind):
-        value = settings.get(name)
-        file = value.get("file", value) if isinstance(value, dict) else value
+        file = _file_in(settings.get(name))
         if file and not is_embedded(file):
             raise CellError(
                 make_message("{name} names a file of the service's computer.", name=name),
