@@ -97,7 +97,8 @@ async def _check_first_of_all(page: Page) -> None:
     await expect(page.get_by_test_id("position-first")).to_be_visible()
     await expect(page.get_by_test_id("start")).to_be_disabled()
     await go_to_page(page, "#/procedure/mastering_recovery")
-    await expect(page.get_by_test_id("start")).to_be_enabled()
+    await expect(page.get_by_test_id("cannot-start")).to_be_visible()  # no record was taken in this cell
+    await expect(page.get_by_test_id("position-first")).to_have_count(0)
     await page.evaluate("location.hash = '#/'")
     await expect(page.get_by_test_id("loss-first")).to_be_visible()
     await expect(page.get_by_test_id("tour")).to_have_attribute("data-step", "2")
