@@ -6,7 +6,12 @@ from dataclasses import dataclass, field
 from itertools import accumulate
 from math import isnan, nan
 
-from cellcal.drivers.fanuc.program_files.ls_statements import MotionStatement, Statement, read_statements
+from cellcal.drivers.fanuc.program_files.ls_statements import (
+    BESIDE_WORDS,
+    MotionStatement,
+    Statement,
+    read_statements,
+)
 from cellcal.drivers.programs.shifts import NO_TURN, UNREADABLE, Quaternion, Triple
 
 _ASSIGNED = re.compile(  # an element is a number, or a register has it: PR[1,R[2]]=
@@ -27,7 +32,7 @@ _OTHER_PLACE = re.compile(rb"(?<![A-Za-z])PR?\[")
 _NOTHING = re.compile(rb"(PR\[ *\d+ *\]|LPOS|JPOS) *- *\1")
 _NUMBER = re.compile(rb"\(? *+(-?+(?:\d++(?:\.\d*+)?+|\.\d++)) *+\)?")
 _BRANCHES = re.compile(
-    rb"\b(?:IF|WENN|LBL|MARKE|JMP|SPRUNG|SELECT|FOR|WHILE|CALL|AUFRUF|RUN|MONITOR)\b"
+    rb"\b(?:IF|WENN|LBL|MARKE|JMP|SPRUNG|SELECT|FOR|WHILE|CALL|AUFRUF|" + BESIDE_WORDS + rb")\b"
     rb"|\A[A-Za-z]\w*+(?:[ \t]++\w++)*+\Z"  # words alone: a macro
 )
 ANY_PLACE, ADDED, TURNED = "PR[...]", "+", "~"
@@ -240,6 +245,7 @@ class RegisterContents:
     """The contents of registers while a program without branches and calls runs from its first line."""
 
     conditions: frozenset[int] = frozenset()  # registers that shift motions which name none
+    beside: frozenset[int] = frozenset()  # registers that get a value at any time
     certain: bool = True
     elements: dict[tuple[int, int], float] = field(default_factory=dict)
 
@@ -267,7 +273,7 @@ class RegisterContents:
         registers = motion.offset_registers
         shifting = set(registers or self.conditions)
         quaternion = NO_TURN if shifting and not turned & shifting else None  # of any register: it may turn
-        if not self.certain or len(registers) != 1:
+        if not self.certain or len(registers) != 1 or registers[0] in self.beside:
             return UNREADABLE, quaternion
         x, y, z = (self._length_m(registers[0], each) for each in (1, 2, 3))
         return (x, y, z), quaternion
