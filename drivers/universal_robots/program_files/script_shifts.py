@@ -212,9 +212,7 @@ class ScriptShifts:
             values = self._assigned_values(name)
             roles = ("target", "in_frame", "near", *(("frame",) if values else ()))
             offsets = [offset for offset, role, _ in uses if role in roles]
-            if any(
-                value.startswith("p[") for value in values
-            ):  # numbers that are computed, and a place from them
+            if values:  # a frame that is computed, and a place from it
                 offsets += [offset for offset, role, _ in uses if role == "other" and self._is_frame(offset)]
             if not offsets or self.finder.is_known(name) or name in self.parameters:
                 continue
