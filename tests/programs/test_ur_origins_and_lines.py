@@ -107,3 +107,10 @@ def test_an_error_below_a_block_in_one_line_tells_its_own_line() -> None:
     with pytest.raises(ProgramFileError) as refused:
         read_program("a.script", script("if True: x=1 end", "movel(p[1,2,3)").encode())
     assert (refused.value.line, refused.value.column) == (5, 16)
+
+
+def test_many_frames_of_others_are_read_in_one_pass() -> None:
+    count = 3000
+    lines = [f"movel(pose_trans(f{i},{INSIDE}))\n  f{i}=ext{i}()" for i in range(count)]
+    searched = read_program("a.script", script(*lines).encode())
+    assert len(searched.positions.barred) == count
