@@ -5,6 +5,8 @@ from pathlib import Path
 
 import pytest
 
+from cellcal.drivers.fanuc.program_files.ls_computed import registers_of
+from cellcal.drivers.fanuc.program_files.ls_statements import Statement
 from cellcal.service.cli.app import run_command_line
 from cellcal.service.exit_codes import ExitCode
 from tests.programs.test_across_files import read_programs
@@ -150,3 +152,12 @@ def test_a_position_that_gets_a_value_by_a_register_is_named_as_such(tmp_path: P
     moved = move_program(tmp_path, "fanuc", "offset_pr.LS", offset=TURNED, text=text)
     assert moved.code == ExitCode.REFUSED
     assert moved.report_point("P[1]")["reason"].startswith("a register chooses a position that line")
+
+
+def test_a_long_chain_of_registers_written_from_its_end_is_followed() -> None:
+    count = 2000  # each pass over all of them would follow one more
+    statements = [f"PR[{number + 1}]=PR[{number}]" for number in range(count, 0, -1)] + ["PR[1]=P[7]"]
+    assigned = [(Statement(text.encode(), line), None) for line, text in enumerate(statements, 1)]
+    found = registers_of(assigned)
+    assert found.origins[count + 1] == {7}
+    assert found.copied[7] == set(range(1, count + 2))

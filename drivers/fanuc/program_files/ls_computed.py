@@ -1,6 +1,7 @@
 """Registers that a program fills from its positions and computes with, and what they hold when that is certain."""
 
 import re
+from collections import deque
 from collections.abc import Sequence, Set
 from dataclasses import dataclass, field
 from itertools import accumulate
@@ -51,6 +52,7 @@ class ComputedRegisters:
     copied: dict[int, set[int]] = field(
         default_factory=dict
     )  # positions, and the registers that get them whole
+    holding: dict[int, set[int]] = field(default_factory=dict)  # the same by register: its positions
     turned: set[int] = field(
         default_factory=set
     )  # registers whose W, P or R the program sets to other than zero
@@ -65,20 +67,13 @@ class ComputedRegisters:
     camera: set[int] = field(default_factory=set)  # registers that get what a camera found
     joints: set[int] = field(default_factory=set)  # registers that may hold joints: their elements are angles
 
-    @property
-    def found_count(self) -> int:
-        """Return how much is found so far."""
+    def count_of(self, register: int) -> tuple[int, ...]:
+        """Return how much is found of a register so far."""
+        of_sets = (self.origins, self.holding, self.added, self.set_to)
+        in_sets = (self.altered, self.turned, self.camera, self.joints, self.here, self.altered_whole)
         return (
-            sum(map(len, self.origins.values()))
-            + len(self.altered)
-            + len(self.turned)
-            + len(self.camera)
-            + len(self.joints)
-            + len(self.here)
-            + len(self.altered_whole)
-            + sum(map(len, self.copied.values()))
-            + sum(map(len, self.added.values()))
-            + sum(map(len, self.set_to.values()))
+            *(len(each.get(register, ())) for each in of_sets),
+            *(int(register in each) for each in in_sets),
         )
 
     def added_to(self, register: int) -> Triple:
@@ -97,19 +92,37 @@ def registers_of(
     ``joint_positions`` are those that the listing holds in joint angles.
     """
     found = ComputedRegisters()
-    for _ in range(len(assigned) + 1):  # a register may get another one's that is assigned below
-        before = found.found_count
-        for statement, last in assigned:
-            match = match_assignment(statement)
-            _take_chosen(found, statement, certain=match is not None)
-            if match is not None and match[2]:
-                _assign_element(found, match, statement.line)
-            elif match is not None:
-                _note_joints(found, match, joint_positions)
-                _assign_whole(found, match, statement.line, last)
-        if found.found_count == before:
-            break
+    matches = [match_assignment(statement) for statement, _ in assigned]
+    readers = _readers_of(matches)
+    waiting = deque(range(len(assigned)))
+    queued = set(waiting)
+    while waiting:  # a register may get another one's that is assigned below
+        at = waiting.popleft()
+        queued.discard(at)
+        (statement, last), match = assigned[at], matches[at]
+        number = int(match[1]) if match is not None else -1
+        before = found.count_of(number)
+        _take_chosen(found, statement, certain=match is not None)
+        if match is not None and match[2]:
+            _assign_element(found, match, statement.line)
+        elif match is not None:
+            _note_joints(found, match, joint_positions)
+            _assign_whole(found, match, statement.line, last)
+        if found.count_of(number) != before:
+            again = [each for each in readers.get(number, ()) if each not in queued]
+            queued.update(again)
+            waiting.extend(again)
     found.turned |= found.joints & found.altered.keys()  # a joint that is added to turns the tip
+    return found
+
+
+def _readers_of(matches: Sequence[re.Match[bytes] | None]) -> dict[int, list[int]]:
+    """Return by register the assignments of a whole value that name it."""
+    found: dict[int, list[int]] = {}
+    for at, match in enumerate(matches):
+        if match is not None and not match[2]:
+            for register in places_named(match[3])[1]:
+                found.setdefault(register, []).append(at)
     return found
 
 
@@ -224,7 +237,9 @@ def _assign_whole(found: ComputedRegisters, match: re.Match[bytes], line: int, l
     found.camera |= {number} if b"VR[" in value or registers & found.camera else set()
     if _ALONE.fullmatch(value) is not None:
         found.passed_on |= registers - {number}
-        for each in positions | {one for one, its in found.copied.items() if its & registers}:
+        copied = positions.union(*(found.holding.get(each, ()) for each in registers))
+        found.holding.setdefault(number, set()).update(copied)
+        for each in copied:
             found.copied.setdefault(each, set()).add(number)
         if registers & found.altered.keys():
             found.altered.setdefault(number, line)
