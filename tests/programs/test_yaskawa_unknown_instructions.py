@@ -50,6 +50,8 @@ def test_a_position_that_an_unknown_instruction_names_is_left(line: str) -> None
     [
         "MOVL C00001 V=50.0",
         "REFP 1 C00001",
+        "GETE D000 C00001 (3)",
+        "SET P001 C00001",
         "JUMP *C00001 IF IN#(1)=ON\n*C00001",
         "CALL JOB:C00001",
         'MSG "C00001"',

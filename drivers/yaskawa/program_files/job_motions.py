@@ -22,6 +22,7 @@ from cellcal.drivers.yaskawa.program_files.job_text import (
 )
 from cellcal.drivers.yaskawa.program_files.job_variables import (
     AMOUNTS,
+    FILLS,
     MADE,
     TAKEN,
     ComputedVariables,
@@ -60,7 +61,8 @@ _FRAME = re.compile(r"\b(BF|RF|TF|MTF|UF#)")
 _SECOND = re.compile(r"\+S?MOV")
 _TEACH_THERE = "Teach it there, or write its value into the job."
 _USED_OTHERWISE = re.compile(  # a taught position that is named by what is no motion
-    r"^[ \t]*+(?![A-Z]*MOV|REFP\b)[A-Z]\w*+[^\n'\"]*?(?<![*:\w])C\d{3,5}\b", re.MULTILINE
+    rf"^[ \t]*+(?![A-Z]*MOV|(?:REFP|MFRAME|GETE|{'|'.join(sorted(FILLS))})\b)[A-Z]\w*+[^\n'\"]*?(?<![*:\w])C\d{{3,5}}\b",
+    re.MULTILINE,
 )
 _JUMPS = re.compile(r"^[ \t]*(?:JUMP\b|\*)", re.MULTILINE)
 _SPECIAL = re.compile(
