@@ -60,9 +60,9 @@ _CHOSEN_TARGET = re.compile(r"\s*L?PX?\[[^\]]*\]?")  # one of all the controller
 _FRAME = re.compile(r"\b(BF|RF|TF|MTF|UF#)")
 _SECOND = re.compile(r"\+S?MOV")
 _TEACH_THERE = "Teach it there, or write its value into the job."
+_KNOWN = "|".join(("REFP", "MFRAME", "GETE", *sorted(FILLS)))  # to leave taught positions as they are
 _USED_OTHERWISE = re.compile(  # a taught position that is named by what is no motion
-    rf"^[ \t]*+(?![A-Z]*MOV|(?:REFP|MFRAME|GETE|{'|'.join(sorted(FILLS))})\b)[A-Z]\w*+[^\n'\"]*?(?<![*:\w])C\d{{3,5}}\b",
-    re.MULTILINE,
+    rf"^[ \t]*+(?![A-Z]*MOV|(?:{_KNOWN})\b)[A-Z]\w*+[^\n'\"]*?(?<![*:\w])C\d{{3,5}}\b", re.MULTILINE
 )
 _JUMPS = re.compile(r"^[ \t]*(?:JUMP\b|\*)", re.MULTILINE)
 _SPECIAL = re.compile(
