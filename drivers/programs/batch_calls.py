@@ -2,7 +2,7 @@
 
 from collections import defaultdict
 from collections.abc import Collection, Iterable, Mapping, Sequence, Set
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import PurePath
 from typing import TypeAlias
 
@@ -20,13 +20,13 @@ from cellcal.drivers.programs.file_declarations import (
     FileDeclarations,
     RoutineEffects,
 )
+from cellcal.drivers.programs.routines_beside import NOT_GIVEN, RoutinesBeside
 
 Routine: TypeAlias = tuple[str, str]  # its file and name
 _CALLED = "{} in {}, which its program calls, sets another tool or frame"
 _CALLER = "{} in {} sets the tool or frame before its program is called, or may"
 _MISSING_PROGRAM = "{} in {} calls a program that was not given, which may set another tool or frame"
 _DEEPEST = 50  # calls that are followed for what is left behind them
-_NOT_GIVEN = "~"  # what a program sets that was not given; behind all numbers and names
 
 
 class BatchCalls:
@@ -62,18 +62,31 @@ class BatchCalls:
         tools, frames = self._effects_around
         effects = [*([(tools, own.tools)] if tool else ()), *([(frames, own.frames)] if frame else ())]
         below = [(value, subject) for (marks, _), has in effects for value, subject in marks[number]
-                 if value not in has and (has or value != _NOT_GIVEN)]  # fmt: skip
+                 if value not in has and (has or value != NOT_GIVEN)]  # fmt: skip
         if any(has for _, has in effects):
             below += self._resets_below[number]
+            for (marks, _), has in effects:
+                below += self._beside.marks_in(self._folders[file], marks, has)
         if below:
             value, subject = below[0]
-            return self._name_text(_MISSING_PROGRAM if value == _NOT_GIVEN else _CALLED, subject)
+            return self._name_text(_MISSING_PROGRAM if value == NOT_GIVEN else _CALLED, subject)
         above = [subject for (_, marks), has in effects if not has for value, subject in marks[number]
-                 if value != _NOT_GIVEN]  # fmt: skip
+                 if value != NOT_GIVEN]  # fmt: skip
         sets_all = all(has for _, has in effects)
         if not above and not own.resets and not sets_all:
             above = [subject for _, subject in self._resets_around[1][number]]
         return self._name_text(_CALLER, above[0]) if above else ""
+
+    @cached_property
+    def _beside(self) -> RoutinesBeside:
+        found = RoutinesBeside()
+        for number, (file, name) in enumerate(self._names):
+            find = partial(self._numbers_of, file)
+            found.take_routine(number, self._folders[file], self._by_file[file].routines[name], find)
+        return found
+
+    def _numbers_of(self, file: str, name: str) -> list[int]:
+        return self._numbers_called(file, [name])
 
     @cached_property
     def _calls(self) -> Sequence[Collection[int]]:
@@ -145,7 +158,7 @@ class BatchCalls:
         """Return what is set below and around each routine: the tools, and the frames."""
         routines = [self._by_file[file].routines[name] for file, name in self._numbers]
         more = [
-            frozenset([_NOT_GIVEN]) if self._has_missing_calls(file, one) else frozenset[str]()
+            frozenset([NOT_GIVEN]) if self._has_missing_calls(file, one) else frozenset[str]()
             for (file, _), one in zip(self._numbers, routines, strict=True)
         ]
         return (
@@ -244,7 +257,7 @@ class BatchCalls:
             routine = self._by_file[file].routines[name]
             lefts = (routine.tool_left, routine.frame_left)
             for some, (below, _), left in zip(found, self._effects_around, lefts, strict=True):
-                chosen = {value for value, _ in below[number] if value != _NOT_GIVEN}
+                chosen = {value for value, _ in below[number] if value != NOT_GIVEN}
                 open_ = left is None or CALLED_LAST in left
                 numbers = frozenset(chosen if open_ or left is None else {left} - {""})
                 if self._by_file[file].flat and numbers:
@@ -295,11 +308,24 @@ class BatchCalls:
                 return behind
         return None if own == NOT_CERTAIN or depth >= _DEEPEST else own
 
+    def numbers_beside(self, file: str) -> tuple[frozenset[str], frozenset[str]]:
+        """Return the tools that routines beside all others in a file's folder choose at any time, and the frames."""
+        tools, frames = (
+            self._beside.marks_in(self._folders[file], below, frozenset([NOT_GIVEN]))
+            for below, _ in self._effects_around
+        )
+        return frozenset(value for value, _ in tools), frozenset(value for value, _ in frames)
+
+    def places_beside(self, file: str) -> frozenset[str]:
+        """Return the global places that such routines compute."""
+        routines = [self._by_file[each].routines[name] for each, name in self._names]
+        return self._beside.places_in(self._folders[file], self._calls, routines)
+
     def numbers_before(self, file: str) -> tuple[frozenset[str], frozenset[str]]:
         """Return the tools that callers of a file's routines, and what these call, choose, and the frames."""
         numbers = [self._numbers[file, name] for name in self._by_file[file].routines]
         tools, frames = (
-            frozenset(value for number in numbers for value, _ in above[number] if value != _NOT_GIVEN)
+            frozenset(value for number in numbers for value, _ in above[number] if value != NOT_GIVEN)
             for _, above in self._effects_around
         )
         return tools, frames

@@ -78,6 +78,7 @@ class BatchDeclarations:
         tools_before, frames_before = (
             self._calls.numbers_before(file) if one.flat else (frozenset(), frozenset())
         )
+        beside = self._calls.numbers_beside(file) if one.flat else (frozenset[str](), frozenset[str]())
         return ExternalUses(
             uses,
             self._doubtful,
@@ -96,6 +97,9 @@ class BatchDeclarations:
             surely_left=self._calls.surely_left(file) if one.flat else {},
             frames_before=frames_before,
             tools_before=tools_before,
+            frames_beside=beside[1],
+            tools_beside=beside[0],
+            computed_beside=self._calls.places_beside(file) if one.flat else frozenset(),
             running=running,
             calls_itself=one.flat and self._calls.calls_itself(file),
             external_tool=self._calls.external_tool_around(file),

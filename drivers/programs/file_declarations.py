@@ -163,6 +163,9 @@ class ExternalUses:
     )  # by routine beside it: the tool and the frame in force behind it, "" for those before it; None: not certain
     frames_before: frozenset[str] = frozenset()  # that callers of its routines choose, or may
     tools_before: frozenset[str] = frozenset()
+    frames_beside: frozenset[str] = frozenset()  # that what others let run beside it chooses at any time
+    tools_beside: frozenset[str] = frozenset()
+    computed_beside: frozenset[str] = frozenset()  # global places that it computes at any time
     running: Mapping[str, str] = field(
         default_factory=dict
     )  # routines not given that other files start to run beside all others, and the file

@@ -8,7 +8,10 @@ from cellcal.drivers.programs.called_routines import CalledRoutine, RoutineNames
 from cellcal.drivers.programs.line_numbers import LineNumbers
 
 _CALLED = re.compile(
-    r"(?<![A-Za-z_])(?:CALL|AUFRUF|RUN)[ \t]++(?:([A-Za-z_][\w\-]*+)(?!\[)|(S?R\[[^\];]*+\]))", re.I
+    r"(?<![A-Za-z_])(?:(?:CALL|AUFRUF|RUN)[ \t]++"
+    r"|(?:RESUME|ERROR|MAINT)_PROG[ \t]*+(?:\[[^\];]*+\][ \t]*+)?+=[ \t]*+)"
+    r"(?:([A-Za-z_][\w\-]*+)(?!\[)|(S?R\[[^\];]*+\]))",
+    re.I,
 )
 _PROGRAM = re.compile(rb"/PROG[ \t]++([^\s;]{1,80}+)")
 

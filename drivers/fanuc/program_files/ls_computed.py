@@ -1,12 +1,18 @@
 """Registers that a program fills from its positions and computes with, and what they hold when that is certain."""
 
 import re
+from collections import deque
 from collections.abc import Sequence, Set
 from dataclasses import dataclass, field
 from itertools import accumulate
 from math import isnan, nan
 
-from cellcal.drivers.fanuc.program_files.ls_statements import MotionStatement, Statement, read_statements
+from cellcal.drivers.fanuc.program_files.ls_statements import (
+    BESIDE_WORDS,
+    MotionStatement,
+    Statement,
+    read_statements,
+)
 from cellcal.drivers.programs.shifts import NO_TURN, UNREADABLE, Quaternion, Triple
 
 _ASSIGNED = re.compile(  # an element is a number, or a register has it: PR[1,R[2]]=
@@ -27,7 +33,7 @@ _OTHER_PLACE = re.compile(rb"(?<![A-Za-z])PR?\[")
 _NOTHING = re.compile(rb"(PR\[ *\d+ *\]|LPOS|JPOS) *- *\1")
 _NUMBER = re.compile(rb"\(? *+(-?+(?:\d++(?:\.\d*+)?+|\.\d++)) *+\)?")
 _BRANCHES = re.compile(
-    rb"\b(?:IF|WENN|LBL|MARKE|JMP|SPRUNG|SELECT|FOR|WHILE|CALL|AUFRUF|RUN|MONITOR)\b"
+    rb"\b(?:IF|WENN|LBL|MARKE|JMP|SPRUNG|SELECT|FOR|WHILE|CALL|AUFRUF|" + BESIDE_WORDS + rb")\b"
     rb"|\A[A-Za-z]\w*+(?:[ \t]++\w++)*+\Z"  # words alone: a macro
 )
 ANY_PLACE, ADDED, TURNED = "PR[...]", "+", "~"
@@ -46,6 +52,7 @@ class ComputedRegisters:
     copied: dict[int, set[int]] = field(
         default_factory=dict
     )  # positions, and the registers that get them whole
+    holding: dict[int, set[int]] = field(default_factory=dict)  # the same by register: its positions
     turned: set[int] = field(
         default_factory=set
     )  # registers whose W, P or R the program sets to other than zero
@@ -60,20 +67,13 @@ class ComputedRegisters:
     camera: set[int] = field(default_factory=set)  # registers that get what a camera found
     joints: set[int] = field(default_factory=set)  # registers that may hold joints: their elements are angles
 
-    @property
-    def found_count(self) -> int:
-        """Return how much is found so far."""
+    def count_of(self, register: int) -> tuple[int, ...]:
+        """Return how much is found of a register so far."""
+        of_sets = (self.origins, self.holding, self.added, self.set_to)
+        in_sets = (self.altered, self.turned, self.camera, self.joints, self.here, self.altered_whole)
         return (
-            sum(map(len, self.origins.values()))
-            + len(self.altered)
-            + len(self.turned)
-            + len(self.camera)
-            + len(self.joints)
-            + len(self.here)
-            + len(self.altered_whole)
-            + sum(map(len, self.copied.values()))
-            + sum(map(len, self.added.values()))
-            + sum(map(len, self.set_to.values()))
+            *(len(each.get(register, ())) for each in of_sets),
+            *(int(register in each) for each in in_sets),
         )
 
     def read_addition(self, register: int) -> Triple:
@@ -92,19 +92,37 @@ def registers_of(
     ``joint_positions`` are those that the listing holds in joint angles.
     """
     found = ComputedRegisters()
-    for _ in range(len(assigned) + 1):  # a register may get another one's that is assigned below
-        before = found.found_count
-        for statement, last in assigned:
-            match = match_assignment(statement)
-            _take_chosen(found, statement, certain=match is not None)
-            if match is not None and match[2]:
-                _assign_element(found, match, statement.line)
-            elif match is not None:
-                _note_joints(found, match, joint_positions)
-                _assign_whole(found, match, statement.line, last)
-        if found.found_count == before:
-            break
+    matches = [match_assignment(statement) for statement, _ in assigned]
+    readers = _readers_of(matches)
+    waiting = deque(range(len(assigned)))
+    queued = set(waiting)
+    while waiting:  # a register may get another one's that is assigned below
+        at = waiting.popleft()
+        queued.discard(at)
+        (statement, last), match = assigned[at], matches[at]
+        number = int(match[1]) if match is not None else -1
+        before = found.count_of(number)
+        _take_chosen(found, statement, certain=match is not None)
+        if match is not None and match[2]:
+            _assign_element(found, match, statement.line)
+        elif match is not None:
+            _note_joints(found, match, joint_positions)
+            _assign_whole(found, match, statement.line, last)
+        if found.count_of(number) != before:
+            again = [each for each in readers.get(number, ()) if each not in queued]
+            queued.update(again)
+            waiting.extend(again)
     found.turned |= found.joints & found.altered.keys()  # a joint that is added to turns the tip
+    return found
+
+
+def _readers_of(matches: Sequence[re.Match[bytes] | None]) -> dict[int, list[int]]:
+    """Return by register the assignments of a whole value that name it."""
+    found: dict[int, list[int]] = {}
+    for at, match in enumerate(matches):
+        if match is not None and not match[2]:
+            for register in places_named(match[3])[1]:
+                found.setdefault(register, []).append(at)
     return found
 
 
@@ -219,7 +237,9 @@ def _assign_whole(found: ComputedRegisters, match: re.Match[bytes], line: int, l
     found.camera |= {number} if b"VR[" in value or registers & found.camera else set()
     if _ALONE.fullmatch(value) is not None:
         found.passed_on |= registers - {number}
-        for each in positions | {one for one, its in found.copied.items() if its & registers}:
+        copied = positions.union(*(found.holding.get(each, ()) for each in registers))
+        found.holding.setdefault(number, set()).update(copied)
+        for each in copied:
             found.copied.setdefault(each, set()).add(number)
         if registers & found.altered.keys():
             found.altered.setdefault(number, line)
@@ -240,6 +260,7 @@ class RegisterContents:
     """The contents of registers while a program without branches and calls runs from its first line."""
 
     conditions: frozenset[int] = frozenset()  # registers that shift motions which name none
+    beside: frozenset[int] = frozenset()  # registers that get a value at any time
     certain: bool = True
     elements: dict[tuple[int, int], float] = field(default_factory=dict)
 
@@ -267,7 +288,7 @@ class RegisterContents:
         registers = motion.offset_registers
         shifting = set(registers or self.conditions)
         quaternion = NO_TURN if shifting and not turned & shifting else None  # of any register: it may turn
-        if not self.certain or len(registers) != 1:
+        if not self.certain or len(registers) != 1 or registers[0] in self.beside:
             return UNREADABLE, quaternion
         x, y, z = (self._length_m(registers[0], each) for each in (1, 2, 3))
         return (x, y, z), quaternion

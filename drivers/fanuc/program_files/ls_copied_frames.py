@@ -51,6 +51,7 @@ class _CopiedFrames:
     selections: _Selections
     taught: Mapping[int, str]  # by position
     frames_left: Mapping[str, frozenset[str]]  # by program that may be called: those that it chooses
+    beside: frozenset[str] = frozenset()  # that other programs choose at any time
     frames: frozenset[str] = frozenset()  # that may be in force; none: what was chosen before the program
     are_callers: bool = False  # they are what callers chose, and the program has not chosen or told any
     copies: dict[int, Copies] = field(default_factory=dict)
@@ -83,7 +84,7 @@ class _CopiedFrames:
             found += [
                 (position, self._copy_elsewhere((statement.line, register), position, own, frame))
                 for position, own in sorted(some)
-                for frame in sorted(self.frames - {own})
+                for frame in sorted((self.frames | self.beside) - {own})
             ]
             reached |= some
         self.last = frozenset(reached)
@@ -111,7 +112,7 @@ class _CopiedFrames:
         if self.selections.is_tool:
             return replace(shift, other_tool=other)
         shift = replace(shift, other_frame=other)
-        return replace(shift, point=name, user_frame=own) if position == START else shift
+        return replace(shift, point=name if position == START else "", user_frame=own)
 
     def join(self, others: Sequence["_CopiedFrames"]) -> None:
         """Take up that the program may come here from other statements, too."""
@@ -128,13 +129,14 @@ def copies_in_other_frames(
     if b"PR[" not in data:
         return
     uses = external_uses
-    frames = ({}, frozenset[str]()) if uses is None else (uses.frames_left, uses.frames_before)
-    tools = ({}, frozenset[str]()) if uses is None else (uses.tools_left, uses.tools_before)
-    for selections, (left, before) in ((_OF_FRAME, frames), (_OF_TOOL, tools)):
-        if selections.any_way.search(data) or before or (left and _CALLED.search(data)):
+    none = frozenset[str]()
+    frames = ({}, none, none) if uses is None else (uses.frames_left, uses.frames_before, uses.frames_beside)
+    tools = ({}, none, none) if uses is None else (uses.tools_left, uses.tools_before, uses.tools_beside)
+    for selections, (left, before, beside) in ((_OF_FRAME, frames), (_OF_TOOL, tools)):
+        if selections.any_way.search(data) or before or beside or (left and _CALLED.search(data)):
             column = positions.tools if selections.is_tool else positions.user_frames
             taught = _numbers_taught(positions, column)
-            now = _CopiedFrames(selections, taught, left, before, are_callers=bool(before))
+            now = _CopiedFrames(selections, taught, left, beside, before, are_callers=bool(before))
             yield from (
                 (position, shift)
                 for position, shift in _copies_elsewhere(now, data)

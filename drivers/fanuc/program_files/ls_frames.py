@@ -12,7 +12,13 @@ from cellcal.calibration.message import make_message
 from cellcal.drivers.fanuc.program_files.ls_computed import computed_places
 from cellcal.drivers.fanuc.program_files.ls_frames_left import frame_left_by, tool_left_by
 from cellcal.drivers.fanuc.program_files.ls_remarks import statements_of
-from cellcal.drivers.fanuc.program_files.ls_statements import MACRO_ARGUMENTS, MACRO_WORDS, NO_MACRO
+from cellcal.drivers.fanuc.program_files.ls_statements import (
+    BEFORE_NAME,
+    BESIDE_WORDS,
+    MACRO_ARGUMENTS,
+    MACRO_WORDS,
+    NO_MACRO,
+)
 from cellcal.drivers.programs.barred import COMPUTED, LATER, SEVERAL
 from cellcal.drivers.programs.file_declarations import BatchReasons, ExternalUses, RoutineEffects
 from cellcal.drivers.programs.positions import CARTESIAN, Positions
@@ -27,8 +33,9 @@ _ALONE = {
     which: re.compile(rb"^[ \t]*+\d*+[ \t]*+:[ \t]*+" + word + rb" *+= *+(\d{1,3}+) *+;", re.MULTILINE)
     for which, word in _WORDS.items()
 }
-_NUMBER = rb"((?:[^\[\]\n]|\[[^\[\]\n]{0,20}+\]){1,40}+)\] *+="
-_GROUP = rb"\[ *+(?![2-9] *+,)[^\[\],\n]{1,9}+,"  # named first: $MNUFRAME[1,3] is UFRAME[3] of group 1
+_NUMBER = rb"((?:[^\[\]\n]|\[[^\[\]\n]{0,20}+\]){1,40}+)\](?:\.[$\w]++)*+ *+="
+# The group is named first, or a register has its number: $MNUFRAME[1,3] is UFRAME[3] of group 1.
+_GROUP = rb"\[ *+(?![2-9] *+,)(?:[^\[\],\n]|\[[^\[\]\n]{0,20}+\]){1,20}+,"
 _SET = {
     "frame": re.compile(rb"(?:\b(?:UFRAME|BENUTZER)\[|\$MNUFRAME" + _GROUP + rb")" + _NUMBER),
     "tool": re.compile(rb"(?:\b(?:UTOOL|WKZ)\[|\$MNUTOOL" + _GROUP + rb")" + _NUMBER),
@@ -42,12 +49,12 @@ _BRANCHES = re.compile(rb"\b(?:IF|WENN|LBL|MARKE|JMP|SPRUNG|SELECT|FOR|WHILE|SKI
 _INDIRECT = re.compile(rb"P(?<![A-Za-z]P)\[ *+[A-Za-z]")
 
 # A register that names the program is a name that no program has.
-_CALL = re.compile(rb"\b(?:CALL|AUFRUF|RUN|MONITOR)[ \t]++(?!END\b)([^\s;(,]{1,80}+)")
+_CALL = re.compile(rb"\b(?:CALL|AUFRUF|" + BESIDE_WORDS + rb")" + BEFORE_NAME + rb"([^\s;(,]{1,80}+)")
 _MACRO_HEAD = re.compile(rb"/PROG[ \t]++\S++[ \t]++Macro\b", re.IGNORECASE)
 _MACROS = re.compile(
     rb"^[ \t]*+\d++[ \t]*+:[ \t]*+(" + MACRO_WORDS + rb")[ \t]*+" + MACRO_ARGUMENTS + rb";", re.MULTILINE
 )
-_BESIDE = re.compile(rb"\b(?:RUN|MONITOR)[ \t]++(?!END\b)([^\s;(,]{1,80}+)")  # they run while others do
+_BESIDE = re.compile(rb"\b(?:" + BESIDE_WORDS + rb")" + BEFORE_NAME + rb"([^\s;(,]{1,80}+)")
 
 
 def routine_effects_of(data: bytes) -> RoutineEffects:

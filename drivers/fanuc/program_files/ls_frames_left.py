@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from cellcal.drivers.fanuc.program_files.ls_statements import (
+    BESIDE_WORDS,
     Statement,
     before_positions,
     macro_of,
@@ -44,7 +45,7 @@ _ENDS = re.compile(rb"\b(?:ABORT|END|ENDE)\b")
 # A way through the program may part or meet another one here, or another program may choose a frame.
 _BRANCHES = re.compile(
     rb"\b(?:IF|WENN|LBL|MARKE|JMP|SPRUNG|SELECT|FOR|ENDFOR|WHILE|ENDWHILE|ELSE|ELSEIF|ENDIF|SKIP|ABORT|END|ENDE"
-    rb"|CALL|AUFRUF|RUN|MONITOR)\b",
+    rb"|CALL|AUFRUF|" + BESIDE_WORDS + rb")\b",
     re.IGNORECASE,
 )
 

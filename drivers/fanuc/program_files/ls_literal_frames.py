@@ -16,6 +16,7 @@ from cellcal.calibration.orientation import rotation_from
 from cellcal.drivers.fanuc.program_files.ls_computed import places_named
 from cellcal.drivers.fanuc.program_files.ls_flow import ways_on
 from cellcal.drivers.fanuc.program_files.ls_statements import (
+    BESIDE_WORDS,
     Statement,
     before_positions,
     macro_of,
@@ -40,7 +41,7 @@ _TAKEN = re.compile(
 _SETS_FRAME = re.compile(rb"\b(?:UFRAME|BENUTZER|UTOOL|WKZ)\[|\$MNUFRAME\[|\$MNUTOOL\[", re.IGNORECASE)
 _NAMES_REGISTER = re.compile(rb"PR(?<![A-Z]PR)\[")
 _CALLS = re.compile(rb"\b(?:CALL|AUFRUF)\b", re.IGNORECASE)
-_BESIDE = re.compile(rb"\b(?:RUN|MONITOR|RESUME_PROG)\b", re.IGNORECASE)
+_BESIDE = re.compile(rb"\b(?:" + BESIDE_WORDS + rb")\b", re.IGNORECASE)
 _OF_FRAMES = (b"UFRAME", b"BENUTZER")
 Coordinates: TypeAlias = tuple[float, ...]
 _Key: TypeAlias = tuple[str, int, int]  # "register" with its element, "frame" or "tool" with none

@@ -28,8 +28,10 @@ _STANDING_TOOL = "the tool of its motion stands in the cell ({} in line {})"
 CAMERA = "a camera shifts the motion there while the program runs ({} in line {})"
 _ANY_INCREMENT = "a register chooses the positions of the motion in line {}, and {} makes them no places"
 _GIVEN_HERE = "line {} gives it a value while the program runs"
+_GIVEN_TO_ANY = "a register chooses a position that line {line} gives a value while the program runs"
 _GIVEN = re.compile(  # behind the condition of an IF, too
-    rb"(?:(?:IF|WENN)\b[^=;]*+[^;,]*+,[ \t]*+)?+P(?<![A-Za-z]P)\[ *+(\d{1,5}+) *+(?:,[^\]]*+)?+\][ \t]*+=(?!=)"
+    rb"(?:(?:IF|WENN)\b[^=;]*+[^;,]*+,[ \t]*+)?+P(?<![A-Za-z]P)\["
+    rb" *+(?:(\d{1,5}+)|[A-Za-z]{1,3}+\[[^\]]*+\]) *+(?:,[^\]]*+)?+\][ \t]*+=(?!=)"
 )
 ANY_REGISTER = -1  # in place of a register: a number chooses it
 
@@ -68,18 +70,24 @@ def find_motions(
     in_joints: frozenset[int],
     turned: frozenset[int] = frozenset(),
     filled_elsewhere: frozenset[int] | None = frozenset(),
+    computed_beside: frozenset[int] | None = frozenset(),
 ) -> MotionFindings:
     """Return what the motions of a listing do; ``in_joints`` are the positions that are held in joint angles.
 
     ``turned`` are the registers of which other programs set W, P or R, ``filled_elsewhere`` those that other programs
     give any value, None for any. What no file fills holds what a person or a camera entered, which may turn, too.
+    ``computed_beside`` are those that programs which run beside this one may give a value at any time, None for any.
     """
     found, region, statements = MotionFindings(), "", list(read_statements(data))
     last: int | None = None
     registers = registers_of([(each, None) for each in statements if is_computing(each)], in_joints)
     not_filled = _registers_not_filled(statements, registers, filled_elsewhere)
     may_turn = registers.turned | registers.joints | turned | not_filled
-    contents = RegisterContents(frozenset(n for each in statements for n in condition_of(each, tool=False)))
+    contents = RegisterContents(
+        frozenset(n for each in statements for n in condition_of(each, tool=False)),
+        computed_beside or frozenset(),
+        certain=computed_beside is not None,
+    )
     for statement in statements:
         contents.follow_statement(statement)
         if not statement.is_motion:
@@ -139,7 +147,10 @@ def _take_reached(found: MotionFindings, motion: MotionStatement) -> None:
 def _take_given(found: MotionFindings, statement: Statement) -> None:
     """Take up that a statement gives a position a value, behind the condition of an IF or not."""
     if (value_match := _GIVEN.match(statement.text)) is not None:
-        found.increments.setdefault(int(value_match[1]), make_message(_GIVEN_HERE, statement.line))
+        if value_match[1]:
+            found.increments.setdefault(int(value_match[1]), make_message(_GIVEN_HERE, statement.line))
+        else:
+            found.any_increment = found.any_increment or make_message(_GIVEN_TO_ANY, line=statement.line)
 
 
 def _add_shift(found: MotionFindings, motion: MotionStatement, shift: ProgramShift) -> None:

@@ -1,7 +1,7 @@
 """What the motions of a program do to its positions: increments, led motions and shifts, row by row."""
 
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from math import nan
 
@@ -35,7 +35,7 @@ _AMOUNT = "the program computes with it and does not go there, so it may be a sh
 _WRITTEN_REMOTE = (
     "it is written with RX to RR, for a tool that stands in the cell; the listing does not say where"
 )
-_GIVES = re.compile(rb"(?<![A-Z])P\[[^\]\n]{1,40}+\][ \t]*+=(?!=)")
+_GIVES = re.compile(rb"(?<![A-Z])P\[(?:[^\[\]\n]|\[[^\[\]\n]{0,40}+\]){1,40}+\][ \t]*+=(?!=)")
 _WORDS = (
     b"INC",
     b"COORD",
@@ -79,7 +79,13 @@ def with_motions(positions: Positions, data: bytes, external_uses: ExternalUses 
         # as in nearly all
         return positions
     in_joints = _positions_in_joints(positions)
-    found = find_motions(data, in_joints, _turned_elsewhere(external_uses), _filled_elsewhere(external_uses))
+    found = find_motions(
+        data,
+        in_joints,
+        _turned_elsewhere(external_uses),
+        _filled_elsewhere(external_uses),
+        _computed_beside(external_uses),
+    )
     registers = registers_of(found.assigned, in_joints)
     found.amounts |= found.conditions
     for motion in found.by_register:
@@ -134,10 +140,21 @@ def _turned_elsewhere(external_uses: ExternalUses | None) -> frozenset[int]:
 
 def _filled_elsewhere(external_uses: ExternalUses | None) -> frozenset[int] | None:
     """Return the registers that other programs of the controller give a value; None where it may be any."""
-    computed = {} if external_uses is None else external_uses.computed
-    if ANY_PLACE in computed:
+    return _registers_named({} if external_uses is None else external_uses.computed)
+
+
+def _computed_beside(external_uses: ExternalUses | None) -> frozenset[int] | None:
+    """Return the registers to which what runs beside the program gives a value; None where it may be any."""
+    if external_uses is None:
+        return frozenset()
+    return None if external_uses.running else _registers_named(external_uses.computed_beside)
+
+
+def _registers_named(places: Collection[str]) -> frozenset[int] | None:
+    """Return the registers among global places; None where one is any."""
+    if ANY_PLACE in places:
         return None
-    return frozenset(int(each[3:].partition("]")[0]) for each in computed)
+    return frozenset(int(each[3:].partition("]")[0]) for each in places)
 
 
 def _pallet_places(data: bytes) -> Iterator[ProgramShift]:

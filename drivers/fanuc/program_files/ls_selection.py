@@ -10,6 +10,7 @@ from typing import TypeAlias
 
 from cellcal.calibration.message import make_message
 from cellcal.drivers.fanuc.program_files.ls_statements import (
+    BESIDE_WORDS,
     Statement,
     before_positions,
     motion_of,
@@ -26,7 +27,7 @@ _SELECTION = re.compile(
     rb"\b(?:UFRAME_NUM|BENUTZER_NUM|UTOOL_NUM|WKZ_NUM)\b|MNUFRAMENUM|MNUTOOLNUM", re.IGNORECASE
 )
 _FORGETS = re.compile(
-    rb"\b(?:LBL|MARKE|ELSE|SONST|ENDIF|FOR|ENDFOR|WHILE|ENDWHILE|CASE|CALL|AUFRUF|RUN|MONITOR)\b"
+    rb"\b(?:LBL|MARKE|ELSE|SONST|ENDIF|FOR|ENDFOR|WHILE|ENDWHILE|CASE|CALL|AUFRUF|" + BESIDE_WORDS + rb")\b"
     rb"|\A[A-Za-z]\w*+(?:[ \t]++\w++)*+\Z"
 )
 _CALL = re.compile(rb"(?:CALL|AUFRUF)[ \t]++([A-Za-z_]\w*+)[ \t]*+(?:\([^;]*\))?[ \t]*+", re.IGNORECASE)

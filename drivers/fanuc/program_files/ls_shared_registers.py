@@ -1,7 +1,8 @@
 """Registers that a program fills from its positions and that another program of the controller may compute.
 
 Position registers are the controller's: a program that is called between the copy and the motion may add to them, a
-macro too, and a program that runs beside (``RUN``) or watches (``MONITOR``) at any time.
+macro too, and a program that runs beside (``RUN``), watches (``MONITOR``) or recovers (``RESUME_PROG``)
+at any time.
 """
 
 import re
@@ -10,14 +11,21 @@ from dataclasses import dataclass, field
 from pathlib import PurePath
 
 from cellcal.drivers.fanuc.program_files.ls_computed import ADDED, ANY_PLACE, ComputedRegisters
-from cellcal.drivers.fanuc.program_files.ls_statements import Statement, macro_of, motion_of, read_statements
+from cellcal.drivers.fanuc.program_files.ls_statements import (
+    BEFORE_NAME,
+    BESIDE_WORDS,
+    Statement,
+    macro_of,
+    motion_of,
+    read_statements,
+)
 from cellcal.drivers.programs.file_declarations import ExternalUses
 from cellcal.drivers.programs.shifts import NO_TURN, ProgramShift, Quaternion, ShiftAxes
 
 _FILLED = re.compile(rb"PR\[ *+(?:GP *+1 *+: *+)?+(\d{1,5}+) *+\] *+=")
-_CALLED = re.compile(rb"\b(CALL|AUFRUF|RUN|MONITOR)[ \t]++(?!END\b)([^\s;(,]{1,80}+)")
+_CALLED = re.compile(rb"\b(CALL|AUFRUF|" + BESIDE_WORDS + rb")" + BEFORE_NAME + rb"([^\s;(,]{1,80}+)")
 _ENDED = re.compile(rb"\bMONITOR[ \t]++END\b[ \t]*+([^\s;(,]{0,80}+)")
-_BESIDE = ("RUN", "MONITOR")  # what they start goes on while the program does
+_CALLS = ("", "CALL", "AUFRUF")  # what other words start goes on while the program does
 # Statements that the program may come to from elsewhere than from the line above.
 _JOINED = re.compile(rb"(?:LBL|MARKE|FOR|ENDFOR|WHILE|ENDWHILE|ELSE|ELSEIF|ENDIF)\b")
 
@@ -83,7 +91,7 @@ class _OpenCalls:
         # a jump may bring any of the calls with it, and a condition may have passed over the copy
         for word, name in anywhere if _JOINED.match(statement.text) else self.names_in(statement):
             text = self._text_of(word, name)
-            if word in _BESIDE:
+            if word not in _CALLS:
                 self.beside[name] = text
             else:
                 self.since |= dict.fromkeys(self.filled, text)

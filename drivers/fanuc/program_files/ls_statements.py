@@ -13,9 +13,12 @@ from cellcal.drivers.fanuc.program_files.ls_remarks import statements_of
 MACRO_WORDS = rb"[A-Za-z]\w*+(?:[ \t]++\w++)*+"
 MACRO_ARGUMENTS = rb"(?:\([^;\n]*\)[ \t]*+)?+"
 NO_MACRO = re.compile(
-    rb"(?:IF|WENN|WHILE|SELECT|TC_ONLINE|END|ENDE|ABORT|PAUSE|ELSE|ENDIF|ENDFOR|CONTINUE|COL|SOFTFLOAT|LOCK|UNLOCK|MONITOR|CALL|AUFRUF|RUN"
+    rb"(?:IF|WENN|WHILE|SELECT|TC_ONLINE|END|ENDE|ABORT|PAUSE|ELSE|ENDIF|ENDFOR|CONTINUE|COL|SOFTFLOAT|CLEAR_RESUME_PROG|LOCK|UNLOCK|MONITOR|CALL|AUFRUF|RUN"
     rb"|Weave|Track|Arc|WAIT|WARTEN|(?i:Search[ \t]++(?:Start|End)|Touch[ \t]++Offset|Weld[ \t]++(?:Start|End)))\b"
 )
+# Words that let a program run beside this one, or when an alarm has stopped it; and what stands before its name.
+BESIDE_WORDS = rb"RUN|MONITOR|(?:RESUME|ERROR|MAINT)_PROG"
+BEFORE_NAME = rb"(?:[ \t]*+(?:\[[^\]\n]*+\][ \t]*+)?+=[ \t]*+|[ \t]++(?!END\b))"
 _MACRO = re.compile(rb"(" + MACRO_WORDS + rb")[ \t]*+" + MACRO_ARGUMENTS)
 _START = re.compile(rb"\s*+(?:/MN\b[^\n]*+\n\s*+)?(?:\d++[ \t]*+)?(?::[ \t]*+)?")
 _LOCAL = re.compile(

@@ -20,6 +20,7 @@ from cellcal.drivers.universal_robots.program_files.script_arguments import Pass
 from cellcal.drivers.universal_robots.program_files.script_calls import NUMBER_TAKERS
 from cellcal.drivers.universal_robots.program_files.script_frames import settle_assigned_frames
 from cellcal.drivers.universal_robots.program_files.script_numbers import LARGEST_RAD, without_comments
+from cellcal.drivers.universal_robots.program_files.script_origins import StepOrigins
 from cellcal.drivers.universal_robots.program_files.script_set_frames import settle_set_frames
 from cellcal.drivers.universal_robots.program_files.script_text import ScriptLiteral, ScriptStatements
 
@@ -71,14 +72,14 @@ class ScriptPlace(NamedTuple):
 class PositionFinder:
     """Sorts the literals of a program."""
 
-    def __init__(self, found: ScriptStatements, text: str) -> None:
+    def __init__(self, found: ScriptStatements, text: str, lines: LineNumbers) -> None:
         parameters = {word for one in _PARAMETERS.finditer(text) for word in re.findall(r"\w+", one[1])}
         changed = found.assigned.keys() | {one.name for one in found.elements} | parameters
         settle_set_frames(found, text, frozenset(changed))
         self.moves_to = settle_assigned_frames(found, text)  # literals that another name stands for in moves
         self.found = found
         self.set_names = {one.name for one in found.literals if one.role in ("value", "frame")}
-        self.lines = LineNumbers(text)
+        self.lines = lines  # of the text as it is written
         self.functions = frozenset(_FUNCTION.findall(text))  # of the script itself
         self.parameters = parameters
         self.in_parts = frozenset(one.name for one in found.elements)
@@ -189,7 +190,9 @@ class PositionFinder:
         function = self._function_at(literal.call)
         first = _OPENED.search(self.text, 0, literal.start) is not None
         if function in ("pose_add", "pose_sub", "pose_trans"):
-            return not first or (function != "pose_trans" and self._is_added_to_name(literal))
+            if function == "pose_trans":
+                return not first and self._is_place(literal.call, "")
+            return not first or self._is_added_to_name(literal)
         return function in _NO_POSITION
 
     def _is_added(self, at: int, role: str, where: str) -> bool:
@@ -213,8 +216,15 @@ class PositionFinder:
     def _is_place(self, call: int, name: str) -> bool:
         """Return whether a pose is a step from a place: a variable that a move goes to, or the arm's own."""
         if name:
-            return name in self.reached or name in self.found.assigned
-        return _FRAME_WRITTEN.match(self.text, call) is None
+            return name in self.reached or (name in self.found.assigned and self._origins.is_place(name))
+        if _FRAME_WRITTEN.match(self.text, call) is not None:
+            return False
+        return self._origins.is_place(self.text[call + 1 : call + _LONGEST_FRAME])
+
+    @cached_property
+    def _origins(self) -> StepOrigins:
+        known = self.reached.keys() | self.parameters
+        return StepOrigins(self.text, known.__contains__)
 
     def _function_at(self, call: int) -> str:
         found = _CALLED.search(self.text, max(0, call - _LONGEST_NAME), call)

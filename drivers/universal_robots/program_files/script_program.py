@@ -13,6 +13,7 @@ from cellcal.calibration.geometry import Array, Pose, is_rigid
 from cellcal.calibration.message import make_message
 from cellcal.drivers.programs.errors import ProgramFileError
 from cellcal.drivers.programs.file_declarations import ExternalUses, FileDeclarations
+from cellcal.drivers.programs.line_numbers import LineNumbers
 from cellcal.drivers.programs.positions import (
     CARTESIAN,
     JOINTS,
@@ -26,6 +27,7 @@ from cellcal.drivers.universal_robots.program_files.feature_variables import (
     FEATURE_VARIABLE,
     declare_features,
 )
+from cellcal.drivers.universal_robots.program_files.script_lines import with_one_statement_a_line
 from cellcal.drivers.universal_robots.program_files.script_numbers import (
     DOUBLE_STEP,
     kept_steps,
@@ -70,8 +72,9 @@ class ScriptProgram:
     @classmethod
     def from_text(cls, file: str, text: str) -> Self:
         """Read a text with a character a byte; errors as `read_script`."""
-        source = ScriptText(file, text)
-        finder = PositionFinder(source.read_statements(), text)
+        spread = with_one_statement_a_line(text)
+        source = ScriptText(file, spread, text)
+        finder = PositionFinder(source.read_statements(), spread, LineNumbers(text))
         places = finder.list_places()
         pose = numbers_of(source, [place.pose for place in places])
         joints = numbers_of(source, [place.joints for place in places])
@@ -80,8 +83,8 @@ class ScriptProgram:
         columns["frame_tip"], columns["joints"] = _poses_or_nan(pose), joints
         unread = [row for row, place in enumerate(places) if place.unread]
         columns["frame_tip"][unread], columns["joints"] = np.nan, _without_joints(joints, unread)
-        shifts = ScriptShifts(text, finder, places)
-        columns["shifts"] = (*shifts.all_shifts(), *ScriptSteps(text, finder, places).list_shifts())
+        shifts = ScriptShifts(spread, finder, places)
+        columns["shifts"] = (*shifts.all_shifts(), *ScriptSteps(spread, finder, places).list_shifts())
         columns["barred"] |= dict(shifts.barred_places())
         remarks = (*list_remarks(finder), *tools.list_remarks(places))
         frames = ProgramFrames(

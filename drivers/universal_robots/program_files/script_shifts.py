@@ -1,7 +1,9 @@
 """What a URScript program adds to its poses while it runs, in axes of the base or of the pose's own frame."""
 
 import re
+from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
+from functools import cached_property
 from math import nan
 
 from cellcal.drivers.programs.shifts import NO_TURN, UNREADABLE, ProgramShift, Quaternion, ShiftAxes, Triple
@@ -36,7 +38,10 @@ _FOLLOWS = re.compile(  # but for a pose of which a number is computed
 _OF_TIP = re.compile(rf"{_B}(?:pose_\w++|interpolate_pose|get_(?:actual|target)_tcp_pose|p\[)", re.ASCII)
 _FRAME_BEFORE = re.compile(r"\bpose_trans[ \t]*+\([ \t]*+\Z", re.ASCII)
 _LONGEST_GAP = 80
-_VALUE = r"^[ \t]*+(?:(?:global|local)[ \t]++)?{}[ \t]*+=(?!=)[ \t]*+(?P<value>[^\r\n#]*+)"
+_VALUE = re.compile(
+    r"^[ \t]*+(?:(?:global|local)[ \t]++)?(?P<name>[A-Za-z_]\w*+)[ \t]*+=(?!=)[ \t]*+(?P<value>[^\r\n#]*+)",
+    re.ASCII | re.MULTILINE,
+)
 _PLAIN = re.compile(rf"(?:[A-Za-z_]\w*+|p?\[{SIX}\]){_B}", re.ASCII)
 _NO_NUMBER = re.compile(r"\][ \t]*+=(?!=)[ \t]*+(?:True|False|\"[^\"\n]*+\")[ \t\r]*+(?:#[^\n]*+)?$")
 _NEVER_SIX = re.compile(rf"{_B}(?:integer_to_binary_list|struct|str_\w++|to_str){_B}\(", re.ASCII)
@@ -212,9 +217,7 @@ class ScriptShifts:
             values = self._assigned_values(name)
             roles = ("target", "in_frame", "near", *(("frame",) if values else ()))
             offsets = [offset for offset, role, _ in uses if role in roles]
-            if any(
-                value.startswith("p[") for value in values
-            ):  # numbers that are computed, and a place from them
+            if values:  # a frame that is computed, and a place from it
                 offsets += [offset for offset, role, _ in uses if role == "other" and self._is_frame(offset)]
             if not offsets or self.finder.is_known(name) or name in self.parameters:
                 continue
@@ -236,8 +239,15 @@ class ScriptShifts:
     def _assigned_values(self, name: str) -> list[str]:
         return [found["value"] for found in self._assignments_of(name)]
 
-    def _assignments_of(self, name: str) -> Iterator[re.Match[str]]:
-        return re.finditer(_VALUE.format(name), self.text, re.ASCII | re.MULTILINE)
+    def _assignments_of(self, name: str) -> Sequence[re.Match[str]]:
+        return self._assignments.get(name, ())
+
+    @cached_property
+    def _assignments(self) -> Mapping[str, Sequence[re.Match[str]]]:
+        found: dict[str, list[re.Match[str]]] = defaultdict(list)
+        for one in _VALUE.finditer(self.text):
+            found[one["name"]].append(one)
+        return found
 
     def _end_of_line(self, offset: int) -> int:
         end = self.text.find("\n", offset)

@@ -113,16 +113,15 @@ class Token(NamedTuple):
 class ScriptText:
     """The text with its name, for messages."""
 
-    def __init__(self, file: str, text: str) -> None:
-        self.file = file
-        self.text = text
+    def __init__(self, file: str, text: str, written: str = "") -> None:
+        self.file, self.text, self.written = file, text, written or text  # the last: errors tell its lines
         self.depth: list[tuple[str, int]] = []  # blocks that are open
         self.blocks: list[tuple[int, int]] = []  # those that have ended, and branches of an if: from, to
 
     def error_at(self, offset: int, what: str, remedy: str) -> ProgramFileError:
         """Return the error for something at an offset."""
-        line = self.text.count("\n", 0, offset) + 1
-        column = offset - (self.text.rfind("\n", 0, offset) + 1) + 1
+        line = self.written.count("\n", 0, offset) + 1
+        column = offset - (self.written.rfind("\n", 0, offset) + 1) + 1
         return ProgramFileError(self.file, what, line=line, column=column, remedy=remedy)
 
     def read_statements(self) -> ScriptStatements:

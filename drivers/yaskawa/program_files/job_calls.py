@@ -16,6 +16,7 @@ from cellcal.drivers.yaskawa.program_files.job_text import (
     BLOCK_ENDS,
     shifts_in_blocks,
 )
+from cellcal.drivers.yaskawa.program_files.job_variables import MADE
 
 _JOB = re.compile(r"^//NAME[ \t]+(\S+)(.*?)^//INST(.*?)(?=^/JOB|\Z)", re.MULTILINE | re.DOTALL)
 _CALLED = re.compile(r"\bJOB:[ \t]*(\S+)")
@@ -23,8 +24,7 @@ _LINES = re.compile(
     rf"^[ \t]*(SFTON|SFTOF|CALL|PSTART|MACRO|JUMP|\*|(?:{BLOCK_BEGINS}|{BLOCK_ENDS})\b)([^\n]*)", re.MULTILINE
 )
 _IN_FRAME = re.compile(r"\bUF#\((\d{1,3}|[A-Z])")  # in which user frame a relative job is to run
-_MADE = re.compile(r"^[ \t]*(?:MFRAME|SETTOOL|SETUF\w*)\b[^\n]*?\b(UF|TL)#\((\d{1,3}|[A-Z])", re.MULTILINE)
-_SAYS = re.compile(rb"JOB:|\b(?:SFTON|MACRO|MFRAME|SETTOOL|SETUF)|\b[Pp][Xx]?(?:\d{3,5}\b|\[)")
+_SAYS = re.compile(rb"JOB:|\b(?:SFTON|MACRO|MFRAME|UF#|TL#)|\bPX?(?:\d{3,5}\b|\[)", re.IGNORECASE)
 _IS_MACRO = re.compile(r"^///ATTR\b[^\r\n]*\bMC\b", re.MULTILINE)
 _SHIFTED = "SFTON of {}"
 
@@ -44,7 +44,7 @@ def declarations_of(file: str, data: bytes) -> FileDeclarations:
         marks |= _call_marks(f"{folder}", name, instructions)
         if _IS_MACRO.search(written):
             marks[f"{folder} macro {name}"] = name
-        for what, number in _MADE.findall(instructions):
+        for _, what, number in MADE.findall(instructions):
             marks[f"{folder} makes {name} {what} {number}"] = name
     return FileDeclarations(PurePath(file).stem, doubtful=marks)
 
@@ -135,5 +135,7 @@ def frames_of_calls(file: str, job: str, marks: BatchReasons) -> dict[str, str]:
 def _made_by_jobs(folder: str, marks: BatchReasons) -> list[tuple[str, str, str, bool]]:
     """Return job, UF or TL and number of each frame, and whether the job runs while the cell works."""
     working = {name for pair in marks.rests_behind(f"{folder} call") for name in pair.split(" ")}
+    if marks.rests_behind(f"{folder} runs"):  # only the controller's table says which macro runs
+        working.update(marks.rests_behind(f"{folder} macro"))
     made = (key.split(" ") for key in marks.rests_behind(f"{folder} makes"))
     return [(name, what, number, name in working) for name, what, number in made]

@@ -22,6 +22,8 @@ from cellcal.drivers.yaskawa.program_files.job_text import (
 )
 from cellcal.drivers.yaskawa.program_files.job_variables import (
     AMOUNTS,
+    FILLS,
+    MADE,
     TAKEN,
     ComputedVariables,
     computed_variables,
@@ -37,6 +39,7 @@ _ON_CONVEYOR = "the motion there follows a conveyor ({} in line {})"
 _OTHER_MOTION = "its motion is about a point in the cell that the job does not state ({} in line {})"
 _ANY_AMOUNT = "a register chooses the variables that {} in line {} uses as amounts"
 _SET_HERE = "its job makes its user frame or tool while it runs ({} in line {})"
+_NOT_KNOWN = "line {line} names it behind {word}, and what that does with it is not known"
 _IN_TOOL = "it is stated along the axes of the tool: an amount, and no place"
 _VARIABLE_AMOUNT = (
     "no move of its job goes to this variable, or the job computes with it: it may be an amount"
@@ -57,10 +60,13 @@ _CHOSEN_TARGET = re.compile(r"\s*L?PX?\[[^\]]*\]?")  # one of all the controller
 _FRAME = re.compile(r"\b(BF|RF|TF|MTF|UF#)")
 _SECOND = re.compile(r"\+S?MOV")
 _TEACH_THERE = "Teach it there, or write its value into the job."
-_MADE = re.compile(r"\b(UF|TL)#\((\d{1,3}|[A-Z])")
+_KNOWN = "|".join(("REFP", "MFRAME", "GETE", *sorted(FILLS)))  # to leave taught positions as they are
+_USED_OTHERWISE = re.compile(  # a taught position that is named by what is no motion
+    rf"^[ \t]*+(?![A-Z]*MOV|(?:{_KNOWN})\b)[A-Z]\w*+[^\n'\"]*?(?<![*:\w])C\d{{3,5}}\b", re.MULTILINE
+)
 _JUMPS = re.compile(r"^[ \t]*(?:JUMP\b|\*)", re.MULTILINE)
 _SPECIAL = re.compile(
-    r"\b(?:SFTON|MFRAME|SETTOOL|SETUF|SETUFRM|GETS|GETPOS|SYSTART|[A-Z]+MOV[A-Z]*)\b|\bL?PX?\["
+    r"\b(?:SFTON|MFRAME|GETS|GETPOS|SYSTART|[A-Z]+MOV[A-Z]*)\b|\bL?PX?\[|\b(?:UF|TL)#\("
     r"|\b(?:MOV[JLCS]|REFP)[ \t]++(?:\d++[ \t]++)?+L?PX?\d"
 )
 _CAUSE_OF_INSTRUCTION = (
@@ -91,7 +97,7 @@ def motions_in(
     for job in jobs:
         rows = [row for row in job.rows if row.kind in ROBOT_ROWS]
         barred |= {first + i: why for i, row in enumerate(rows) if (why := _stated_reason(row, job))}
-        if _SPECIAL.search(job.instructions):
+        if _SPECIAL.search(job.instructions) or _USED_OTHERWISE.search(job.instructions):
             found = _find_motions(job, {(row.kind, int(row.number)): row for row in rows})
             barred |= {
                 first + i: why
@@ -280,7 +286,10 @@ def _take_computation(found: _JobFindings, instruction: tuple[int, str, str]) ->
     line, word, rest = instruction
     if word in AMOUNTS and _CHOSEN.search(rest):
         found.all_variables = found.all_variables or make_message(_ANY_AMOUNT, word, line)
-    elif word in ("MFRAME", "SETTOOL", "SETUF", "SETUFRM"):
-        made = _MADE.search(rest)
-        kind = "TL" if word == "SETTOOL" else "UF"
-        found.made.append((kind, made[2] if made else "?", make_message(_SET_HERE, word, line)))
+    elif (made := MADE.match(f"{word} {rest}")) is not None:
+        found.made.append((made[2], made[3], make_message(_SET_HERE, word, line)))
+    elif word == "MFRAME":
+        found.made.append(("UF", "?", make_message(_SET_HERE, word, line)))
+    if _USED_OTHERWISE.match(f"{word} {rest}"):
+        rows = [key for taken in TAKEN.finditer(rest) if taken[3] and (key := _row_key(taken)) is not None]
+        found.barred |= {key: make_message(_NOT_KNOWN, line=line, word=word) for key in rows}

@@ -1,7 +1,8 @@
 """What a change costs where a motion takes a point's numbers in another frame or with another tool than its own.
 
-The work asks for E2 u2 p, with p the point, u2 the frame that the motion takes it in and E2 the change of the work
-there. The changed program goes to u2' u1'^-1 E1 u1 p: the numbers are changed as the point's own frame u1 asks.
+The work asks for E2 u2 q, with q the numbers, u2 the frame that the motion takes them in, E2 the change of the work
+there. The numbers are the point's own p, or those in which the robot's place at it is taken: u q = u1 p, with u1 the
+point's frame. The changed program goes to u2' u'^-1 E1 u1 p: the numbers are changed as the point's own frame asks.
 """
 
 import math
@@ -53,16 +54,20 @@ def find_copy(
     if shift.other_frame == UNKNOWN_FRAME:
         return _unknown_finding(points, place, shift, route)
     poses: list[Array] = []
-    for frame in (points.user_frames[at], shift.other_frame):
+    taken = (
+        shift.user_frame or points.user_frames[at]
+    )  # the place of the robot may be taken in another one, too
+    for frame in (points.user_frames[at], taken, shift.other_frame):
         before = frame_of(route.source, program, frame)
         after = frame_of(route.target, program, frame, at_home=route.source is route.target)
         if before is None or after is None:
             return None
         poses += [before, after]
-    own, own_after, other, other_after = poses
-    expected = _change_of(shift.other_frame, route) @ other @ points.frame_tip[at]
+    own, _, numbers, numbers_after, other, other_after = poses
+    place = own @ points.frame_tip[at]
+    expected = _change_of(shift.other_frame, route) @ other @ inverse_transform(numbers) @ place
     own_change = np.eye(4) if points.stays[at] else route.change
-    reached = other_after @ inverse_transform(own_after) @ own_change @ own @ points.frame_tip[at]
+    reached = other_after @ inverse_transform(numbers_after) @ own_change @ place
     distance = float(np.linalg.norm(expected[:3, 3] - reached[:3, 3]))
     turn = float(np.linalg.norm(log_rotation(expected[:3, :3].T @ reached[:3, :3])))
     name = program.positions.names[row]
