@@ -18,6 +18,7 @@ from cellcal.drivers.interfaces import Joints
 from cellcal.procedures.cell import MotionCaps as SpeedLimits
 from cellcal.procedures.motion.approach import OVERSHOOT_RAD, from_above
 from cellcal.procedures.motion.plan_ways import (
+    allowed_start,
     as_joints,
     corners_allowed,
     corners_of,
@@ -39,7 +40,9 @@ NEARBY_CANDIDATES = (
 QUICK_EFOLD_S, THOROUGH_EFOLD_S = 200.0, 800.0  # of robot time for one e-fold of one motor's certainty
 QUICK_CAPTURES = 16  # who is not sure after these looks for better poses, also far away
 FINER_GAIN = 0.15  # e-folds of all motors together: below this another capture is not worth its time
-_SEEDS_TRIED = 2
+# Each brings two walks. One of the first is nearly always allowed; where the wire soon winds up too far, as few
+# as a quarter are.
+_SEEDS_TRIED = 8
 
 
 def jogging_timing(model: str, limits: SpeedLimits, room: MotionBounds) -> JogPace:
@@ -59,19 +62,29 @@ def plan_first(
     model, limits = load_model(record.model), lost_limits(state, record, room, doubt_turns)
     planner = walk_planner(model, record, limits, state)
     here = np.array(here_rad)
-    for tried in (
-        walk for seed in range(_SEEDS_TRIED) for walk in planner.plan_walks(here, poses, seed=seed)
-    ):
-        walk = list(tried)
-        if walk_allowed(model, here, walk, limits):
-            break
-    else:  # hard by a limit: the record's own poses, as many as can be reached
-        kit = record.capture_joints_rad()
-        order = next_poses(model, record, np.empty((0, model.axis_count)), kit, min(poses, len(kit)))
-        walk = travel_order(model, here_rad, kit[list(order)], limits, one_by_one=True)
+    walk = _find_first_walk(planner, here, poses, limits)
     if not walk:
         raise unreachable_error(here, limits)
     return timed_plan(model, here_rad, walk, limits, state.limits.jog_speed_rad_s, one_by_one=True)
+
+
+def _find_first_walk(planner: WalkPlanner, here: Array, poses: int, limits: MotionLimits) -> list[Array]:
+    """Return a planned walk that is allowed as a whole; else the longest start of one, or of the record's poses.
+
+    What the start leaves open, later captures one at a time decide.
+    """
+    model, record = planner.model, planner.record
+    refused: list[list[Array]] = []
+    for seed in range(_SEEDS_TRIED):
+        for planned in planner.plan_walks(here, poses, seed=seed):
+            walk = list(planned)
+            if walk_allowed(model, here, walk, limits):
+                return walk
+            refused.append(walk)
+    kit = record.capture_joints_rad()
+    order = next_poses(model, record, np.empty((0, model.axis_count)), kit, min(poses, len(kit)))
+    known = travel_order(model, as_joints(here), kit[list(order)], limits, one_by_one=True)
+    return max(known, *(allowed_start(model, here, walk, limits) for walk in refused), key=len)
 
 
 def plan_next(

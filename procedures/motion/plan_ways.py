@@ -97,6 +97,14 @@ def walk_allowed(
     return corners_allowed(model, here, legs, limits)
 
 
+def allowed_start(model: RobotModel, here: Array, walk: list[Array], limits: MotionLimits) -> list[Array]:
+    """Return the poses of a walk, axis by axis, up to the last before the first that breaks a limit."""
+    count = 0
+    while count < len(walk) and walk_allowed(model, here, walk[: count + 1], limits):
+        count += 1
+    return walk[:count]
+
+
 def corners_allowed(model: RobotModel, here: Array, legs: list[Array], limits: MotionLimits) -> bool:
     """Return whether legs, each the corners of a way to a stop, keep every limit one after the other."""
     stops = [last for leg in legs for last in [*(False for _ in leg[1:]), True]]
