@@ -21,7 +21,8 @@ class ComputedTargets:
 
     text: str
     uses: TargetUses
-    moves: list[tuple[str, str, ToolAndFrame]] = field(default_factory=list)  # scope, function, and with what
+    moves: set[tuple[str, str, ToolAndFrame]] = field(default_factory=set)  # scope, function, and with what
+    numbers: dict[tuple[str, ToolAndFrame], int] = field(default_factory=dict)
 
     def note_move(self, target: MoveTarget, instruction: MoveInstruction) -> None:
         """Take the data that the target of a move is computed from as if a copy of them were moved to."""
@@ -29,13 +30,14 @@ class ComputedTargets:
             return
         scope, with_what = self.uses.scope, (instruction.tool, instruction.frame)
         _, argument = next(split_arguments(self.text, (target.place, instruction.end)), (False, ""))
-        result = f"computed@{target.place}"
+        number = self.numbers.setdefault((scope, with_what), len(self.numbers))
+        result = f"result {number}"  # one for all that are moved to alike
         self.uses.declare_without_row(result)
         self.uses.note_use(result, *with_what)
         names = [decode_name(name) for name in _SOURCE.findall(argument)]
         self.uses.returned |= {(scope, name, result) for name in names if not self._is_parameter(name)}
         if (called := _CALLED.match(argument)) is not None:
-            self.moves.append((scope, decode_name(called[1]), with_what))
+            self.moves.add((scope, decode_name(called[1]), with_what))
 
     def note_return(self, end: int) -> None:
         """Take a target that a function returns, where ``RETURN`` ends at a place."""
