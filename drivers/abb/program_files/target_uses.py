@@ -198,13 +198,15 @@ class TargetUses(DeclaredTargets):
 
     def _bar_copied_targets(self, found: RapidPositions) -> None:
         """Leave targets that no move goes to but by a copy."""
-        of_copies = self._uses_of_places() if self.copied else {}
+        of_copies = {
+            place: {MoveFrames(*use, COPIED) for use in sorted(some, key=str)[:_MOST_USES]}
+            for place, some in (self._uses_of_places() if self.copied else {}).items()
+        }
         for scope, name, to in self.copied:
             if not self.is_own(name, scope):
                 its = self.external_uses.setdefault(name.lower(), set())
                 its.add(MoveFrames(None, None, COPIED))
-                some = sorted(of_copies.get(self.find_declared(to, scope), ()), key=str)[:_MOST_USES]
-                its |= {MoveFrames(*use, COPIED) for use in some}
+                its |= of_copies.get(self.find_declared(to, scope), set())
             for row in self.rows_of(name, scope):
                 if row not in self.of_row and found.kinds[row] == CARTESIAN:
                     self.barred[row] = COPIED
