@@ -118,10 +118,13 @@ class TargetUses(DeclaredTargets):
         of_copies = self._uses_of_places()
         made = self.copied | self.returned
         copies = self._copies_made()
+        settled: dict[frozenset[tuple[str, str]], list[ToolAndFrame]] = {}
         for scope, name in sorted({each[:2] for each in made}):
-            its = _reachable_copies(copies, self.find_declared(name, scope))
-            uses = {use for copy in its for use in of_copies.get(copy, ())}
-            some = sorted(uses, key=str)[:_MOST_USES]
+            its = frozenset(_reachable_copies(copies, self.find_declared(name, scope)))
+            if its not in settled:  # many are copied to the same
+                uses = {use for copy in its for use in of_copies.get(copy, ())}
+                settled[its] = sorted(uses, key=str)[:_MOST_USES]
+            some = settled[its]
             if some and name.lower() in self.external_uses and not self.is_own(name, scope):
                 self._note_external_use(name, set(some))
             for row in self.rows_of(name, scope) if some else ():
