@@ -265,8 +265,9 @@ END
         (("N=N+1", "FLAG=TRUE", "KIND=#GOOD", *USED), {}, ""),
         (USED, {"c.src": src_file("C", "P1=FOUND")}, ""),  # its own P1: this one is not GLOBAL
         (USED, {"c.src": src_file("C", "BASE_DATA[4]=FOUND")}, "while the program runs"),
-        (USED, {"c.src": src_file("C", "BASE_DATA[3]=FOUND", "BASE_DATA[N]=FOUND")}, ""),
-        (USED, {"two/c.src": src_file("C", "BASE_DATA[4]=FOUND")}, ""),
+        (USED, {"c.src": src_file("C", "BASE_DATA[3]=FOUND", "BASE_DATA[5]=FOUND")}, ""),
+        (USED, {"c.src": src_file("C", "BASE_DATA[N]=FOUND")}, "while the program runs"),
+        (USED, {"two/c.src": src_file("C", "BASE_DATA[4]=FOUND")}, "while the program runs"),
         ((*USED, "BASE_DATA[4]=FOUND"), {}, "while the program runs"),
         ((*USED[:2], "SUB()", USED[2]), {"s.src": src_file("SUB", "BAS (#INITMOV,0 )")}, "SUB in s.src"),
         ((*USED[:2], "SUB()", USED[2]), {"s.src": src_file("SUB", "BAS (#INITMOV,0 )", "BAS(#BASE,4)", "BAS(#TOOL,1)")},
@@ -286,10 +287,11 @@ def test_a_kuka_point_is_left_where_it_or_its_base_gets_another_value(tmp_path, 
         ("sub/", "main.src", True),
         ("cell/KRC/R1/Program/", "cell/KRC/R1/System/main.src", True),
         ("one/KRC/R1/Program/", "two/KRC/R1/System/main.src", False),
-        ("sub/", "other/main.src", False),
+        ("sub/", "other/main.src", True),
+        ("", "below/main.src", True),
     ],
 )
-def test_a_kuka_base_that_a_program_sets_counts_below_its_controllers_folder(
+def test_a_kuka_base_that_a_program_sets_counts_in_all_folders_of_its_controller(
     tmp_path, folder, setter, is_left
 ):
     moved = src_file("M", "BASE_DATA[4].z=BASE_DATA[4].z + 155")

@@ -7,10 +7,11 @@ from cellcal.drivers.programs.barred import MOVED_BY_UNIT, SEEN_FROM_FLANGE
 
 ToolAndFrame = tuple[str | None, str | None]  # tool, work object; None where it is computed
 
-_BARRED_DIFFERENT = "the program uses it with different tools or work objects"
+BARRED_DIFFERENT = "the program uses it with different tools or work objects"
 BARRED_COMPUTED = "the program uses it with a tool or work object that is computed"
 _BARRED_SEVERAL = "its file declares several tools or work objects of one name"
 BARRED_SET = "its tool or work object is set while the program runs"
+FRAME_PARTS = ("uframe", "oframe", "tframe", "robhold", "ufprog", "ufmec")  # a tool's load places nothing
 
 
 class AgreedUse(NamedTuple):
@@ -53,7 +54,7 @@ class FrameFacts:
         if any(part is not None and part.lower() in self.set_while_running for use in uses for part in use):
             return BARRED_SET
         if len(uses) > 1:
-            return _BARRED_DIFFERENT
+            return BARRED_DIFFERENT
         tool, frame = next(iter(uses))
         if tool is None or frame is None:
             return BARRED_COMPUTED

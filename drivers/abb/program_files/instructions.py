@@ -8,6 +8,7 @@ from cellcal.calibration.geometry import Pose
 from cellcal.drivers.abb.program_files.literals import (
     AGGREGATES,
     NAME,
+    NAMED_ARGUMENT,
     AggregateError,
     W,
     after_blanks,
@@ -113,6 +114,7 @@ def read_instruction(source: ProgramText, word: str, place: int) -> MoveInstruct
         A target is not understood, or the instruction does not end.
     """
     arguments, end = _split_arguments(source, place, axes=_is_axis_move(word))
+    arguments = [_without_name(source, argument, axes=_is_axis_move(word)) for argument in arguments]
     plain = [argument for argument in arguments if source.text[argument.start : argument.start + 1] != "\\"]
     plain_names = [argument for argument in plain if argument.literal is None]
     frame, named_at, pose = _work_object(source.text, place, end)
@@ -127,6 +129,17 @@ def read_instruction(source: ProgramText, word: str, place: int) -> MoveInstruct
         and (target := _target_of(source, word, k, argument)) is not None
     )
     return MoveInstruction(word, targets, tool, frame, end, pose)
+
+
+def _without_name(source: ProgramText, argument: MoveArgument, *, axes: bool) -> MoveArgument:
+    """Return an argument without the name of the parameter that it is for."""
+    if ":=" not in source.text[argument.start : argument.end]:
+        return argument
+    named = NAMED_ARGUMENT.match(source.text[argument.start : argument.end])
+    if named is None:
+        return argument
+    start = argument.start + named.end()
+    return MoveArgument(start, argument.end, _match_literal(source, start, axes=axes))
 
 
 def _is_axis_move(word: str) -> bool:

@@ -9,6 +9,7 @@ W = r"(?:[ \t\r\n\f]++|![^\n]*+)*+"  # what may stand between two tokens
 NAME = r"[A-Za-z\x80-\xff][\w\x80-\xff]*+"  # any letter of ISO 8859-1 or, byte by byte, of UTF-8
 NUMBER = r"[+-]?(?:\d++(?:\.\d*+)?+|\.\d++)(?:[eE][+-]?\d++)?+(?![\w.])"
 OPTION = re.compile(rf"{W}({NAME}){W}:=", re.ASCII)  # of a call, behind its backslash
+NAMED_ARGUMENT = re.compile(rf"\A{W}{NAME}{W}:={W}", re.ASCII)  # a parameter's name before what it gets
 OPENED = re.compile(rf"{W}(\()?+", re.ASCII)  # the bracket of a function's arguments, if any
 INDEX = re.compile(r"\d+(?:,\d+)*")  # of an array, without blanks
 _FLAG = r"TRUE|FALSE"

@@ -6,7 +6,15 @@ from dataclasses import dataclass, field
 
 from cellcal.drivers.abb.program_files.displacements import WORDS
 from cellcal.drivers.abb.program_files.instructions import MOVES
-from cellcal.drivers.abb.program_files.literals import INDEX, NAME, OPENED, OPTION, W, decode_name
+from cellcal.drivers.abb.program_files.literals import (
+    INDEX,
+    NAME,
+    NAMED_ARGUMENT,
+    OPENED,
+    OPTION,
+    W,
+    decode_name,
+)
 from cellcal.drivers.abb.program_files.measured_places import measured_name
 from cellcal.drivers.abb.program_files.target_uses import TargetUses
 from cellcal.drivers.programs.routine_calls import (
@@ -42,7 +50,7 @@ _LEADING = frozenset(  # a statement follows
 )
 _WORK_OBJECT = "wobj"  # the option that names one
 _COMPUTING_JOINTS = frozenset(("calcjointt",))  # functions of the language, for which no work object is wobj0
-_NO_TARGETS = frozenset(  # types of the language that hold no target; a record of the program's own may
+TYPES_WITHOUT_TARGETS = frozenset(  # types of the language that hold no target; a record of the program's own may
     ("num", "dnum", "bool", "byte", "string", "pos", "orient", "pose", "confdata", "extjoint", "robjoint",
      "jointtarget", "tooldata", "wobjdata", "loaddata", "speeddata", "zonedata", "stoppointdata", "clock", "intnum",
      "iodev", "identno", "signaldi", "signaldo", "signalai", "signalao", "signalgi", "signalgo", "mecunit", "errnum",
@@ -76,7 +84,7 @@ class RoutineParameters:
             RoutineParameter(
                 decode_name(one["name"]).lower(),
                 one["before"] in ("\\", "|"),
-                one["type"].lower() not in _NO_TARGETS,
+                one["type"].lower() not in TYPES_WITHOUT_TARGETS,
                 one["mode"] is None,
             )
             for one in found
@@ -310,6 +318,8 @@ def split_arguments(text: str, span: tuple[int, int]) -> Iterator[tuple[bool, st
     for count, found in enumerate(_ARGUMENT.finditer(text, *span)):
         if not depth and found[0] in (",", ";", ")", "\\"):
             part = _COMMENT.sub(" ", text[start : found.start()])
+            if not is_option:
+                part = NAMED_ARGUMENT.sub("", part, count=1)
             if part.strip():
                 yield is_option, part
             if found[0] in ";)" or count > _MOST_TOKENS:

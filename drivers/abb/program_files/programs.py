@@ -16,6 +16,7 @@ from cellcal.drivers.abb.program_files.collected_positions import LEAST_ANGLE_DE
 from cellcal.drivers.abb.program_files.configuration import AbbConfigurations, numbers_of
 from cellcal.drivers.abb.program_files.declared_frames import with_standing_work
 from cellcal.drivers.abb.program_files.declared_records import declared_records
+from cellcal.drivers.abb.program_files.hidden_frames import with_local_frames
 from cellcal.drivers.abb.program_files.instructions import MOVES
 from cellcal.drivers.abb.program_files.literals import AGGREGATES
 from cellcal.drivers.abb.program_files.measured_places import (
@@ -35,6 +36,7 @@ from cellcal.drivers.abb.program_files.rapid_module import read_module
 from cellcal.drivers.abb.program_files.set_frames import (
     SetFrames,
     marks_of_set_frames,
+    without_data_set_by_name,
     without_frames_of_others,
 )
 from cellcal.drivers.abb.program_files.unchecked_configurations import ignores_configurations
@@ -215,6 +217,7 @@ class AbbFile:
 
     def with_external_uses(self, external_uses: ExternalUses) -> Self:
         """Return the file with what other modules say of its targets."""
+        external_uses = with_local_frames(external_uses, self.declarations)
         positions, remarks = settle_positions(
             self.positions, external_uses, self.keys, used=self.used, taught=frozenset(), routines={}
         )
@@ -233,6 +236,7 @@ class AbbFile:
         )
         positions = replace(positions, shifts=(*positions.shifts, *places, *measured))
         positions = without_frames_of_others(positions, external_uses, self.set_frames)
+        positions = without_data_set_by_name(positions, external_uses)
         positions = _with_agreed_tools(positions, external_uses, self.keys)
         positions = _without_other_robots(positions, external_uses.other_task)
         if is_of_unknown_robot(external_uses):

@@ -59,6 +59,8 @@ class RapidDeclarations:
         self.declared_local = local
         if kind in ("tooldata", "wobjdata"):
             self.frames.declare_name(kind, name, shown=not local and self.uses.scope.endswith("/"))
+            if not self.uses.scope.endswith("/"):
+                self.uses.of_routines.add((name.lower(), self.uses.scope))
         if kind not in AGGREGATES:
             return declared.end()
         if sizes is not None:

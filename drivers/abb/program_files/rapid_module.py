@@ -3,13 +3,15 @@
 import re
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from functools import partial
+from functools import cached_property, partial
 
 from cellcal.calibration.message import make_message
 from cellcal.drivers.abb.program_files.collected_positions import NO_COORDINATES, RapidPositions
+from cellcal.drivers.abb.program_files.computed_targets import ComputedTargets
 from cellcal.drivers.abb.program_files.declared_frames import DeclaredFrames
 from cellcal.drivers.abb.program_files.displacements import USED, WORDS, Displacements, TargetMove
 from cellcal.drivers.abb.program_files.found_shifts import FoundShifts
+from cellcal.drivers.abb.program_files.frame_facts import FRAME_PARTS
 from cellcal.drivers.abb.program_files.instructions import (
     BROKEN,
     COMPUTED,
@@ -99,6 +101,11 @@ class RapidModule(RapidDeclarations):
     parameters: RoutineParameters = field(default_factory=RoutineParameters)
     written: WrittenTargets = field(default_factory=lambda: WrittenTargets.without_rows(0))
     literal: LiteralFrames = field(default_factory=LiteralFrames)
+
+    @cached_property
+    def computed(self) -> ComputedTargets:
+        """Return the targets that functions compute."""
+        return ComputedTargets(self.found.source.text, self.uses)
 
     def read_module(self) -> None:
         """Take the whole text.
@@ -192,6 +199,7 @@ class RapidModule(RapidDeclarations):
         self.frames.tools |= self.literal.tools
         self.frames.bases |= self.literal.bases
         self._take_written_arguments()
+        self.computed.finish_reading()
         self._pass_targets()
         self.uses.resolve_uses(self.found)
         self.shifts.bar_targets(self.found, self.uses)
@@ -276,7 +284,7 @@ class RapidModule(RapidDeclarations):
         else:
             self.shifts.overwrite(start, (name, self.uses.scope), assigned.end())
         part = assigned[2].partition(".")[2].strip().lower()
-        if not part or part.startswith(("uframe", "oframe", "tframe")):
+        if not part or part.startswith(FRAME_PARTS):
             self.set_names.add(bare.lower())
         self.assigned.append((start, bare, self.uses.scope))
         return assigned.end()
@@ -310,6 +318,7 @@ class RapidModule(RapidDeclarations):
     def _moved_to(self, instruction: MoveInstruction, part: int, target: MoveTarget, start: int) -> None:
         if target.remark:
             self.found.add_remark(target.place, *target.remark)
+            self.computed.note_move(target, instruction)
         word = self.found.source.text[start : start + len(instruction.word)]
         line = self.found.source.line_of(target.place)
         name = f"{word}@{line}" + (f".{part + 1}" if part else "")
@@ -358,6 +367,10 @@ class RapidModule(RapidDeclarations):
         self.local = True
         return end
 
+    def _take_return(self, word: str, end: int) -> int:
+        self.computed.note_return(end)
+        return end
+
     def _leave_routine(self, word: str, end: int) -> int:
         self.shifts.displacements.routines[self.uses.scope] = (self.routine_begins, end)
         self.uses.enter_routine("")
@@ -368,6 +381,7 @@ _HANDLERS: dict[str, Callable[[RapidModule, str, int], int]] = {
     **dict.fromkeys(("const", "pers", "var"), RapidModule.take_declaration),
     **dict.fromkeys(("proc", "func", "trap"), RapidModule._take_routine),  # noqa: SLF001  # a table of its own methods
     **dict.fromkeys(("endproc", "endfunc", "endtrap"), RapidModule._leave_routine),  # noqa: SLF001
+    "return": RapidModule._take_return,  # noqa: SLF001
     "local": RapidModule._take_local,  # noqa: SLF001
     "module": RapidModule._take_module,  # noqa: SLF001
 }

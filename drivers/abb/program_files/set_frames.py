@@ -4,20 +4,20 @@ import re
 from collections.abc import Callable, Iterable, Mapping, Set
 from dataclasses import dataclass, field, replace
 
+from cellcal.drivers.abb.program_files.data_set_by_name import sets_any_place
 from cellcal.drivers.abb.program_files.frame_facts import BARRED_SET, FrameFacts
 from cellcal.drivers.abb.program_files.literal_frames import ANY_NAME, LiteralFrames
 from cellcal.drivers.abb.program_files.literals import NAME
 from cellcal.drivers.abb.program_files.rapid_called import called_procedures
 from cellcal.drivers.abb.program_files.written_frames import NUMBERS
 from cellcal.drivers.programs.file_declarations import ExternalUses
-from cellcal.drivers.programs.positions import Positions
+from cellcal.drivers.programs.positions import CARTESIAN, Positions
 
 _SETS = "sets"  # before a name and the file that sets it
 _SETS_ANY = "sets-any"  # before a file that sets data by a name which is computed
 _TRAP_NAMES = "trap names"  # before a word in a trap, or in what it calls in its file, and the file
 _HAS = "has routine"  # before a routine and its file
 _CALLS = "may call"  # before what is called in a file, or may be, and the file
-_BY_NAME = re.compile(r"\bSetAllDataVal\b|\bSetDataVal\b(?!\s*+\"\w)", re.ASCII | re.IGNORECASE)
 _TRAP = re.compile(r"\bTRAP\s", re.ASCII | re.IGNORECASE)
 _WORD = re.compile(NAME, re.ASCII)
 _ROUTINE = re.compile(rf"\b(?:PROC|FUNC\s++\w++)\s++({NAME})", re.ASCII | re.IGNORECASE)
@@ -60,7 +60,7 @@ def marks_of_set_frames(facts: FrameFacts, file: str, text: str) -> dict[str, st
     return {
         **{f"{_SETS} {name} {file}": BARRED_SET for name in sorted(facts.set_while_running)},
         **{f"{_TRAP_NAMES} {name} {file}": BARRED_SET for name in sorted(in_traps)},
-        **({f"{_SETS_ANY} {file}": BARRED_SET} if _BY_NAME.search(text) else {}),
+        **({f"{_SETS_ANY} {file}": BARRED_SET} if sets_any_place(text) else {}),
         **{f"{_HAS} {name.lower()} {file}": BARRED_SET for name in sorted(set(_ROUTINE.findall(text)))},
         **{f"{_CALLS} {name} {file}": BARRED_SET for name in sorted(_possible_calls(text))},
     }
@@ -133,6 +133,14 @@ def without_frames_of_others(
         for parts in [[name.lower().partition(NUMBERS) for name in names if name is not None]]
         if any((any_ and numbers) or name in others for name, numbers, _ in parts)
     ]
+    return replace(positions, barred={**dict.fromkeys(rows, BARRED_SET), **positions.barred})
+
+
+def without_data_set_by_name(positions: Positions, external_uses: ExternalUses) -> Positions:
+    """Return positions that are all left where a file may set any target, tool or work object by its name."""
+    if not external_uses.doubtful.rests_behind(_SETS_ANY):
+        return positions
+    rows = [row for row, kind in enumerate(positions.kinds) if kind == CARTESIAN]
     return replace(positions, barred={**dict.fromkeys(rows, BARRED_SET), **positions.barred})
 
 

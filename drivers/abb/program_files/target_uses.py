@@ -42,6 +42,12 @@ class TargetUses(DeclaredTargets):
     of_row: dict[int, list[ToolAndFrame]] = field(default_factory=lambda: defaultdict(list))
     tools_of_moves: set[str] = field(default_factory=lambda: {"tool0"})  # in small letters
     spelling: dict[str, str] = field(default_factory=lambda: {"wobj0": "wobj0", "tool0": "tool0"})
+    named_in: set[tuple[str, str]] = field(
+        default_factory=set
+    )  # tools and work objects, and the scopes of moves
+    of_routines: set[tuple[str, str]] = field(
+        default_factory=set
+    )  # those that routines declare, and their scopes
     held_work: set[int] = field(default_factory=set)  # rows seen from the work in the gripper
     conditions: dict[int, ConditionalBar] = field(default_factory=dict)
     user_frames: dict[int, str] = field(default_factory=dict)
@@ -84,6 +90,8 @@ class TargetUses(DeclaredTargets):
 
     def resolve_uses(self, found: RapidPositions) -> None:
         """Give every row the tool and work object that all its uses agree on."""
+        hiding = {name for name, _ in self.of_routines}
+        self.facts.several |= {name for name, scope in self.named_in - self.of_routines if name in hiding}
         of_rows: dict[tuple[int, ...], set[ToolAndFrame]] = defaultdict(set)
         for (scope, name), what_all in self.used.items():
             rows = self.rows_of(name, scope)
@@ -110,10 +118,13 @@ class TargetUses(DeclaredTargets):
         of_copies = self._uses_of_places()
         made = self.copied | self.returned
         copies = self._copies_made()
+        settled: dict[frozenset[tuple[str, str]], list[ToolAndFrame]] = {}
         for scope, name in sorted({each[:2] for each in made}):
-            its = _reachable_copies(copies, self.find_declared(name, scope))
-            uses = {use for copy in its for use in of_copies.get(copy, ())}
-            some = sorted(uses, key=str)[:_MOST_USES]
+            its = frozenset(_reachable_copies(copies, self.find_declared(name, scope)))
+            if its not in settled:  # many are copied to the same
+                uses = {use for copy in its for use in of_copies.get(copy, ())}
+                settled[its] = sorted(uses, key=str)[:_MOST_USES]
+            some = settled[its]
             if some and name.lower() in self.external_uses and not self.is_own(name, scope):
                 self._note_external_use(name, set(some))
             for row in self.rows_of(name, scope) if some else ():
@@ -190,9 +201,15 @@ class TargetUses(DeclaredTargets):
 
     def _bar_copied_targets(self, found: RapidPositions) -> None:
         """Leave targets that no move goes to but by a copy."""
-        for scope, name, _ in self.copied:
+        of_copies = {
+            place: {MoveFrames(*use, COPIED) for use in sorted(some, key=str)[:_MOST_USES]}
+            for place, some in (self._uses_of_places() if self.copied else {}).items()
+        }
+        for scope, name, to in self.copied:
             if not self.is_own(name, scope):
-                self.external_uses.setdefault(name.lower(), set()).add(MoveFrames(None, None, COPIED))
+                its = self.external_uses.setdefault(name.lower(), set())
+                its.add(MoveFrames(None, None, COPIED))
+                its |= of_copies.get(self.find_declared(to, scope), set())
             for row in self.rows_of(name, scope):
                 if row not in self.of_row and found.kinds[row] == CARTESIAN:
                     self.barred[row] = COPIED
@@ -236,6 +253,7 @@ class TargetUses(DeclaredTargets):
         spelled = self.known_here.get((tool, frame))
         if spelled is None:
             spelled = self.known_here[tool, frame] = (self._visible_name(tool), self._visible_name(frame))
+            self.named_in |= {(name.lower(), self.scope) for name in spelled if name is not None}
             if spelled[0] is not None and not spelled[0].startswith(PARAMETER):
                 self.tools_of_moves.add(spelled[0].lower())
         return spelled

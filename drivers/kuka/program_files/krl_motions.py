@@ -57,8 +57,8 @@ class KrlMotions:
         own = "" if cut is None else code[cut.end() :]
         own_frames = patterns.FRAME_SET.search(own) is not None
         code = code[: cut.start()] if cut else code
-        if "(" in code:
-            self.take_calls(code, line)
+        if "(" in code or patterns.CALLED_IN_WITH.search(own):
+            self.take_calls(code + patterns.READING_CALL.sub(" ", own), line)
         begin, end = motion.end(), motion.end() + len(code)
         place, part = begin, 0
         for _ in range(patterns.MOST_TARGETS):

@@ -1,7 +1,7 @@
 """KUKA programs (.src): points written into motion statements, and what changes points while the program runs."""
 
 import re
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from cellcal.calibration.message import make_message
 from cellcal.drivers.kuka.program_files import patterns
@@ -165,6 +165,17 @@ class KrlProgram(KrlMotions):
             which = patterns.TABLES[table.upper()]
             self.tables.note_setting(which, "*", routine, line.start, self.branches, UNKNOWN)
             self.points.set_tables.add(f"{which} *")
+        behind = patterns.BEHIND_DO.search(self.found.source.text, line.start, line.end)
+        if behind is not None:
+            self._take_beside_assignment(KrlLine(behind.end(), line.end, ""))
+
+    def _take_beside_assignment(self, line: KrlLine) -> None:
+        """Take what gets a value at another time: a point, frame data, or a component of either."""
+        name = find_item(self.found.source.text, line.start, line.end)
+        if name is not None and name.name[0] != "$" and name.name.upper() not in patterns.TABLES:
+            self.points.routines[-1].assigned.add(name.name.upper())
+            self.points.set_data.add(name.name.upper())
+            self.note_use(name.name, name.index, line.start, OVERWRITTEN)
 
     def _take_branch(self, word: str, place: int) -> None:
         self.force.take_branch(word)
@@ -221,7 +232,7 @@ class KrlProgram(KrlMotions):
             self.found.add_remark(line.start, "foreign", patterns.COUPLED_TEXT)
             return
         if which == "IPO_MODE":
-            is_external = "#TCP" in text[place : line.end].upper()
+            is_external = patterns.HELD_TOOL.match(text, place, line.end) is None
             self.points.external_tool |= is_external
             routine.external_tool |= is_external
             routine.held_tool |= not (is_external or routine.moves or self.branches)
@@ -266,6 +277,9 @@ class KrlProgram(KrlMotions):
             self.points.routines[-1].assigned.add(name.name.upper())
             self._take_value(name, line)
             return
+        if name is not None and (record := patterns.RECORD_SET.match(text, name.end, line.end)) is not None:
+            value = without_strings(text[record.end() : line.end])
+            self._take_copy(replace(name, value=record.end()), value, line)
         part = patterns.FRAME_DATA_COMPONENT.match(text, line.start, line.end)
         if part is not None:
             self.points.set_data.add(part[1].upper())

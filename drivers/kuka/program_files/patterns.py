@@ -9,6 +9,13 @@ MOTION = re.compile(
 WITH = re.compile(r"\bWITH\b", re.IGNORECASE)
 ROUTINE = re.compile(rf"{B}*+(?:GLOBAL{B}++)?+(?:DEF|DEFFCT{B}++\w++)\b{B}*+(\w*+)", re.ASCII | re.IGNORECASE)
 CALLS = re.compile(rf"(?<![\w.$])([A-Za-z_]\w*+){B}*+\(", re.ASCII)  # in conditions and values, too
+CALLED_IN_WITH = re.compile(  # other than the functions of the inline forms, which read frame and motion data
+    rf"(?<![\w.$])(?!S(?:VEL|ACC|TOOL|BASE|IPO|LOAD|APO|ORI|GEAR|JERK)\w*+{B}*+\()[A-Za-z_]\w*+{B}*+\(",
+    re.ASCII | re.IGNORECASE,
+)
+READING_CALL = re.compile(
+    rf"\bS(?:VEL|ACC|TOOL|BASE|IPO|LOAD|APO|ORI|GEAR|JERK)\w*+(?={B}*+\()", re.IGNORECASE
+)
 INTERRUPT = re.compile(  # what it declares, whether also for callers, and the routine that runs then
     rf"{B}*+(GLOBAL{B}++)?+INTERRUPT{B}++DECL\b[^\n]*\bDO{B}++([A-Za-z_]\w*+)", re.ASCII | re.IGNORECASE
 )
@@ -39,6 +46,9 @@ BAS_CHOSEN = re.compile(rf"\bBAS{B}*+\({B}*+[^#\s]", re.IGNORECASE)  # a variabl
 FRAME_SET = re.compile(
     rf"(?<![\w.])\$(TOOL|BASE|IPO_MODE|ACT_EX_AX)\b({B}*+\.{B}*+[XYZABC])?+{B}*+=(?!=){B}*+", re.IGNORECASE
 )
+HELD_TOOL = re.compile(r"#BASE\b", re.IGNORECASE)  # any other value of $IPO_MODE may be #TCP
+RECORD_SET = re.compile(rf"(?:{B}*+\.{B}*+\w++{B}*+(?:\[[^\[\]\n]*+\]{B}*+)?+)++=(?!=){B}*+", re.ASCII)
+BEHIND_DO = re.compile(rf"\bDO{B}++(?=[^\n=]*?=(?!=))", re.IGNORECASE)  # an assignment, done at another time
 FROM_KINEMATICS = re.compile(  # a base that an external axis turns: root, kinematics, base on it
     rf"EK{B}*+\([^(){{}}\n]{{0,120}}?\bBASE_DATA{B}*+\[{B}*+(\d++){B}*+\]{B}*+\){B}*+", re.IGNORECASE
 )

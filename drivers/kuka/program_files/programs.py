@@ -193,7 +193,7 @@ class KukaFile:
         positions = with_set_entries(positions, self.keys, self._own_taught(), external_uses, cell)
         positions = without_entries_set_beside(positions, self.taken, external_uses, cell)
         positions = without_external_tools(positions, self.taught, external_uses)
-        positions = _without_set_tables(positions, self.declarations.module, external_uses)
+        positions = _without_set_tables(positions, external_uses)
         positions = without_mixed_work(positions, self.keys, external_uses)
         positions = without_set_data(positions, self.keys, self.taught, set_data)
         positions = _with_carried_bases(positions, self.taught, external_uses)
@@ -327,10 +327,7 @@ def _with_path(
     entries: EntryMarks = NO_ENTRIES,
 ) -> FileDeclarations:
     module = path.stem.upper()
-    doubtful = {
-        f"{module if key[-1] == '*' else program_folder(path)} {key}": why
-        for key, why in declarations.doubtful.items()
-    }
+    doubtful = {f"{program_folder(path)} {key}": why for key, why in declarations.doubtful.items()}
     doubtful |= marks_of_set_data(set_data, path) | entries.of_file(program_folder(path), path)
     return replace(declarations, module=module, public=module == "$CONFIG", doubtful=doubtful)
 
@@ -353,14 +350,14 @@ def _with_carried_bases(positions: Positions, taught: Set[int], external_uses: E
     return replace(positions, conditions={**positions.conditions, **conditions}) if conditions else positions
 
 
-def _without_set_tables(positions: Positions, module: str, external_uses: ExternalUses) -> Positions:
+def _without_set_tables(positions: Positions, external_uses: ExternalUses) -> Positions:
     """Return positions of which those are left whose tool or base a program sets in the tables, or the robot's root.
 
-    Where an index is computed, that is said of the program's own points only.
+    Where an index is computed, that is said of every entry.
     """
     if not external_uses.doubtful:  # as nearly always
         return positions
-    whose = (module, *cells_of(external_uses.file))  # a program counts for those below its folder
+    whose = cells_of(external_uses.file)
     if any(f"{one} {SET}" in external_uses.doubtful for one in whose):
         cartesian = {row: ROOT_SET for row, kind in enumerate(positions.kinds) if kind == CARTESIAN}
         return replace(positions, barred={**cartesian, **positions.barred})
