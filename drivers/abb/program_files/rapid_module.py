@@ -43,6 +43,7 @@ from cellcal.drivers.abb.program_files.target_uses import TargetUses
 from cellcal.drivers.abb.program_files.unread import INSIDE, LIKE_A_POSITION, unread_positions
 from cellcal.drivers.abb.program_files.usual import USUAL
 from cellcal.drivers.abb.program_files.written_arguments import find_written
+from cellcal.drivers.abb.program_files.written_frames import PARTS_THAT_COUNT
 from cellcal.drivers.abb.program_files.written_numbers import WrittenTargets
 from cellcal.drivers.programs.guided_motions import AXIS_BY_ITSELF
 from cellcal.drivers.programs.positions import NO_NUMBER
@@ -276,7 +277,7 @@ class RapidModule(RapidDeclarations):
         else:
             self.shifts.overwrite(start, (name, self.uses.scope), assigned.end())
         part = assigned[2].partition(".")[2].strip().lower()
-        if not part or part.startswith(("uframe", "oframe", "tframe")):
+        if not part or part.startswith(PARTS_THAT_COUNT):
             self.set_names.add(bare.lower())
         self.assigned.append((start, bare, self.uses.scope))
         return assigned.end()

@@ -13,6 +13,8 @@ PARTS = {  # of the kinds, what is in it that says where a tool or a frame is
     "tooldata": ("tframe.trans", "tframe.rot"),
     "wobjdata": ("uframe.trans", "uframe.rot", "oframe.trans", "oframe.rot"),
 }
+# All of a tool or a work object but the tool's load.
+PARTS_THAT_COUNT = ("uframe", "oframe", "tframe", "robhold", "ufprog", "ufmec")
 
 
 def name_of_numbers(numbers: Mapping[str, tuple[str, ...]]) -> str:
