@@ -42,7 +42,9 @@ MOVE = "MoveL p1,v100,z10,tool0\\WObj:=w1;"
 def test_what_may_give_a_value_leaves_the_point(
     tmp_path: Path, line: str, left: bool, elsewhere: bool
 ) -> None:
-    routine = f"VAR num count;\nPROC n1()\n{line}\nENDPROC\nFUNC bool known(wobjdata w)\nRETURN TRUE;\nENDFUNC"
+    routine = (
+        f"VAR num count;\nPROC n1()\n{line}\nENDPROC\nFUNC bool known(wobjdata w)\nRETURN TRUE;\nENDFUNC"
+    )
     own = f"PROC r()\n{MOVE}\nENDPROC"
     lines = [WORK, POINT, own] if elsewhere else [WORK, POINT, own, routine]
     files = {"m.mod": rapid_module("m", *lines)}

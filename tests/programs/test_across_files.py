@@ -266,7 +266,7 @@ END
         (USED, {"c.src": src_file("C", "P1=FOUND")}, ""),  # its own P1: this one is not GLOBAL
         (USED, {"c.src": src_file("C", "BASE_DATA[4]=FOUND")}, "while the program runs"),
         (USED, {"c.src": src_file("C", "BASE_DATA[3]=FOUND", "BASE_DATA[N]=FOUND")}, ""),
-        (USED, {"two/c.src": src_file("C", "BASE_DATA[4]=FOUND")}, ""),
+        (USED, {"two/c.src": src_file("C", "BASE_DATA[4]=FOUND")}, "while the program runs"),
         ((*USED, "BASE_DATA[4]=FOUND"), {}, "while the program runs"),
         ((*USED[:2], "SUB()", USED[2]), {"s.src": src_file("SUB", "BAS (#INITMOV,0 )")}, "SUB in s.src"),
         ((*USED[:2], "SUB()", USED[2]), {"s.src": src_file("SUB", "BAS (#INITMOV,0 )", "BAS(#BASE,4)", "BAS(#TOOL,1)")},

@@ -16,9 +16,7 @@ PASSED = "a function whose file is not given gets it, or its tool or work object
 _PASSES = "passes"  # before a function, what it gets, and the file
 _SILENT = re.compile(r'![^\n]*+|"(?:[^"\n]++|"")*+"')
 _CALL = re.compile(rf"(?<![\w.%])({NAME})[ \t\r\n]*+\(", re.ASCII)
-_HEADER = re.compile(
-    r"\b(?:PROC|FUNC[ \t]++\w++)[ \t]++\w++[ \t\r\n]*+\([^()]*+\)", re.ASCII | re.IGNORECASE
-)
+_HEADER = re.compile(r"\b(?:PROC|FUNC[ \t]++\w++)[ \t]++\w++[ \t\r\n]*+\([^()]*+\)", re.ASCII | re.IGNORECASE)
 _SIGN = re.compile(r"[(){};,]")
 _ARGUMENT = re.compile(
     rf"\s*+(?:\\?\s*+{NAME}\s*+:=\s*+)?+({NAME})\s*+(?:\{{[^{{}}]*+\}}\s*+)?+(?:\.[\w.\s]*+)?+(?:\\[^,]*+)?+",
@@ -80,7 +78,10 @@ def rows_of_passed(positions: Positions, keys: Sequence[str], marks: BatchReason
         return {}
     found = {}
     for row, key in enumerate(keys):
-        frames = [(name or "").lower().partition("=")[0] for name in (positions.tools[row], positions.user_frames[row])]
+        frames = [
+            (name or "").lower().partition("=")[0]
+            for name in (positions.tools[row], positions.user_frames[row])
+        ]
         if passed.intersection((key.rpartition(":")[2].partition("{")[0], *frames)):
             found[row] = PASSED
     return found

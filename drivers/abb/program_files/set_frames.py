@@ -62,7 +62,9 @@ def marks_of_set_frames(facts: FrameFacts, file: str, text: str) -> dict[str, st
         **{f"{_TRAP_NAMES} {name} {file}": BARRED_SET for name in sorted(in_traps)},
         **{f"{_SETS_ANY} {kind} {file}": BARRED_SET for kind in sorted(types_set_by_names(text))},
         **marks_of_passed(text, file),
-        **{f"{HAS_ROUTINE} {name.lower()} {file}": BARRED_SET for name in sorted(set(_ROUTINE.findall(text)))},
+        **{
+            f"{HAS_ROUTINE} {name.lower()} {file}": BARRED_SET for name in sorted(set(_ROUTINE.findall(text)))
+        },
         **{f"{_CALLS} {name} {file}": BARRED_SET for name in sorted(_possible_calls(text))},
     }
 

@@ -48,9 +48,7 @@ _NOT_CODE = r'![^\n]*+|"(?:[^"\n]++|"")*+"?+'
 _DATA = re.compile(
     rf"{W}({NAME}){W}(?:\{{([^{{}};]*+)\}}{W})?+(?P<part>\.[^;,()]*+)?+(?:\\[^;,]*+)?+", re.ASCII
 )
-_PLACE = re.compile(
-    rf"\.\s*+(?:trans|rot|robax|{'|'.join(PARTS_THAT_COUNT)})\b|\A\Z", re.IGNORECASE
-)
+_PLACE = re.compile(rf"\.\s*+(?:trans|rot|robax|{'|'.join(PARTS_THAT_COUNT)})\b|\A\Z", re.IGNORECASE)
 _BY_NAME = re.compile(rf'{W}"({NAME})"{W}', re.ASCII)
 _MOST_ROUNDS = 20
 

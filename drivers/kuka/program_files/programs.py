@@ -7,7 +7,12 @@ from pathlib import PurePath
 from typing import Self
 
 from cellcal.calibration.geometry import Pose
-from cellcal.drivers.kuka.program_files.cell_folders import cells_of, program_folder
+from cellcal.drivers.kuka.program_files.cell_folders import (
+    cells_of,
+    folders_around,
+    folders_of_program,
+    program_folder,
+)
 from cellcal.drivers.kuka.program_files.collected_positions import KrlPositions
 from cellcal.drivers.kuka.program_files.configuration import KukaConfigurations
 from cellcal.drivers.kuka.program_files.data_list import declared_names, read_data_list
@@ -189,9 +194,9 @@ class KukaFile:
             taught=self.taught,
             routines=self.routines,
         )
-        cell = cells_of(external_uses.file)[0]
-        positions = with_set_entries(positions, self.keys, self._own_taught(), external_uses, cell)
-        positions = without_entries_set_beside(positions, self.taken, external_uses, cell)
+        around = folders_around(external_uses.file)
+        positions = with_set_entries(positions, self.keys, self._own_taught(), external_uses, around)
+        positions = without_entries_set_beside(positions, self.taken, external_uses, around)
         positions = without_external_tools(positions, self.taught, external_uses)
         positions = _without_set_tables(positions, self.declarations.module, external_uses)
         positions = without_mixed_work(positions, self.keys, external_uses)
@@ -327,11 +332,15 @@ def _with_path(
     entries: EntryMarks = NO_ENTRIES,
 ) -> FileDeclarations:
     module = path.stem.upper()
+    folders = [program_folder(path)] if _is_data_list(path.name) else folders_of_program(path)
     doubtful = {
-        f"{module if key[-1] == '*' else program_folder(path)} {key}": why
+        f"{module if key[-1] == '*' else folder} {key}": why
         for key, why in declarations.doubtful.items()
+        for folder in folders
     }
-    doubtful |= marks_of_set_data(set_data, path) | entries.of_file(program_folder(path), path)
+    doubtful |= marks_of_set_data(set_data, path)
+    for folder in folders:
+        doubtful |= entries.of_file(folder, path)
     return replace(declarations, module=module, public=module == "$CONFIG", doubtful=doubtful)
 
 
@@ -360,7 +369,7 @@ def _without_set_tables(positions: Positions, module: str, external_uses: Extern
     """
     if not external_uses.doubtful:  # as nearly always
         return positions
-    whose = (module, *cells_of(external_uses.file))  # a program counts for those below its folder
+    whose = (module, *folders_around(external_uses.file))
     if any(f"{one} {SET}" in external_uses.doubtful for one in whose):
         cartesian = {row: ROOT_SET for row, kind in enumerate(positions.kinds) if kind == CARTESIAN}
         return replace(positions, barred={**cartesian, **positions.barred})
