@@ -77,3 +77,9 @@ def test_another_module_may_give_what_stands_in_numbers_a_value(tmp_path: Path, 
 def test_a_function_in_an_index_may_set_another_frame(line: str) -> None:
     function = f"FUNC num vs()\n{rapid.SET_2}\nRETURN 1;\nENDFUNC"
     assert rapid.places(rapid.read(*rapid.BEGIN, line, rapid.MOVE, routines=function)) == [None]
+
+
+@pytest.mark.parametrize("open_sign", ["a{", "a{b:="])
+def test_indices_that_do_not_end_are_read_in_one_pass(open_sign: str) -> None:
+    lines = [*rapid.BEGIN, open_sign * 40_000]
+    assert rapid.read(*lines).positions.names == ()  # the square of the length would take minutes

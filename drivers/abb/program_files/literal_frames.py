@@ -28,7 +28,7 @@ _LENGTHS, _TURN = RapidAggregate.from_shape("[nnn]"), RapidAggregate.from_shape(
 _POSE = RapidAggregate.from_shape(f"[{POSE}]")
 _SILENT = re.compile(r'![^\n]*+|"(?:[^"\n]++|"")*+"?+', re.ASCII)
 _DECLARED = re.compile(
-    rf"\b(?:PERS|VAR|CONST)\s++(\w++)\s++({NAME})\s*+(\{{[^}}]*+\}})?+\s*+(:=)?+\s*+",
+    rf"\b(?:PERS|VAR|CONST)\s++(\w++)\s++({NAME})\s*+(\{{[^{{}}]*+\}})?+\s*+(:=)?+\s*+",
     re.ASCII | re.IGNORECASE,
 )
 _LOCAL = re.compile(r"\bLOCAL\s++\Z", re.IGNORECASE)  # other modules of a task see what is TASK
@@ -44,7 +44,7 @@ _WORD = re.compile(
     rf"|(?P<loop>WHILE|FOR)|(?P<branch>IF|TEST)|(?P<other>ELSEIF|ELSE|CASE|DEFAULT)"
     rf"|(?P<close>END(?:WHILE|FOR|IF|TEST)))\b"
     rf"|(?:^|(?<=[;\n]))[ \t\r]*+(?!DEFAULT\b)(?P<label>{NAME})[ \t]*+:(?!=)|(?P<late>%)|(?P<stop>;)"
-    rf"|(?<![\w.\\])(?P<name>{NAME})(?:\s*+\{{[^}}]*+\}})?+(?P<path>(?:\s*+\.\s*+\w++)*+)\s*+:=\s*+"
+    rf"|(?<![\w.\\])(?P<name>{NAME})(?:\s*+\{{[^{{}}]*+\}})?+(?P<path>(?:\s*+\.\s*+\w++)*+)\s*+:=\s*+"
     rf"|(?<![\w.\\])(?P<word>{NAME})",
     re.ASCII | re.IGNORECASE,
 )
