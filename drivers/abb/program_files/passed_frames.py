@@ -15,14 +15,12 @@ HAS_ROUTINE = "has routine"  # before a routine and its file
 PASSED = "a function whose file is not given gets it, or its tool or work object, and may change that"
 _PASSES = "passes"  # before a function, what it gets, and the file
 _SILENT = re.compile(r'![^\n]*+|"(?:[^"\n]++|"")*+"')
-_CALL = re.compile(rf"(?<![\w.%])({NAME})[ \t\r\n]*+\(", re.ASCII)
 _HEADER = re.compile(r"\b(?:PROC|FUNC[ \t]++\w++)[ \t]++\w++[ \t\r\n]*+\([^()]*+\)", re.ASCII | re.IGNORECASE)
-_SIGN = re.compile(r"[(){};,]")
+_SIGN = re.compile(rf"(?<![\w.%])(?P<called>{NAME})\s*+\(|[(){{}}\[\];,]", re.ASCII)
 _ARGUMENT = re.compile(
     rf"\s*+(?:\\?\s*+{NAME}\s*+:=\s*+)?+({NAME})\s*+(?:\{{[^{{}}]*+\}}\s*+)?+(?:\.[\w.\s]*+)?+(?:\\[^,]*+)?+",
     re.ASCII,
 )
-_LONGEST_CALL = 2000
 # Words before a bracket, and functions of the language: none moves, or gives a target, tool or work object a value.
 _LANGUAGE_TEXT = (
     "if elseif and or not xor div mod while until then return to from step case test offs reltool crobt cjointt "
@@ -51,24 +49,22 @@ def marks_of_passed(text: str, file: str) -> dict[str, str]:
 
 
 def _passed_in(silent: str) -> Iterator[tuple[str, str]]:
-    for found in _CALL.finditer(silent):
-        callee, start = decode_name(found[1]).lower(), found.end()
-        for stop in () if callee in _LANGUAGE else _ends_of_arguments(silent, start):
-            named = _ARGUMENT.fullmatch(silent, start, stop)
-            if named is not None:
-                yield callee, decode_name(named[1]).lower()
-            start = stop + 1
-
-
-def _ends_of_arguments(silent: str, start: int) -> Iterator[int]:
-    """Yield where the arguments of a call end."""
-    depth = 0
-    for sign in _SIGN.finditer(silent, start, start + _LONGEST_CALL):
-        if not depth and sign[0] in ",)":
-            yield sign.start()
-        depth += (sign[0] in "({") - (sign[0] in ")}")
-        if depth < 0 or sign[0] == ";":
-            return
+    """Yield the functions that are called, none of the language, and the data that each gets, in one pass."""
+    opened: list[
+        tuple[str, int]
+    ] = []  # what the brackets that are open belong to, "" for none, and an argument's begin
+    for sign in _SIGN.finditer(silent):
+        if sign[0] == ";":
+            opened.clear()
+        elif sign["called"] is not None or sign[0] in "({[":
+            opened.append(((sign["called"] or "").lower(), sign.end()))
+        elif opened:
+            callee, start = opened.pop()
+            named = _ARGUMENT.fullmatch(silent, start, sign.start()) if callee else None
+            if named is not None and callee not in _LANGUAGE:
+                yield decode_name(callee), decode_name(named[1]).lower()
+            if sign[0] == ",":
+                opened.append((callee, sign.end()))
 
 
 def rows_of_passed(positions: Positions, keys: Sequence[str], marks: BatchReasons) -> dict[int, str]:
