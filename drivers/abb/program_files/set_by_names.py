@@ -1,7 +1,7 @@
 """Data that a RAPID module sets by names which it computes: SetDataVal and SetAllDataVal."""
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Set
 
 from cellcal.drivers.abb.program_files.frame_facts import BARRED_SET
 from cellcal.drivers.abb.program_files.literals import NAME
@@ -22,6 +22,9 @@ _VALUE = re.compile(
     rf",\s*+(?:(?P<name>{NAME})\s*+(?:\{{[^{{}}]*+\}})?+|(?P<plain>[-+\d.]++|TRUE|FALSE|\"[^\"]*+\"))\s*+\Z",
     re.ASCII | re.IGNORECASE,
 )
+_DECLARED = re.compile(
+    rf"(?:\b(?:PERS|VAR|CONST|INOUT)|[,(])\s*+(\w++)\s++({NAME})(?![\w.])", re.ASCII | re.IGNORECASE
+)
 _OF_LANGUAGE = frozenset(("tool0", "wobj0"))  # never set
 
 
@@ -29,25 +32,24 @@ def types_set_by_names(text: str) -> set[str]:
     """Return the types, in small letters, of targets, tools and work objects that are set so; any type as such."""
     code = _SILENT.sub(lambda found: found[0] if found[0][0] == '"' else "", text)
     types = {(found[1] or ANY_TYPE).lower() for found in _ALL.finditer(code)}
-    types |= {_type_of(found[1], code) for found in _ONE.finditer(code)}
+    arguments = {found[1] for found in _ONE.finditer(code)}
+    declared: dict[str, set[str]] = {}
+    for found in _DECLARED.finditer(code) if arguments else ():
+        declared.setdefault(found[2].lower(), set()).add(found[1].lower())
+    types |= {_type_of(each, declared) for each in arguments}
     return types & (_TYPES_THAT_COUNT | {ANY_TYPE})
 
 
-def _type_of(arguments: str, code: str) -> str:
+def _type_of(arguments: str, declared: Mapping[str, Set[str]]) -> str:
     """Return the type of the value that a name gets; any where its declarations are not all of one known type."""
     value = _VALUE.search(arguments)
     if value is None:
         return ANY_TYPE
     if value["plain"]:
         return "num"
-    declared = re.findall(
-        rf"(?:\b(?:PERS|VAR|CONST|INOUT)|[,(])\s*+(\w++)\s++{re.escape(value['name'])}(?![\w.])",
-        code,
-        re.IGNORECASE,
-    )
-    types = {kind.lower() for kind in declared}
+    types = declared.get(value["name"].lower(), set())
     is_known = len(types) == 1 and types <= _TYPES_THAT_COUNT | _OTHER_TYPES
-    return types.pop() if is_known else ANY_TYPE
+    return next(iter(types)) if is_known else ANY_TYPE
 
 
 def rows_set_by_names(positions: Positions, is_set: Callable[[str], bool]) -> dict[int, str]:
