@@ -342,9 +342,7 @@ def test_a_data_list_says_the_same_at_a_glance_as_read_whole(seed: int) -> None:
 
 
 def test_motion_data_of_a_taught_move_is_no_use_of_a_position() -> None:
-    text = (
-        "DEF A( )\r\nLDAT_ACT=LCPDAT1\r\nFDAT_ACT=FP1\r\n$BWDSTART=FALSE\r\nOTHER=XP9\r\nLIN XP1\r\nEND\r\n"
-    )
+    text = "DEF A( )\r\nLDAT_ACT=LCPDAT1\r\nFDAT_ACT=FP1\r\nBAS(#CP_PARAMS,2)\r\n$BWDSTART=FALSE\r\nOTHER=XP9\r\nLIN XP1\r\nEND\r\n"
     declarations = cast(DeclaringProgram, BRAND.read("A.src", text.encode())).declarations
     assert set(declarations.uses) == {"XP9", "OTHER"}  # XP1 is moved to with its own frame data
 

@@ -28,7 +28,7 @@ _LENGTHS, _TURN = RapidAggregate.from_shape("[nnn]"), RapidAggregate.from_shape(
 _POSE = RapidAggregate.from_shape(f"[{POSE}]")
 _SILENT = re.compile(r'![^\n]*+|"(?:[^"\n]++|"")*+"?+', re.ASCII)
 _DECLARED = re.compile(
-    rf"\b(?:PERS|VAR|CONST)\s++(\w++)\s++({NAME})\s*+(\{{[^}}]*+\}})?+\s*+(:=)?+\s*+",
+    rf"\b(?:PERS|VAR|CONST)\s++(\w++)\s++({NAME})\s*+(\{{[^{{}}]*+\}})?+\s*+(:=)?+\s*+",
     re.ASCII | re.IGNORECASE,
 )
 _LOCAL = re.compile(r"\bLOCAL\s++\Z", re.IGNORECASE)  # other modules of a task see what is TASK
@@ -44,10 +44,11 @@ _WORD = re.compile(
     rf"|(?P<loop>WHILE|FOR)|(?P<branch>IF|TEST)|(?P<other>ELSEIF|ELSE|CASE|DEFAULT)"
     rf"|(?P<close>END(?:WHILE|FOR|IF|TEST)))\b"
     rf"|(?:^|(?<=[;\n]))[ \t\r]*+(?!DEFAULT\b)(?P<label>{NAME})[ \t]*+:(?!=)|(?P<late>%)|(?P<stop>;)"
-    rf"|(?<![\w.\\])(?P<name>{NAME})(?:\s*+\{{[^}}]*+\}})?+(?P<path>(?:\s*+\.\s*+\w++)*+)\s*+:=\s*+"
+    rf"|(?<![\w.\\])(?P<name>{NAME})(?:\s*+\{{[^{{}}]*+\}})?+(?P<path>(?:\s*+\.\s*+\w++)*+)\s*+:=\s*+"
     rf"|(?<![\w.\\])(?P<word>{NAME})",
     re.ASCII | re.IGNORECASE,
 )
+_INSIDE = re.compile(rf"(?<![\w.\\]){NAME}", re.ASCII)
 _THEN = re.compile(r"\bTHEN\b", re.IGNORECASE)
 _OPENED, _ENDED = re.compile(r"\s*+\("), re.compile(r"\s*+;")
 _LEADS_ON = frozenset(("then", "do"))  # a statement follows
@@ -265,6 +266,8 @@ class _Reader:
             if kind == "word":
                 self._take_word(found["word"].lower(), found)
             elif kind in ("name", "path"):
+                if "{" in found[0]:
+                    self._take_index(found)
                 if not self.declares:
                     self._take_setting(found)
                     self.statement = ""
@@ -275,6 +278,13 @@ class _Reader:
         for routine, is_circular in zip(self.routines, self._circles(), strict=True):
             routine.recurs = is_circular
         return LiteralFrames({name: one for name, one in self.data.items() if one.settings}, self.routines)
+
+    def _take_index(self, found: re.Match[str]) -> None:
+        """Take the words in the index of what is assigned, which may be functions."""
+        begin, end = self.silent.find("{", found.start()), self.silent.rfind("}", 0, found.end())
+        self.statement = ""
+        for inside in _INSIDE.finditer(self.silent, begin, end):
+            self._take_word(inside[0].lower(), inside)
 
     def _circles(self) -> list[bool]:
         """Return of each routine whether it, or one that it calls, calls it."""

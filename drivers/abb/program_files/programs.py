@@ -235,7 +235,7 @@ class AbbFile:
             for shift in measured_shifts(self.source, name, frames_in_other_files(uses))
         )
         positions = replace(positions, shifts=(*positions.shifts, *places, *measured))
-        positions = without_frames_of_others(positions, external_uses, self.set_frames)
+        positions = without_frames_of_others(positions, external_uses, self.set_frames, self.keys)
         positions = without_data_set_by_name(positions, external_uses)
         positions = _with_agreed_tools(positions, external_uses, self.keys)
         positions = _without_other_robots(positions, external_uses.other_task)

@@ -1,13 +1,14 @@
 """Tools and work objects that one module sets to numbers, and another may set between, too."""
 
 import re
-from collections.abc import Callable, Iterable, Mapping, Set
+from collections.abc import Callable, Iterable, Mapping, Sequence, Set
 from dataclasses import dataclass, field, replace
 
 from cellcal.drivers.abb.program_files.data_set_by_name import sets_any_place
 from cellcal.drivers.abb.program_files.frame_facts import BARRED_SET, FrameFacts
 from cellcal.drivers.abb.program_files.literal_frames import ANY_NAME, LiteralFrames
 from cellcal.drivers.abb.program_files.literals import NAME
+from cellcal.drivers.abb.program_files.passed_frames import HAS_ROUTINE, marks_of_passed, rows_of_passed
 from cellcal.drivers.abb.program_files.rapid_called import called_procedures
 from cellcal.drivers.abb.program_files.written_frames import NUMBERS
 from cellcal.drivers.programs.file_declarations import ExternalUses
@@ -16,7 +17,6 @@ from cellcal.drivers.programs.positions import CARTESIAN, Positions
 _SETS = "sets"  # before a name and the file that sets it
 _SETS_ANY = "sets-any"  # before a file that sets data by a name which is computed
 _TRAP_NAMES = "trap names"  # before a word in a trap, or in what it calls in its file, and the file
-_HAS = "has routine"  # before a routine and its file
 _CALLS = "may call"  # before what is called in a file, or may be, and the file
 _TRAP = re.compile(r"\bTRAP\s", re.ASCII | re.IGNORECASE)
 _WORD = re.compile(NAME, re.ASCII)
@@ -61,7 +61,10 @@ def marks_of_set_frames(facts: FrameFacts, file: str, text: str) -> dict[str, st
         **{f"{_SETS} {name} {file}": BARRED_SET for name in sorted(facts.set_while_running)},
         **{f"{_TRAP_NAMES} {name} {file}": BARRED_SET for name in sorted(in_traps)},
         **({f"{_SETS_ANY} {file}": BARRED_SET} if sets_any_place(text) else {}),
-        **{f"{_HAS} {name.lower()} {file}": BARRED_SET for name in sorted(set(_ROUTINE.findall(text)))},
+        **marks_of_passed(text, file),
+        **{
+            f"{HAS_ROUTINE} {name.lower()} {file}": BARRED_SET for name in sorted(set(_ROUTINE.findall(text)))
+        },
         **{f"{_CALLS} {name} {file}": BARRED_SET for name in sorted(_possible_calls(text))},
     }
 
@@ -110,30 +113,36 @@ def _possible_calls(text: str) -> set[str]:
 
 
 def without_frames_of_others(
-    positions: Positions, external_uses: ExternalUses, set_frames: SetFrames
+    positions: Positions, external_uses: ExternalUses, set_frames: SetFrames, keys: Sequence[str]
 ) -> Positions:
     """Return positions of which those are left whose tool or work object another file sets, or lets be set, too."""
-    if not set_frames.routines:  # as in most
-        return positions
+    marks = external_uses.doubtful
+    barred = rows_of_passed(positions, keys, marks)
+    if set_frames.routines:
+        barred |= dict.fromkeys(_rows_of_others(positions, external_uses, set_frames), BARRED_SET)
+    return replace(positions, barred={**barred, **positions.barred}) if barred else positions
+
+
+def _rows_of_others(positions: Positions, external_uses: ExternalUses, set_frames: SetFrames) -> list[int]:
+    """Return the positions with numbers for a tool or a work object that other files may set."""
 
     def of_others(words: str) -> bool:
         return any(file != external_uses.file for file in external_uses.doubtful.rests_behind(words))
 
     others = {name for name in set_frames.shown if of_others(f"{_SETS} {name}")}
-    any_ = of_others(_SETS_ANY) or any(of_others(f"{_TRAP_NAMES} {name}") for name in set_frames.routines)
+    any_ = any(of_others(f"{_TRAP_NAMES} {name}") for name in set_frames.routines)
     if set_frames.varied and (
         _is_called_back(set_frames.calls_outside, of_others) or _is_called_by_traps(set_frames, external_uses)
     ):
         others |= set_frames.varied
     if not others and not any_:
-        return positions
-    rows = [
+        return []
+    return [
         row
         for row, names in enumerate(zip(positions.tools, positions.user_frames, strict=True))
         for parts in [[name.lower().partition(NUMBERS) for name in names if name is not None]]
         if any((any_ and numbers) or name in others for name, numbers, _ in parts)
     ]
-    return replace(positions, barred={**dict.fromkeys(rows, BARRED_SET), **positions.barred})
 
 
 def without_data_set_by_name(positions: Positions, external_uses: ExternalUses) -> Positions:
@@ -149,7 +158,7 @@ def _is_called_back(calls_outside: Mapping[str, Set[str]], of_others: Callable[[
     named = of_others(f"{_CALLS} {ANY_NAME}")
     return any(
         (named or of_others(f"{_CALLS} {routine}"))
-        and any(name == ANY_NAME or of_others(f"{_HAS} {name}") for name in names)
+        and any(name == ANY_NAME or of_others(f"{HAS_ROUTINE} {name}") for name in names)
         for routine, names in calls_outside.items()
     )
 
@@ -168,7 +177,7 @@ def _is_called_by_traps(set_frames: SetFrames, external_uses: ExternalUses) -> b
         name, caller = words.pop()
         if name == ANY_NAME or (name in set_frames.routines and caller != own):
             return True
-        for file in marks.rests_behind(f"{_HAS} {name}"):
+        for file in marks.rests_behind(f"{HAS_ROUTINE} {name}"):
             if file != caller and file not in passed:
                 passed.add(file)
                 words += [(each, file) for each in calls.get(file, ())]

@@ -4,8 +4,10 @@ import re
 from collections.abc import Iterator, Mapping, Sequence, Set
 from typing import NamedTuple
 
+from cellcal.drivers.abb.program_files.frame_facts import FRAME_PARTS
 from cellcal.drivers.abb.program_files.literals import INDEX, NAME, OPENED, OPTION, W, decode_name
 from cellcal.drivers.abb.program_files.passed_targets import RoutineParameters, split_arguments
+from cellcal.drivers.abb.program_files.rapid_called import OF_LANGUAGE
 from cellcal.drivers.programs.routine_calls import RoutineParameter
 
 # By instruction or function of the language: which of its arguments that are not optional get a value.
@@ -18,11 +20,35 @@ _WRITING: Mapping[str, tuple[int, ...]] = {
     "stoolrotcalib": (3,),
     **dict.fromkeys(("stooltcpcalib", "mtooltcpcalib"), (4,)),
 }
+# Instructions that give none of their arguments a value which is a place; any other of the language may.
+_READING_TEXT = (
+    "elseif if for while test goto return raise retry trynext exit exitcycle stop break var pers const local task "
+    "record func proc trap module connect alias waittime waituntil waitdi waitdo waitai waitao waitgi waitgo waitrob "
+    "waitload waitsyncmovetask waitsensor waitwobj dropwobj recordwobj setdo setgo setao set reset pulsedo invertdo "
+    "tpwrite tperase tpshow uimsgbox uimsgwrite uimsgwriteabort uishow write writebin writestrbin writeanybin "
+    "writerawbytes writevar writeblock open close rewind makedir removedir removefile renamefile copyfile "
+    "clearrawbytes packrawbytes packdnheader clearpath clearibuff socketcreate socketconnect socketclose socketsend "
+    "socketbind socketlisten socketaccept socketsendto accset pathacclim velset speedrefresh speedlimaxis "
+    "speedlimcheckpoint spdoverride singarea confl confj mocload gripload loadid mechunitload paridrobvalid "
+    "paridposvalid load unload startload cancelload erase save checkprogref isignaldi isignaldo isignalai isignalao "
+    "isignalgi isignalgo idelete idisable ienable isleep iwatch itimer ierror ipers ipathpos irmqmessage clkstart "
+    "clkstop clkreset errwrite errlog errraise booknoerr actunit deactunit pathresol worldacclim corrcon corrdiscon "
+    "corrclear corrwrite softact softdeact softelect tuneservo tunereset motionsup dyncalc stopmove startmove "
+    "stopmovereset startmoveretry storepath restopath pathrecstart pathrecstop restorepath syncmoveon syncmoveoff "
+    "syncmoveundo syncmovesuspend syncmoveresume waitsynctask triggio triggequip triggint triggcheckio triggrampao "
+    "triggspeed triggstopproc triggdatareset triggdatacopy synctosensor syncsensor dropsensor actevent deactevent "
+    "indreset resetretrycount setsysdata cirpathmode setalldataval setalldatavalue rmqsendmessage egmreset "
+    "egmsetupuc egmsetupai egmsetupao egmsetupgi egmstop egmstreamstart egmstreamstop egmactpose egmactjoint "
+    "egmactmove egmrunjoint egmrunpose fcact fcdeact fccalib fccondforce fccondpos fccondwaitwhile fcrefforce "
+    "fcrefstart fcrefstop fcsupforce pdispoff eoffsoff setleads arcrefresh arckill limconfsupp contactdef wait "
+    "moveextj indamove indcmove inddmove indrmove callbyvar sensoron sensoroff wzboxdef wzcyldef wzsphdef"
+)
+_MAY_GIVE = OF_LANGUAGE - frozenset(_READING_TEXT.split()) - _WRITING.keys()
 _NOT_CODE = r'![^\n]*+|"(?:[^"\n]++|"")*+"?+'
 _DATA = re.compile(
     rf"{W}({NAME}){W}(?:\{{([^{{}};]*+)\}}{W})?+(?P<part>\.[^;,()]*+)?+(?:\\[^;,]*+)?+", re.ASCII
 )
-_PLACE = re.compile(r"\.\s*+(?:trans|rot|robax|uframe|oframe|tframe)\b|\A\Z", re.IGNORECASE)
+_PLACE = re.compile(rf"\.\s*+(?:trans|rot|robax|{'|'.join(FRAME_PARTS)})\b|\A\Z", re.IGNORECASE)
 _BY_NAME = re.compile(rf'{W}"({NAME})"{W}', re.ASCII)
 _MOST_ROUNDS = 20
 
@@ -87,7 +113,7 @@ def _iterate_passed(
     for scope, its in parameters.of_scope.items():
         if any(not one.by_value for one in its):
             of_name.setdefault(scope.partition("/")[2], []).append(scope)
-    for word, where, arguments in _iterate_calls(text, routines, (*_WRITING, *of_name)):
+    for word, where, arguments in _iterate_calls(text, routines, (*_WRITING, *_MAY_GIVE, *of_name)):
         for callee in _called_scopes(of_name.get(word, ()), where[1]):
             for name, part in _passed_to(parameters.of_scope[callee], arguments):
                 yield from _read_data((callee, name), part, where)
@@ -116,6 +142,11 @@ def _iterate_calls(
 def _given_by_language(word: str, arguments: Sequence[tuple[bool, str]]) -> Iterator[str]:
     """Yield the arguments that an instruction of the language gives a value."""
     plain = [part for is_option, part in arguments if not is_option]
+    if word in _MAY_GIVE:
+        for is_option, part in arguments:
+            named = OPTION.match(part) if is_option else None
+            yield part[named.end() :] if named is not None else "" if is_option else part
+        return
     for k in _WRITING[word]:
         part = "".join(plain[k : k + 1])
         by_name = _BY_NAME.fullmatch(part) if word == "setdataval" else None

@@ -37,19 +37,24 @@ class FramesInForce:
     """The frame data that moves without their own are done with, along the text of a routine."""
 
     data: str = ""  # "" where something else set tool or base, or may have
+    _stated: str = ""  # what an inline form has stated, and BAS() has not set yet
     _outside: str = ""  # of the spline block
     _branches: list[tuple[str, bool]] = field(
         default_factory=list
     )  # at the begin of each; whether one changed it
 
     def take_data(self, name: str) -> None:
-        """Take frame data that an inline form sets."""
-        self.data = name.upper()
+        """Take frame data that an inline form states; ``BAS(#CP_PARAMS, …)`` sets tool and base to them."""
+        self._stated = name.upper()
+
+    def set_data(self) -> None:
+        """Set tool and base to what is stated."""
+        self.data = self._stated
         self._mark_changed()
 
     def forget(self) -> None:
         """Take note that tool or base may be others from here."""
-        self.data = ""
+        self.data = self._stated = ""
         self._mark_changed()
 
     def begin_block(self) -> None:
@@ -62,6 +67,7 @@ class FramesInForce:
 
     def take_branch(self, word: str) -> None:
         """Enter, change or leave a branch; what was set in one holds behind it for no branch."""
+        self._stated = ""
         if word in ("IF", "SWITCH"):
             self._branches.append((self.data, False))
         elif word in ("WHILE", "FOR"):  # its first line is reached from its last, too

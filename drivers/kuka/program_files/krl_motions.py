@@ -220,6 +220,7 @@ class KrlMotions:
             for number, argument in enumerate(arguments):
                 if (frame := patterns.FRAME_PASSED.fullmatch(argument)) is not None:
                     self._pass_frame(frame[1].upper(), (name, number), line)
+                self._pass_data(argument, (name, number))
             call = call_of(routine.name, name, arguments)
             if call is not None and first_filled_argument(name) >= len(arguments):
                 self.points.calls.append(call)
@@ -233,6 +234,19 @@ class KrlMotions:
                 return
             use = routine.tool if which == "TOOL" else routine.base
             use.take_value(line.start, UNKNOWN, self.branches)
+
+    def _pass_data(self, argument: str, parameter: tuple[str, int]) -> None:
+        """Take frame data that a call passes: a routine may give it another tool or base."""
+        found = patterns.DATA.fullmatch(argument)
+        if (
+            found is None
+            or found[3]
+            or found[1].upper()[0] != "F"
+            or parameter[0] in patterns.TAKING_FRAME_DATA
+        ):
+            return
+        if not is_by_value(self.found.source.text, *parameter):
+            self.points.set_data.add(found[1].upper())
 
     def _give_value(self, argument: str, line: KrlLine) -> None:
         """Take data that a function of the language gives a value."""

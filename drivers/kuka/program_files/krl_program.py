@@ -82,6 +82,7 @@ class KrlProgram(KrlMotions):
         """Take a move as the inline forms write it, with all that stands around it."""
         self._set_both_frames(found.start("bas"), UNKNOWN)
         self._take_data(f"F{found['point']}")
+        self.force.set_data()
         self.points.moved_as_taught.add(f"X{found['point']}".upper())
         routine = self.points.routines[-1]
         self.tables.note_taught(f"F{found['point']}", routine, found.start("bas"), self.branches)
@@ -209,6 +210,7 @@ class KrlProgram(KrlMotions):
         routine = self.points.routines[-1]
         if command in patterns.SET_BY_POINTS:  # taken from the point's own data, which is not in this file
             self._set_both_frames(place, UNKNOWN)
+            self.force.set_data()
         elif command == "INITMOV":
             self.force.forget()
             routine.resets = True
@@ -229,6 +231,8 @@ class KrlProgram(KrlMotions):
         text, place = self.found.source.text, line.start + frame.end()
         which, routine = frame[1].upper(), self.points.routines[-1]
         if which == "ACT_EX_AX":
+            if text[place : line.end].strip() != "0":
+                routine.base.take_value(place, TURNED_BY_AXIS, self.branches)
             self.found.add_remark(line.start, "foreign", patterns.COUPLED_TEXT)
             return
         if which == "IPO_MODE":

@@ -94,6 +94,9 @@ _BASES = ("EK", "EB", "EB_ABS", "LK")  # they return a base, and give nothing a 
 KNOWN_CALLS = frozenset(
     ("BAS", "IF", "WHILE", "UNTIL", "SWITCH", "NOT", "AND", "OR", "FOR", *_BASES, *_SYSTEM_CALLS)
 )
+TAKING_FRAME_DATA = frozenset(
+    ("STOOL", "STOOL2", "SBASE", "SIPO_MODE", "SLOAD")
+)  # functions of the inline forms that read them
 CORRECTIONS = frozenset(
     ("BASE_CORR_ON", "M_BAS_COR_ON")
 )  # BAS.SRC then shifts every base, in its own axes or the world's

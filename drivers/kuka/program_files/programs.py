@@ -189,9 +189,9 @@ class KukaFile:
             taught=self.taught,
             routines=self.routines,
         )
-        cell = cells_of(external_uses.file)[0]
-        positions = with_set_entries(positions, self.keys, self._own_taught(), external_uses, cell)
-        positions = without_entries_set_beside(positions, self.taken, external_uses, cell)
+        folders = cells_of(external_uses.file)
+        positions = with_set_entries(positions, self.keys, self._own_taught(), external_uses, folders)
+        positions = without_entries_set_beside(positions, self.taken, external_uses, folders)
         positions = without_external_tools(positions, self.taught, external_uses)
         positions = _without_set_tables(positions, external_uses)
         positions = without_mixed_work(positions, self.keys, external_uses)

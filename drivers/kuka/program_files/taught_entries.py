@@ -53,7 +53,7 @@ def marks_of_entries(tables: TableSettings, routines: Sequence[KrlRoutine]) -> E
 
 
 def without_entries_set_beside(
-    positions: Positions, taken: Mapping[str, Set[str]], external_uses: ExternalUses, folder: str
+    positions: Positions, taken: Mapping[str, Set[str]], external_uses: ExternalUses, folders: Sequence[str]
 ) -> Positions:
     """Return positions of which those are left whose entry another file sets that may run at any time.
 
@@ -61,12 +61,12 @@ def without_entries_set_beside(
     of them leads there.
     """
     path, marks = PurePath(external_uses.file), external_uses.doubtful
-    if not taken or not marks.rests_behind(f"{folder} interrupts"):
+    if not taken or not any(marks.rests_behind(f"{folder} interrupts") for folder in folders):
         return positions
     values = {
         f"${entry.partition(' ')[0]}={value.removeprefix(WRITTEN_OUT)}"
         for entry, some in taken.items()
-        if _is_set_by_others(marks, folder, path, entry)
+        if _is_set_by_others(marks, folders, path, entry)
         for value in some
     }
     rows = [
@@ -78,7 +78,11 @@ def without_entries_set_beside(
 
 
 def with_set_entries(
-    positions: Positions, keys: Sequence[str], rows: Set[int], external_uses: ExternalUses, folder: str
+    positions: Positions,
+    keys: Sequence[str],
+    rows: Set[int],
+    external_uses: ExternalUses,
+    folders: Sequence[str],
 ) -> Positions:
     """Return positions of which those name their tool and base by numbers whose own program alone sets the entries.
 
@@ -92,7 +96,7 @@ def with_set_entries(
         for which, column in columns.items():
             entry = f"{which} {column[row]}"
             value = marks.get(f"{_list_of(path)} {name_of_data(keys[row])} {entry}")
-            if value is not None and not _is_set_by_others(marks, folder, path, entry):
+            if value is not None and not _is_set_by_others(marks, folders, path, entry):
                 column[row] = f"${which}={value.removeprefix(WRITTEN_OUT)}"
     return replace(positions, tools=tuple(columns["TOOL"]), user_frames=tuple(columns["BASE"]))
 
@@ -107,9 +111,14 @@ def without_set_data(
     return replace(positions, barred={**dict.fromkeys(rows, COMPUTED), **positions.barred})
 
 
-def _is_set_by_others(marks: BatchReasons, folder: str, path: PurePath, entry: str) -> bool:
+def _is_set_by_others(marks: BatchReasons, folders: Sequence[str], path: PurePath, entry: str) -> bool:
     any_entry = f"{entry.partition(' ')[0]} *"
-    files = [file for one in (entry, any_entry) for file in marks.rests_behind(f"{folder} sets {one}")]
+    files = [
+        file
+        for folder in folders
+        for one in (entry, any_entry)
+        for file in marks.rests_behind(f"{folder} sets {one}")
+    ]
     return any(_list_of(PurePath(file)) != _list_of(path) for file in files)
 
 
