@@ -24,7 +24,12 @@ SETS = "BASE_DATA[3]={X 1.0,Y 2.0,Z 3.0,A 0.0,B 0.0,C 0.0}"
         ("k.src", "below/o.src", src_file("O", HANDLER), True),
         ("own/k.src", "o.src", src_file("O", HANDLER), True),
         ("Program/k.src", "System/sps.sub", src_file("SPS", SETS), True),
-        ("one/k.src", "other/sps.sub", src_file("SPS", SETS), True),  # no R1 says that it is another controller
+        (
+            "one/k.src",
+            "other/sps.sub",
+            src_file("SPS", SETS),
+            True,
+        ),  # no R1 says that it is another controller
         ("k.src", "below/o.src", src_file("O", SETS), False),  # does not run at any time
         ("one/R1/k.src", "other/R1/sps.sub", src_file("SPS", SETS), False),
         ("one/R1/k.src", "one/R1/System/sps.sub", src_file("SPS", SETS), True),
