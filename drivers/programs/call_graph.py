@@ -53,7 +53,7 @@ def called_outside(routines: Mapping[str, tuple[Set[str], Set[str]]]) -> dict[st
     calls = [[numbers[each] for each in sorted(inside) if each in numbers] for inside, _ in routines.values()]
     outside = [each for _, each in routines.values()]
     return {
-        name: frozenset().union(*(outside[each] for each in reached_from(calls, {number})))
+        name: frozenset().union(*(outside[each] for each in find_reached(calls, {number})))
         for name, number in numbers.items()
     }
 
@@ -135,13 +135,13 @@ def with_interrupts(
     running: list[Set[int]] = [set() for _ in calls]
     for routine in range(len(calls)):
         for handlers in filter(None, (here[routine], shown[routine])):
-            roots = {routine} if handlers is here[routine] else reached_from(callers, {routine})
-            for each in reached_from(calls, roots):
+            roots = {routine} if handlers is here[routine] else find_reached(callers, {routine})
+            for each in find_reached(calls, roots):
                 running[each] |= set(handlers)
     return [[*called, *more] for called, more in zip(calls, running, strict=True)], running
 
 
-def reached_from(calls: Sequence[Collection[int]], roots: Set[int]) -> Set[int]:
+def find_reached(calls: Sequence[Collection[int]], roots: Set[int]) -> Set[int]:
     """Return the roots and all that they lead to."""
     found, waiting = set(roots), list(roots)
     while waiting:

@@ -5,7 +5,7 @@ from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, field
 from typing import TypeAlias
 
-from cellcal.drivers.programs.call_graph import Marks, reached_from
+from cellcal.drivers.programs.call_graph import Marks, find_reached
 from cellcal.drivers.programs.file_declarations import RoutineEffects
 
 NOT_GIVEN = "~"  # what a program sets that was not given; behind all numbers and names
@@ -37,5 +37,5 @@ class RoutinesBeside:
         self, folder: str, calls: Sequence[Collection[int]], routines: Sequence[RoutineEffects]
     ) -> frozenset[str]:
         """Return the global places that they, or routines that they call, compute in a folder."""
-        reached = reached_from(calls, self.started.get(folder, set()))
+        reached = find_reached(calls, self.started.get(folder, set()))
         return frozenset(place for number in reached for place in routines[number].computes)

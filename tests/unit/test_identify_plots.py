@@ -10,7 +10,7 @@ from cellcal.service.engineering.identification.row_fit import IdentifyOptions
 from cellcal.service.engineering.plots.correlations import strong_pairs
 from cellcal.service.engineering.plots.evidence import IdentificationEvidence, places_of, thin_rows
 from cellcal.service.engineering.plots.identify_plots import draw_identification
-from cellcal.service.engineering.plots.residuals import by_joint, held_out_by_row
+from cellcal.service.engineering.plots.residuals import draw_by_joint, held_out_by_row
 from cellcal.service.engineering.plots.style import new_figure, write_figures
 from cellcal.service.engineering.plots.workspace import error_map
 from tests.unit.helpers.simulated_arm import tracker_points, wire_lengths
@@ -111,7 +111,7 @@ def test_places_are_those_of_the_target_in_the_base_frame(plot_evidence):
 
 def test_each_joint_has_its_panel_in_each_direction(plot_evidence):
     figure = new_figure(6, 4)
-    by_joint(figure, plot_evidence)
+    draw_by_joint(figure, plot_evidence)
     assert len(figure.axes) == 18
     assert [panel.get_xlabel() for panel in figure.axes[12:]] == [f"J{i} (deg)" for i in range(1, 7)]
     assert [figure.axes[6 * k].get_ylabel() for k in range(3)] == [

@@ -320,11 +320,14 @@ def cell_of(tmp_path, model):
     return path
 
 
-def test_a_cell_file_takes_a_description_beside_it(urdf, tmp_path, monkeypatch):
-    path = cell_of(tmp_path, "gantry.urdf?tip=flange&base=world")
+def test_a_cell_file_takes_a_description_beside_it(tmp_path, monkeypatch):
+    shipped = load_model("fanuc_m6ib")
+    (tmp_path / "own.urdf").write_text(bare_urdf(shipped))
+    path = cell_of(tmp_path, "own.urdf")
     monkeypatch.chdir("/")
     model = read_cell_file(path).robots[0].model
-    assert load_model(model).joint_names == ("rail", "turn")
+    own, joints = load_model(model), np.full((1, 6), 0.3)
+    assert np.allclose(own.base_flange(joints), shipped.base_flange(joints), atol=1e-9)
     assert parse_reference(model).sha256 is not None
 
 

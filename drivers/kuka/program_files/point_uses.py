@@ -20,7 +20,13 @@ from cellcal.drivers.kuka.program_files.frame_uses import (
 from cellcal.drivers.kuka.program_files.stretches import Now, Stretches
 from cellcal.drivers.programs.barred import OVERWRITTEN, TURNED_BASE
 from cellcal.drivers.programs.conditions import ConditionalBar, ProjectNeed
-from cellcal.drivers.programs.file_declarations import COPIED, OPEN_COPY, MoveFrames, RoutineEffects, array_name_of
+from cellcal.drivers.programs.file_declarations import (
+    COPIED,
+    OPEN_COPY,
+    MoveFrames,
+    RoutineEffects,
+    array_name_of,
+)
 from cellcal.drivers.programs.positions import CARTESIAN, JOINTS, ProgramFrames
 from cellcal.drivers.programs.routine_calls import ParameterUse, RoutineCall
 
