@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
+from cellcal.calibration.errors import CellError
 from cellcal.calibration.message import make_message
 from cellcal.service.draft_files import draft_beside, remove_drafts_once
 
@@ -126,6 +127,22 @@ def _refuse_device(path: Path) -> None:
         return  # nothing is there, or what is done next says why not
     if not (stat.S_ISREG(mode) or stat.S_ISDIR(mode)):
         raise OSError(errno.EEXIST, "it is a device, a pipe or a socket, not a file", os.fspath(path))
+
+
+def refuse_existing(path: Path) -> None:
+    """Refuse, before the work, to write over a file.
+
+    Raises
+    ------
+    CellError
+        Something of that name is there already.
+    """
+    if os.path.lexists(path):
+        raise CellError(
+            make_message("{path} is there already.", path=path),
+            remedy="Name a file that does not exist.",
+            code="usage",
+        )
 
 
 def missing_file_words(path: Path) -> tuple[str, str]:

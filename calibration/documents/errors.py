@@ -19,3 +19,7 @@ class DocumentError(CellError, ValueError):
 
     def __str__(self) -> str:
         return self.why
+
+
+class NotDownloadedError(DocumentError):
+    """A file holds only a pointer to the one that was not downloaded."""

@@ -6,7 +6,7 @@ import stat
 from pathlib import Path
 from typing import BinaryIO
 
-from cellcal.calibration.documents.errors import DocumentError
+from cellcal.calibration.documents.errors import DocumentError, NotDownloadedError
 from cellcal.calibration.message import make_message
 
 MOST_BYTES = 64_000_000
@@ -59,11 +59,11 @@ def refuse_pointer(content: bytes, path: Path | None = None) -> None:
 
     Raises
     ------
-    DocumentError
+    NotDownloadedError
         The content is a pointer of Git LFS or git-annex.
     """
     if content.startswith(_POINTER_STARTS):
-        raise DocumentError(
+        raise NotDownloadedError(
             "it only points to the file, which was not downloaded (Git LFS or git-annex).",
             remedy="Fetch the file itself, with git lfs pull or git annex get.",
             path=path,

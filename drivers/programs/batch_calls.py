@@ -59,14 +59,14 @@ class BatchCalls:
         if number is None:
             return ""
         own = self._by_file[file].routines[name]
-        tools, frames = self._effects_around
-        effects = [*([(tools, own.tools)] if tool else ()), *([(frames, own.frames)] if frame else ())]
+        which = [*([0] if tool else ()), *([1] if frame else ())]
+        effects = [(self._effects_around[each], (own.tools, own.frames)[each]) for each in which]
         below = [(value, subject) for (marks, _), has in effects for value, subject in marks[number]
                  if value not in has and (has or value != NOT_GIVEN)]  # fmt: skip
         if any(has for _, has in effects):
             below += self._resets_below[number]
-            for (marks, _), has in effects:
-                below += self._beside.marks_in(self._folders[file], marks, has)
+            for each, (_, has) in zip(which, effects, strict=True):
+                below += self._beside.marks_in(self._folders[file], each, has)
         if below:
             value, subject = below[0]
             return self._name_text(_MISSING_PROGRAM if value == NOT_GIVEN else _CALLED, subject)
@@ -79,10 +79,10 @@ class BatchCalls:
 
     @cached_property
     def _beside(self) -> RoutinesBeside:
-        found = RoutinesBeside()
-        for number, (file, name) in enumerate(self._names):
-            find = partial(self._numbers_of, file)
-            found.take_routine(number, self._folders[file], self._by_file[file].routines[name], find)
+        routines = [self._by_file[file].routines[name] for file, name in self._names]
+        found = RoutinesBeside(self._calls, [below for below, _ in self._effects_around], routines)
+        for number, (file, _) in enumerate(self._names):
+            found.take_routine(number, self._folders[file], partial(self._numbers_of, file))
         return found
 
     def _numbers_of(self, file: str, name: str) -> list[int]:
@@ -311,15 +311,13 @@ class BatchCalls:
     def numbers_beside(self, file: str) -> tuple[frozenset[str], frozenset[str]]:
         """Return the tools that routines beside all others in a file's folder choose at any time, and the frames."""
         tools, frames = (
-            self._beside.marks_in(self._folders[file], below, frozenset([NOT_GIVEN]))
-            for below, _ in self._effects_around
+            self._beside.marks_in(self._folders[file], which, frozenset([NOT_GIVEN])) for which in range(2)
         )
         return frozenset(value for value, _ in tools), frozenset(value for value, _ in frames)
 
     def places_beside(self, file: str) -> frozenset[str]:
         """Return the global places that such routines compute."""
-        routines = [self._by_file[each].routines[name] for each, name in self._names]
-        return self._beside.places_in(self._folders[file], self._calls, routines)
+        return self._beside.places_in(self._folders[file])
 
     def numbers_before(self, file: str) -> tuple[frozenset[str], frozenset[str]]:
         """Return the tools that callers of a file's routines, and what these call, choose, and the frames."""

@@ -222,7 +222,7 @@ def _at_options(
 ) -> "AtOptions | None":
     """Return the points to predict; what they would be written over is refused before the work."""
     from cellcal.service.engineering.identification.at_points import AtOptions
-    from cellcal.service.engineering.identification.identify_at import refuse_existing
+    from cellcal.service.files import refuse_existing
 
     if out is not None:
         refuse_existing(out)

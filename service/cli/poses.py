@@ -119,10 +119,10 @@ def poses(  # noqa: PLR0913  # a command's options are its arguments
     from cellcal.service.engineering.identification.pose_planning import (
         PlanRequest,
         RobotDescription,
-        refuse_existing,
         write_plan,
     )
     from cellcal.service.exit_codes import ExitCode
+    from cellcal.service.files import refuse_existing
 
     if out is not None:
         refuse_existing(out)

@@ -33,16 +33,11 @@ def ur_model(
 
     from rich.console import Console
 
-    from cellcal.calibration.errors import CellError
-    from cellcal.calibration.message import make_message
     from cellcal.drivers.universal_robots.factory_calibration import read_controller_arm
     from cellcal.service.engineering.parameters.ur_model_file import ur_model_text
-    from cellcal.service.files import SHARED_FILE, create_file
+    from cellcal.service.files import SHARED_FILE, create_file, refuse_existing
 
-    if to.exists():
-        raise CellError(
-            make_message("{path} is there already.", path=to), remedy="Choose another name.", code="usage"
-        )
+    refuse_existing(to)
     found = asyncio.run(read_controller_arm(f"the arm at {address}", address, deadline_s=timeout_s))
     create_file(to, ur_model_text(found, arm, address).encode(), mode=SHARED_FILE)
     console = Console(stderr=True, emoji=False, highlight=False)

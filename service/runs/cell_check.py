@@ -170,9 +170,8 @@ async def _report_robot(device: Robot, config: RobotConfig) -> DeviceReport:
     if report.is_ready:
         try:
             return await _look_at_joints(device, config.model, report)
-        except RefusedError as error:  # it is reached, and something is selected that has to be changed first
-            message = join_messages(" ", (report.message, error.message))
-            return replace(report, state=Readiness.NOT_READY, message=message, remedy=error.remedy)
+        except RefusedError as error:
+            return _as_not_ready(report, error)
     if report.state in _STANDS:
         with suppress(DeviceError):  # what such a robot does not show now is compared when it is ready
             return await _look_at_joints(device, config.model, report)
@@ -195,7 +194,10 @@ async def _look_at_joints(device: Robot, name: str, report: DeviceReport) -> Dev
     report = replace(report, joints=tuple(shown))
     if not device.capabilities.tells_flange_pose:
         return report
-    return await _hold_against_model(device, name, joints, report)
+    try:
+        return await _hold_against_model(device, name, joints, report)
+    except RefusedError as error:  # it shows its axes, and something is selected that has to be changed first
+        return _as_not_ready(report, error) if report.is_ready else report
 
 
 async def _compare_joint_sources(device: Robot, report: DeviceReport) -> DeviceReport:
@@ -205,9 +207,14 @@ async def _compare_joint_sources(device: Robot, report: DeviceReport) -> DeviceR
     try:
         found = await device.joint_sources()
     except DeviceError as error:
-        message = join_messages(" ", (report.message, error.message))
-        return replace(report, state=Readiness.NOT_READY, message=message, remedy=error.remedy)
+        return _as_not_ready(report, error)
     return replace(report, message=join_messages(" ", (report.message, found))) if found else report
+
+
+def _as_not_ready(report: DeviceReport, error: DeviceError) -> DeviceReport:
+    """Return the report of a robot that is reached, and refuses or contradicts a look."""
+    message = join_messages(" ", (report.message, error.message))
+    return replace(report, state=Readiness.NOT_READY, message=message, remedy=error.remedy)
 
 
 async def _hold_against_model(

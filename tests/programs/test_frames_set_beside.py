@@ -129,6 +129,12 @@ WORK = "$TOOL={X 0,Y 0,Z 1,A 0,B 0,C 0}\n$BASE={X 1,Y 0,Z 0,A 0,B 0,C 0}\n" + kr
         ("DEF main()\nfar()\nwork()\nEND\n", "$IPO_MODE=#BASE\n", False),
         ("DEF main()\nfar()\nwork()\nEND\n", "BAS(#INITMOV,0)\n", False),
         ("DEF main()\nfar()\nwork()\nEND\n", "IF x THEN\n$IPO_MODE=#BASE\nENDIF\n", True),
+        ("DEF main()\nfar()\nwork()\nEND\n", "GOTO over\n$IPO_MODE=#BASE\nover:\n", True),
+        ("DEF main()\nfar()\nwork()\nEND\n", "$IPO_MODE=mode\n", True),
+        ("DEF main()\nfar()\nwork()\nEND\n", "$IPO_MODE=FDAT_ACT.IPO_FRAME\n", True),
+        ("DEF main()\nwork()\nEND\n", "$IPO_MODE=mode\n", True),
+        ("DEF main()\nwork()\nEND\n", "$IPO_MODE=FDAT_ACT.IPO_FRAME\n", False),
+        ("DEF main()\nwork()\nEND\n", "$IPO_MODE=#BASE ; no #TCP\n", False),
         ("DEF main()\nwork()\nEND\n", "", False),
     ],
 )
@@ -149,6 +155,20 @@ def test_a_krl_file_that_chooses_its_tool_below_its_moves_or_elsewhere(tmp_path:
         "work.src": f"DEF work()\n{WORK}{behind}",
     }
     assert read_programs(tmp_path, files)["work.src"].positions.barred
+
+
+@pytest.mark.parametrize("holds", ["$IPO_MODE=#BASE\n", "BAS(#INITMOV,0)\n"])
+@pytest.mark.parametrize("first", [True, False])
+def test_a_krl_file_that_calls_its_own_routine_before_it_chooses_its_tool(
+    tmp_path: Path, holds: str, first: bool
+) -> None:
+    lines = f"near()\n{holds}" if first else f"{holds}near()\n"
+    files = {
+        "far.src": "DEF far()\n$IPO_MODE=#TCP\nEND\n",
+        "main.src": "DEF main()\nfar()\nwork()\nEND\n",
+        "work.src": f"DEF work()\n{lines}END\nDEF near()\n{WORK}END\n",
+    }
+    assert bool(read_programs(tmp_path, files)["work.src"].positions.barred) is first
 
 
 def test_a_macro_of_another_name_may_set_a_tool_alone(tmp_path: Path) -> None:

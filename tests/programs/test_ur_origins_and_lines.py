@@ -1,11 +1,15 @@
 """URScript: frames that only functions outside of the script know, and blocks that stand in one line."""
 
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
 
 from cellcal.drivers.program_registry import read_program
 from cellcal.drivers.programs.errors import ProgramFileError
+from cellcal.drivers.universal_robots.program_files.script_heads import head_at
+from cellcal.drivers.universal_robots.program_files.script_lines import with_one_statement_a_line
+from cellcal.drivers.universal_robots.program_files.script_origins import StepOrigins
 from cellcal.service.exit_codes import ExitCode
 from tests.programs.test_field_cases import TURNED, move_program
 
@@ -41,10 +45,13 @@ def moved_code(folder: Path, *lines: str, functions: str = "") -> int:
         [f"movel(pose_trans(pose_inv({FRAME}),{INSIDE}))"],
         [f"movel(pose_trans(here(),{INSIDE}))"],
         ["f=here()", f"q=pose_trans(f,{INSIDE})", "movel(q)"],
+        ["p=ext()", f"movel(pose_trans(p,{INSIDE}))"],
+        ["f=g", "g=f", f"movel(pose_trans(f,{INSIDE}))"],
+        [f"f=pose_trans(f,{STEP})", f"movel(pose_trans(f,{INSIDE}))"],
     ],
 )
 def test_a_pose_in_a_frame_that_only_others_know_is_named(tmp_path: Path, lines: list[str]) -> None:
-    functions = "def here():\n  h=ext()\n  return h\nend\n"
+    functions = "def here():\n  h=ext()\n  return h\nend\ndef other(p):\n  textmsg(p)\nend\n"
     assert moved_code(tmp_path, *lines, functions=functions) == ExitCode.REFUSED
 
 
@@ -94,6 +101,10 @@ def test_blocks_in_one_line_are_read_and_their_points_move(
         ([f"global f={FRAME}", "T()", f"movel(pose_trans(f,{INSIDE}))"], f"def T(): f={OTHER} end\n"),
         ([f"f={FRAME}", f"if x: f={OTHER} end", f"movel(pose_trans(f,{INSIDE}))"], ""),
         ([f"if x: set_tcp({OTHER}) end", f"movel({TAUGHT})"], ""),
+        (
+            [f"f={FRAME}", "T()", f"movel(pose_trans(f,{INSIDE}))"],
+            f"def T(a=g(h(1)), b=[1, 2]):\n  global f={OTHER}\nend\n",
+        ),
     ],
 )
 def test_what_a_block_in_one_line_sets_counts(tmp_path: Path, lines: list[str], functions: str) -> None:
@@ -114,3 +125,35 @@ def test_many_frames_of_others_are_read_in_one_pass() -> None:
     lines = [f"movel(pose_trans(f{i},{INSIDE}))\n  f{i}=ext{i}()" for i in range(count)]
     searched = read_program("a.script", script(*lines).encode())
     assert len(searched.positions.barred) == count
+
+
+def test_long_lines_and_many_copies_are_read_in_one_pass() -> None:
+    line = "while x: " + "a b " * 300_000
+    assert with_one_statement_a_line(line) == line.replace(": ", ":\n", 1)
+    copies = "".join(f"  {to}={of}\n" for to, of in pairwise("abcdefgh") for _ in range(100))
+    text = f"def w():\n{copies}  h=get_actual_tcp_pose()\nend\n"
+    assert StepOrigins(text, frozenset(), frozenset()).is_place("a,")
+
+
+def test_a_place_that_goes_on_from_itself_is_one_where_it_begins_at_one() -> None:
+    text = f"h=get_actual_tcp_pose()\nh=pose_trans(h,{STEP})\nf=pose_trans(f,{STEP})\n"
+    origins = StepOrigins(text, frozenset(), frozenset())
+    assert origins.is_place("h,")
+    assert not origins.is_place("f,")
+
+
+@pytest.mark.parametrize(
+    ("head", "parameters"),
+    [
+        ("def f():", ("",)),
+        ("  thread T(a, b):", ("a", "b")),
+        ('def f(a=p[1,2,3,4,5,6], b=g(h(1), 2), c=")"):', ("a", "b", "c")),
+        ("def f(a,\n  b):", ("a", "b")),
+        ("def f(a, (b", None),
+    ],
+)
+def test_parameters_of_a_function_with_brackets_in_their_defaults(
+    head: str, parameters: tuple[str, ...] | None
+) -> None:
+    found = head_at(head, 0)
+    assert (found and found.parameters) == parameters

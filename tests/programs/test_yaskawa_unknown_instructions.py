@@ -38,7 +38,9 @@ def left(*lines: str) -> dict[int, str]:
     return dict(read_program("A.JBI", job(*lines).encode()).positions.barred)
 
 
-@pytest.mark.parametrize("line", ["CIRCUT C00001 V=50.0", "circut c00001", "NEWWORD 1 C00001"])
+@pytest.mark.parametrize(
+    "line", ["CIRCUT C00001 V=50.0", "circut c00001", "NEWWORD 1 C00001", 'NEWWORD "a" C00001']
+)
 def test_a_position_that_an_unknown_instruction_names_is_left(line: str) -> None:
     found = left(line)
     assert list(found) == [1]
@@ -71,6 +73,9 @@ def test_names_that_are_no_position_there_do_no_harm(line: str) -> None:
         ("NEWWORD UF#(B000)", True),
         ("NEWWORD TL#(3)", True),
         ("newword tl#(3)", True),
+        ('NEWWORD "a" TL#(3)', True),
+        ('NEWWORD "TL#(3)"', False),
+        ('NEWWORD "a" \'TL#(3)', False),
         ("NEWWORD UF#(2)", False),
         ("NEWWORD TL#(1)", False),
         ("GETUFRM P001 UF#(1)", False),

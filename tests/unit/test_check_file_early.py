@@ -53,6 +53,7 @@ def no_plan(monkeypatch):
     [
         ("identify", "fit.csv", "--robot", "ur10", "--at", "at.csv", "--at-csv", "there.csv"),
         ("poses", "--robot", "ur10", "--sigma-mm", "0.1", "--csv", "there.csv"),
+        ("ur-model", "127.0.0.1", "--arm", "ur15", "--out", "there.csv"),
     ],
 )
 @pytest.mark.usefixtures("no_work", "no_plan")

@@ -16,6 +16,8 @@ from cellcal.calibration.documents.plain_files import read_plain_bytes, read_pla
 from cellcal.calibration.documents.toml_text import parse_toml
 from cellcal.calibration.documents.xml_text import parse_xml
 from cellcal.calibration.documents.zip_archives import open_zip
+from cellcal.drivers.programs.errors import ProgramFileError
+from cellcal.service.engineering.programs.files import read_bytes
 from cellcal.service.unexpected_errors import explain_os_error
 
 ROOT = Path(__file__).parents[2]
@@ -267,6 +269,9 @@ def test_a_pointer_to_a_file_that_was_not_downloaded_is_called_so(pointer: str, 
         assert "git lfs pull" in refused.value.remedy
     with pytest.raises(DocumentError, match="was not downloaded"):
         text_of(pointer.encode())  # what a page uploads
+    with pytest.raises(ProgramFileError, match="was not downloaded") as left:
+        read_bytes(path)
+    assert left.value.remedy == refused.value.remedy
 
 
 def test_a_text_about_pointers_is_read(tmp_path: Path) -> None:

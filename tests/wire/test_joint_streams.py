@@ -139,6 +139,7 @@ async def test_a_robot_that_is_reached_and_refuses_a_look_is_not_ready(
     assert (found.state, found.serial) == ("not_ready", "864231")
     assert "$IPO_MODE" in found.message
     assert found.remedy
+    assert len(found.joints) == 6
 
 
 async def _is_seen_moving(robot: Any, goal_rad: tuple[float, ...]) -> bool:

@@ -126,9 +126,7 @@ class KrlRoutine:
     calls_at: list[int] = field(default_factory=list)  # where it calls others, in the order of the text
     triggers: bool = False  # it lets others run during its motions
     external_tool: bool = False  # it sets that the tool stands in the cell
-    held_tool: bool = (
-        False  # it sets that the robot holds the tool, above its motions and outside of branches
-    )
+    held_tool: bool = False  # it surely sets that the robot holds the tool before it moves or calls others
     moves: bool = False  # it has a motion
 
     def passed_until_here(self) -> int:

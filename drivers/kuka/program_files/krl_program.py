@@ -214,7 +214,7 @@ class KrlProgram(KrlMotions):
         elif command == "INITMOV":
             self.force.forget()
             routine.resets = True
-            routine.held_tool |= not routine.moves and not self.branches
+            routine.held_tool |= self._is_at_beginning(routine)
             routine.reset_at.append(place)
             if routine.reset_from is None and not self.branches:
                 routine.reset_from = place
@@ -236,15 +236,23 @@ class KrlProgram(KrlMotions):
             self.found.add_remark(line.start, "foreign", patterns.COUPLED_TEXT)
             return
         if which == "IPO_MODE":
-            is_external = patterns.HELD_TOOL.match(text, place, line.end) is None
+            is_held = patterns.HELD_TOOL.match(text, place, line.end) is not None
+            own = (
+                f"{patterns.FRAME_DATA_ACTIVE}."  # which is read with the point; any other value may be #TCP
+            )
+            is_external = not is_held and not text[place : line.end].strip().upper().startswith(own)
             self.points.external_tool |= is_external
             routine.external_tool |= is_external
-            routine.held_tool |= not (is_external or routine.moves or self.branches)
+            routine.held_tool |= is_held and self._is_at_beginning(routine)
             self.found.add_remark(line.start, "foreign", patterns.EXTERNAL_TEXT)
             return
         use = routine.tool if which == "TOOL" else routine.base
         use.take_value(place, self._frame_value(which, frame, line), self.branches)
         self.found.add_remark(line.start, "computed", make_message(patterns.FRAME_SET_TEXT, which))
+
+    def _is_at_beginning(self, routine: KrlRoutine) -> bool:
+        """Return whether a routine surely comes here before it moves or calls another that does."""
+        return not (routine.moves or routine.calls_at or self.branches) and routine.jumps.first is None
 
     def _frame_value(self, which: str, frame: re.Match[str], line: KrlLine) -> str:
         """Return the number of a tool or base, the numbers of one written out here, or that it is not known."""

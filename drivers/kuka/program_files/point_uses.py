@@ -390,12 +390,10 @@ def data_of(move_frames: MoveFrames) -> str:
     return tool.removeprefix(FRAME_DATA) if tool.startswith(FRAME_DATA) else ""
 
 
-def explain_set_table(
-    set_tables: Container[str], tool: str | None, base: str | None, prefix: str = ""
-) -> str:
+def explain_set_table(tables: Container[str], tool: str | None, base: str | None, prefix: str = "") -> str:
     """Return why a table's tool or base that programs set is unknown; "" where none is set."""
     for which, number in (("TOOL", tool), ("BASE", base)):
         is_table_entry = number is not None and number.isdigit() and number != "0"
-        if is_table_entry and any(f"{prefix}{which} {one}" in set_tables for one in (number, "*")):
+        if is_table_entry and any(f"{prefix}{which} {one}" in tables for one in (number, "*")):
             return BARRED["computed"]
     return ""

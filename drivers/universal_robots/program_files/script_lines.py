@@ -15,6 +15,7 @@ _PIECE = re.compile(
     re.ASCII,
 )
 _BEGINS = re.compile(r"[ \t]*+(?:def|thread|sec|while|if|for|switch|else|elif|case|default)\b", re.ASCII)
+_CODE = re.compile(r"[ \t]*+\S")
 _BLANK = re.compile(r"[ \t](?=[ \t]*+[^\s#])")
 
 
@@ -39,10 +40,11 @@ def _breaks_in(line: re.Match[str]) -> list[int]:
             depth -= 1
         if depth or piece["skipped"]:
             continue
-        before = text[start : piece.start()]
-        if piece["word"] in ("end", "else", "elif") and before.strip() and before[-1] in " \t":
-            found.append(piece.start() - 1)
-            start = piece.start()
+        at = piece.start()
+        is_last = piece["word"] in ("end", "else", "elif") and text[at - 1] in " \t"
+        if is_last and _CODE.match(text, start, at) is not None:
+            found.append(at - 1)
+            start = at
         begins_block = piece["colon"] and _BEGINS.match(text, start)
         if (begins_block or piece["word"] == "end") and (blank := _BLANK.match(text, piece.end())):
             found.append(blank.start())

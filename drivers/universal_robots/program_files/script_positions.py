@@ -19,6 +19,7 @@ from cellcal.drivers.programs.positions import NO_NUMBER
 from cellcal.drivers.universal_robots.program_files.script_arguments import PassedArguments
 from cellcal.drivers.universal_robots.program_files.script_calls import NUMBER_TAKERS
 from cellcal.drivers.universal_robots.program_files.script_frames import settle_assigned_frames
+from cellcal.drivers.universal_robots.program_files.script_heads import heads_in
 from cellcal.drivers.universal_robots.program_files.script_numbers import LARGEST_RAD, without_comments
 from cellcal.drivers.universal_robots.program_files.script_origins import StepOrigins
 from cellcal.drivers.universal_robots.program_files.script_set_frames import settle_set_frames
@@ -29,7 +30,6 @@ NOT_READ = "no move that is understood goes to it, and it is not changed"
 CONFLICTS = "the program goes to it in different frames"
 _LONGEST_NAME, _LONGEST_LIST = 60, 100_000
 _FUNCTION = re.compile(r"^[ \t]*+def[ \t]++(\w++)", re.ASCII | re.MULTILINE)
-_PARAMETERS = re.compile(r"^[ \t]*+def[ \t]+\w++[ \t]*+\(([^)\n]*+)\)", re.ASCII | re.MULTILINE)
 _NEAR_PAIR = re.compile(
     r"\bget_inverse_kin[ \t]*\(\s*([A-Za-z_]\w*)\s*,\s*qnear\s*=\s*([A-Za-z_]\w*)\s*\)", re.ASCII
 )
@@ -73,7 +73,7 @@ class PositionFinder:
     """Sorts the literals of a program."""
 
     def __init__(self, found: ScriptStatements, text: str, lines: LineNumbers) -> None:
-        parameters = {word for one in _PARAMETERS.finditer(text) for word in re.findall(r"\w+", one[1])}
+        parameters = {name for head in heads_in(text) for name in head.parameters if name}
         changed = found.assigned.keys() | {one.name for one in found.elements} | parameters
         settle_set_frames(found, text, frozenset(changed))
         self.moves_to = settle_assigned_frames(found, text)  # literals that another name stands for in moves
@@ -223,8 +223,7 @@ class PositionFinder:
 
     @cached_property
     def _origins(self) -> StepOrigins:
-        known = self.reached.keys() | self.parameters
-        return StepOrigins(self.text, known.__contains__)
+        return StepOrigins(self.text, self.reached.keys(), self.parameters)
 
     def _function_at(self, call: int) -> str:
         found = _CALLED.search(self.text, max(0, call - _LONGEST_NAME), call)

@@ -10,6 +10,8 @@ from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
+from cellcal.drivers.universal_robots.program_files.script_heads import head_at
+
 GLOBAL, UNKNOWN = -1, -2  # in place of a function: a variable of all; one that no function around sets
 Variable = tuple[int, str]  # the function whose it is, and its name
 Range = tuple[int, int]  # of offsets
@@ -17,13 +19,9 @@ Range = tuple[int, int]  # of offsets
 _WORD = re.compile(
     r"^[ \t]*+(def|thread|sec|while|if|for|switch|else|elif|case|default|end)\b", re.ASCII | re.MULTILINE
 )
-_HEADER = re.compile(
-    r"[ \t]*+(?:def|thread|sec)[ \t]++([A-Za-z_]\w*+)[ \t]*+\(((?:[^()]|\([^()]*+\))*+)\)", re.ASCII
-)
 _ASSIGNED = re.compile(
     r"^[ \t]*+(?:(global|local)[ \t]++)?+([A-Za-z_]\w*+)[ \t]*+=(?!=)", re.ASCII | re.MULTILINE
 )
-_PARAMETER = re.compile(r"\s*+([A-Za-z_]\w*+)", re.ASCII)
 _BRANCHES = {"else": "if", "elif": "if", "case": "switch", "default": "switch"}
 _FUNCTIONS, _LOOPS = ("def", "thread", "sec"), ("while", "for")
 _LONGEST_BLANK, _LONGEST_STATEMENT = 200, 2000
@@ -174,11 +172,8 @@ class ScriptScopes:
                     continue
                 word = block.word
             function = self._blocks[current].function
-            if word in _FUNCTIONS and (header := _HEADER.match(self.text, start)):
-                parts = [_PARAMETER.match(part) for part in header[2].split(",")]
-                self.functions.append(
-                    ScriptFunction(header[1], tuple(one[1] if one else "" for one in parts), function)
-                )
+            if word in _FUNCTIONS and (head := head_at(self.text, start)) is not None:
+                self.functions.append(ScriptFunction(head.name, head.parameters, function))
                 function = len(self.functions) - 1
             self._blocks.append(_Block(start, len(self.text), word, current, function))
             current = len(self._blocks) - 1

@@ -25,6 +25,7 @@ from cellcal.drivers.yaskawa.program_files.job_variables import (
     FILLS,
     MADE,
     TAKEN,
+    WORDS_BEFORE,
     ComputedVariables,
     computed_variables,
     number_of,
@@ -62,7 +63,7 @@ _SECOND = re.compile(r"\+S?MOV")
 _TEACH_THERE = "Teach it there, or write its value into the job."
 _KNOWN = "|".join(("REFP", "MFRAME", "GETE", *sorted(FILLS)))  # to leave taught positions as they are
 _USED_OTHERWISE = re.compile(  # a taught position that is named by what is no motion
-    rf"^[ \t]*+(?![A-Z]*MOV|(?:{_KNOWN})\b)[A-Z]\w*+[^\n'\"]*?(?<![*:\w])C\d{{3,5}}\b", re.MULTILINE
+    rf"^[ \t]*+(?![A-Z]*MOV|(?:{_KNOWN})\b)[A-Z]\w*+{WORDS_BEFORE}(?<![*:\w])C\d{{3,5}}\b", re.MULTILINE
 )
 _JUMPS = re.compile(r"^[ \t]*(?:JUMP\b|\*)", re.MULTILINE)
 _SPECIAL = re.compile(

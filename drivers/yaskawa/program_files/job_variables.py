@@ -22,10 +22,11 @@ _KEEPS_ANGLES = re.compile(
     r"\([ \t]*+(?:[123][ \t]*+\)|\d++[ \t]*+\)[ \t]*+-?+0++[ \t]*+$)"
 )  # a length, or zero
 Instruction = tuple[int, str, str]  # line, word, rest
+WORDS_BEFORE = r"""(?:[^\n'"]|"[^\n"]*+")*?"""  # of an instruction: no remark, and nothing in quotes
 # What names a user frame or a tool and leaves it as it is; any other instruction may make it.
 _ONLY_USES = r"SFTON|MSHIFT|CNVRT|CALL|JUMP|PSTART|GET\w*|[A-Z]*MOV\w*"
 MADE = re.compile(
-    rf"^[ \t]*+(?!(?:{_ONLY_USES})\b)([A-Z]\w*+)[^\n'\"]*?\b(UF|TL)#\((\d{{1,3}}|[A-Z])", re.MULTILINE
+    rf"^[ \t]*+(?!(?:{_ONLY_USES})\b)([A-Z]\w*+){WORDS_BEFORE}\b(UF|TL)#\((\d{{1,3}}|[A-Z])", re.MULTILINE
 )
 
 

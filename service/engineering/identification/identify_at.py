@@ -11,11 +11,9 @@ from cellcal.calibration.geometry import Array
 from cellcal.calibration.identification.error_tails import MANY_REJECTED
 from cellcal.calibration.identification.observations import Rows
 from cellcal.calibration.identification.reading_prediction import predict_readings
-from cellcal.calibration.message import make_message
 from cellcal.service.csv_writing import write_rows
 from cellcal.service.engineering.identification.at_points import AtPoints, solve_joints
 from cellcal.service.engineering.identification.identify import IdentifyReport
-from cellcal.service.engineering.measured.table import MeasurementError
 from cellcal.service.engineering.measured.usable_rows import REPEAT
 
 _PROBABILITY = 0.95
@@ -159,34 +157,19 @@ def statement_of(learnt: str, rows: int, rejected: int, *, far: bool) -> tuple[s
     return tuple(sentences)
 
 
-def refuse_existing(path: Path) -> None:
-    """Refuse to write points over a file.
-
-    Raises
-    ------
-    MeasurementError
-        The file is there already.
-    """
-    if path.exists():
-        raise MeasurementError(
-            make_message("{path} is there already.", path=path), remedy="Name a file that does not exist."
-        )
-
-
 def write_tips(tips: TipsAt, path: Path) -> None:
     """Write the points as CSV: degrees and millimetres.
 
     Raises
     ------
-    MeasurementError
+    FileExistsError
         The file is there already.
     """
-    refuse_existing(path)
     factors = np.full(tips.joints_rad.shape[1], np.degrees(1.0)) if tips.shown is None else tips.shown[0]
     names = list(tips.shown[1] if tips.shown else (f"q{i + 1}_deg" for i in range(len(factors))))
     names += ["x_mm", "y_mm", "z_mm", "sigma_x_mm", "sigma_y_mm", "sigma_z_mm", "sigma_mm", "u95_mm"]
     names += ["extrapolated", "u95_parameters_mm", "far_from_rows"]
-    with path.open("w", encoding="utf-8", newline="") as file:
+    with path.open("x", encoding="utf-8", newline="") as file:
         write_rows(file, [names])
         for i, joints in enumerate(tips.joints_rad * factors):
             sizes = [*tips.positions_m[i], *tips.sigmas_m[i], tips.sigma_m[i], tips.expanded_m[i]]

@@ -191,24 +191,11 @@ def visiting_order(model: RobotModel, joints_rad: Array) -> tuple[int, ...]:
     return tuple(order)
 
 
-def refuse_existing(path: Path) -> None:
-    """Refuse to write a plan over a file.
-
-    Raises
-    ------
-    PlanError
-        The file is there already.
-    """
-    if path.exists():
-        raise PlanError(make_message("{path} is there already.", path=path), remedy="Choose another name.")
-
-
 def write_plan(path: Path, report: PlanReport) -> None:
     """Write the poses as CSV in the order of travel; the file must not exist."""
     if report.plan is None:
         raise PlanError("there is no plan to write.")
     joints = report.plan.joints_rad * report.shown[0]
-    refuse_existing(path)
     with path.open("x", newline="", encoding="utf-8") as file:
         write_rows(file, [[*report.shown[1], "rank", "way_checked"]])
         for rank, free in zip(report.order, report.ways_free, strict=True):

@@ -14,6 +14,7 @@ from pathlib import Path, PurePath
 from typing import IO
 
 from cellcal.calibration.documents import DocumentError
+from cellcal.calibration.documents.errors import NotDownloadedError
 from cellcal.calibration.documents.plain_files import read_plain_bytes
 from cellcal.calibration.errors import CellError
 from cellcal.calibration.message import find_message, make_message
@@ -148,6 +149,8 @@ def read_bytes(path: Path) -> bytes:
     """
     try:
         data = read_plain_bytes(path, LARGEST_BYTES)
+    except NotDownloadedError as error:
+        raise ProgramFileError(str(path), error.why, remedy=error.remedy) from error
     except DocumentError as error:
         raise ProgramFileError(
             str(path), error.why, remedy="Give the program itself, not an archive or a backup image."
