@@ -321,7 +321,7 @@ def cell_of(tmp_path, model):
 
 
 def test_a_cell_file_takes_a_description_beside_it(tmp_path, monkeypatch):
-    shipped = load_model("fanuc_m6ib")
+    shipped = load_model("ur10e")
     (tmp_path / "own.urdf").write_text(bare_urdf(shipped))
     path = cell_of(tmp_path, "own.urdf")
     monkeypatch.chdir("/")
