@@ -174,10 +174,8 @@ def _find_motions(job: YaskawaJob, rows: dict[Key, JobRow]) -> _JobFindings:
     jumps = _JUMPS.search(job.instructions) is not None
     everywhere = jumps or shifts_in_blocks(word for _, word, _ in lines)
     anywhere: dict[_Effect, ProgramShift] = {}
-    if everywhere:
-        for line, word, rest in lines:
-            if word == "SFTON":
-                _switch_on(anywhere, _shift_of(line, word, rest, variables, rows))
+    for line, word, rest in (one for one in lines if everywhere and one[1] == "SFTON"):
+        _switch_on(anywhere, _shift_of(line, word, rest, variables, rows))
     active: dict[_Effect, ProgramShift] = {}
     for line, word, rest in lines:
         if word == "SFTON":
