@@ -198,7 +198,8 @@ def _switch_on(shifts: dict[_Effect, ProgramShift], shift: ProgramShift | None) 
     """Add a shift that may be on, unless one does the same: a job may switch thousands."""
     if shift is None:
         return
-    what = "SFTON" if shift.quaternion is None and len(shifts) >= _MOST_SHIFTS else shift.what
+    is_further = shift.quaternion is None and len(shifts) >= _MOST_SHIFTS
+    what = shift.what.partition(" ")[0] if is_further else shift.what  # without the variable
     effect = what, shift.axes, shift.quaternion
     if effect not in shifts:
         shifts[effect] = replace(shift, what=what)
