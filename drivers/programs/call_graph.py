@@ -141,7 +141,9 @@ def with_interrupts(
     return [[*called, *more] for called, more in zip(calls, running, strict=True)], running
 
 
-def find_reached(calls: Sequence[Collection[int]], roots: Set[int]) -> Set[int]:
+def find_reached(
+    calls: Sequence[Collection[int]] | Mapping[int, Collection[int]], roots: Set[int]
+) -> Set[int]:
     """Return the roots and all that they lead to."""
     found, waiting = set(roots), list(roots)
     while waiting:

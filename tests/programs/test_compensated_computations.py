@@ -154,6 +154,7 @@ def test_an_element_that_is_set_after_the_position_was_read_does_not_move_with_t
         ("<Script type='File'><file resolves-to='file'>/programs/sub.script</file></Script>", 1),
         ("<Script type='File'><cachedContents>movel(Waypoint_1_p, a=1)</cachedContents></Script>", 0),
         ("<Script type='File'><cachedContents>set_digital_out(1, True)</cachedContents></Script>", 0),
+        ("<Script type='File'><cachedContents>set_tcp(tool_2)</cachedContents></Script>", 1),
     ],
 )
 def test_a_script_of_a_polyscope_program_that_moves_is_a_shift(node: str, found: int) -> None:

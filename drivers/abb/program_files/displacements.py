@@ -4,11 +4,13 @@ import re
 from bisect import bisect_right
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import NamedTuple
 
 from cellcal.drivers.abb.program_files.literals import NAME, NUMBER, W
 from cellcal.drivers.programs.shifts import UNREADABLE, Quaternion, Triple
 
+_MOST_DISPLACEMENTS = 16  # of different sizes, of those that nothing ends: further ones are one of any size
 WORDS = frozenset(("pdispset", "pdispon", "pdispoff", "eoffsset", "eoffson", "eoffsoff"))
 USED = re.compile(r"\b(?:PDisp|EOffs)(?:Set|On)\b", re.IGNORECASE)
 _POSE = (
@@ -125,51 +127,90 @@ class Displacements:
         calls = others or any(move.scope in scopes for move in self.moves)
         return None if calls or _is_branching([word for word, _ in words]) else some[-1]
 
-    def active_displacements(self) -> Iterator[ActiveDisplacement]:
-        """Yield every displacement with the moves that it counts for."""
+    @cached_property
+    def active_displacements(self) -> tuple[ActiveDisplacement, ...]:
+        """Every displacement with the moves that it counts for, once the module is read."""
+        endless: dict[DisplacementEvent, DisplacementEvent] = {}
+        ended: dict[ActiveDisplacement, ActiveDisplacement] = {}
         for event in self.events:
-            if not event.word.endswith("off"):
-                yield self._displacement_of(event)
+            off = None if event.word.endswith("off") else self._end_of(event)
+            if off is not None:
+                found = self._displacement_of(event, off)
+                ended.setdefault(found._replace(event=event._replace(place=0)), found)
+            elif not event.word.endswith("off"):
+                many = len(endless) >= _MOST_DISPLACEMENTS
+                kept = event._replace(translation_m=UNREADABLE, quaternion=None) if many else event
+                effect = kept._replace(place=0, scope="", references=(), frame=None)
+                endless.setdefault(effect, kept)
+        moves = tuple(self.moves)
+        found_all = [ActiveDisplacement(event, moves, others=True) for event in endless.values()]
+        return tuple(sorted((*found_all, *ended.values()), key=lambda one: one.event.place))
+
+    @cached_property
+    def _places_of_ends(self) -> dict[tuple[str, str], list[int]]:
+        found: dict[tuple[str, str], list[int]] = {}
+        for event in self.events:
+            if event.word.endswith("off"):
+                found.setdefault((event.scope, event.word), []).append(event.place)
+        return found
+
+    def _end_of(self, event: DisplacementEvent) -> int | None:
+        """Return where its routine ends a displacement next; None where it does not."""
+        places = self._places_of_ends.get((event.scope, event.word[:5] + "off"), [])
+        following = bisect_right(places, event.place)
+        return places[following] if following < len(places) else None
 
     def _parse_pose(self, place: int) -> tuple[Triple, Quaternion | None]:
         found = _POSE_VALUE.match(self.text, place)
         if found is not None:
             return _pose_numbers(found, 1)
         named = _ARGUMENT.match(self.text, place)
-        constants = [
-            one for one in _CONSTANT.finditer(self.text) if named and one[1].lower() == named[1].lower()
-        ]
-        return _pose_numbers(constants[0], 2) if len(constants) == 1 else (UNREADABLE, None)
+        constants = self._constants.get(named[1].lower(), []) if named else []
+        return constants[0] if len(constants) == 1 else (UNREADABLE, None)
 
-    def _displacement_of(self, event: DisplacementEvent) -> ActiveDisplacement:
+    @cached_property
+    def _constants(self) -> dict[str, list[tuple[Triple, Quaternion | None]]]:
+        found: dict[str, list[tuple[Triple, Quaternion | None]]] = {}
+        for one in _CONSTANT.finditer(self.text):
+            found.setdefault(one[1].lower(), []).append(_pose_numbers(one, 2))
+        return found
+
+    def _displacement_of(self, event: DisplacementEvent, off: int) -> ActiveDisplacement:
         begin, end = self.routines.get(event.scope, (0, len(self.text)))
-        off = next(
-            (
-                one.place for one in self.events
-                if one.scope == event.scope and one.place > event.place and one.word == event.word[:5] + "off"
-            ),
-            None,
-        )  # fmt: skip
-        if off is None:
-            return ActiveDisplacement(event, tuple(self.moves), others=True)
         words = [word for word, _ in self._iterate_words(event.place, off)]
         whole = _is_branching(words)
         span = (begin, end) if whole else (event.place, off)
         scopes, others = self._called_scopes(*span)
         moves = [move for move in self._moves_between(*span) if move.scope == event.scope]
-        moves += [move for move in self.moves if move.scope in scopes]
+        moves += [move for scope in sorted(scopes) for move in self._moves_by_scope.get(scope, ())]
         return ActiveDisplacement(event, tuple(dict.fromkeys(moves)), others)
 
     def _moves_between(self, begin: int, end: int) -> Sequence[TargetMove]:
-        places = [move.place for move in self.moves]
+        places = self._places_of_moves
         return self.moves[bisect_right(places, begin) : bisect_right(places, end)]
+
+    @cached_property
+    def _places_of_moves(self) -> list[int]:
+        return [move.place for move in self.moves]
+
+    @cached_property
+    def _moves_by_scope(self) -> dict[str, list[TargetMove]]:
+        found: dict[str, list[TargetMove]] = {}
+        for move in self.moves:
+            found.setdefault(move.scope, []).append(move)
+        return found
+
+    @cached_property
+    def _scopes_by_name(self) -> dict[str, list[str]]:
+        by_name: dict[str, list[str]] = {}
+        for scope in self.routines:
+            by_name.setdefault(scope.partition("/")[2], []).append(scope)
+        return by_name
 
     def _called_scopes(self, begin: int, end: int) -> tuple[set[str], bool]:
         """Return the scopes that are called from a part of the text, and whether others may be."""
         waiting, scopes, others = [(begin, end)], set[str](), False
-        by_name: dict[str, list[str]] = {}
-        for scope in self.routines:
-            by_name.setdefault(scope.partition("/")[2], []).append(scope)
+        by_name = self._scopes_by_name
         while waiting:
             for word, leads in self._iterate_words(*waiting.pop()):
                 some = by_name.get(word, ())

@@ -153,7 +153,7 @@ class FoundShifts:
             ),
             *(
                 shift
-                for displacement in self.displacements.active_displacements()
+                for displacement in self.displacements.active_displacements
                 if not self._goes_along(displacement, collected, uses)
                 for shift in _shifts_of_displacement(displacement, collected, uses)
             ),
@@ -175,7 +175,7 @@ class FoundShifts:
                     if collected.kinds[row] in (CARTESIAN, JOINTS):
                         uses.barred.setdefault(row, why)
         self._bar_references(collected, uses)
-        for displacement in self.displacements.active_displacements():
+        for displacement in self.displacements.active_displacements:
             if displacement.event.word.startswith("eoffs"):
                 for row in _rows_of(displacement, collected, uses):
                     uses.barred.setdefault(row, EXTERNAL_OFFSET)
@@ -188,12 +188,12 @@ class FoundShifts:
         With F the change in the work object, PDispOn makes F D F^-1 of D, and F D p is where F p is displaced to.
         """
         event, frame = displacement.event, (displacement.event.frame or "").lower()
+        if displacement.others:  # what other routines go to may stand in another work object
+            return False
         places = [(name, event.scope, -1) for name in event.references]
         if len(places) == 1 and (before := self.displacements.move_before(event)) is not None:
             places.append((before.name, before.scope, before.row))
-        if (
-            len(places) < 2 or displacement.others
-        ):  # what other routines go to may stand in another work object
+        if len(places) < 2:
             return False
         changed_names = {name.lower() for name, _ in (*self.set_components, *self.overwritten)}
         rows = [[row] if row >= 0 else uses.rows_of(name, scope) for name, scope, row in places]

@@ -48,6 +48,9 @@ _PASSES = re.compile(rf"{W}[\\A-Za-z\x80-\xff]", re.ASCII)
 _LEADING = frozenset(  # a statement follows
     ("then", "else", "do", "error", "undo", "endif", "endfor", "endwhile", "endtest")
 )
+_FLOW = frozenset(
+    ("if", "elseif", "while", "for", "test", "case", "goto", "return")
+)  # no routine is called so
 _WORK_OBJECT = "wobj"  # the option that names one
 _COMPUTING_JOINTS = frozenset(("calcjointt",))  # functions of the language, for which no work object is wobj0
 TYPES_WITHOUT_TARGETS = frozenset(  # types of the language that hold no target; a record of the program's own may
@@ -124,7 +127,10 @@ def pass_targets(
     ``kept`` are names and scopes of parameters that a routine gives another value: what is passed by value stays.
     ``tools`` are names that are a tool's, in small letters.
     """
-    called = [(call, scope) for call in calls if (scope := _routine_scope(parameters, call))]
+    first_scopes: dict[str, str] = {}
+    for scope in parameters.of_scope:
+        first_scopes.setdefault(scope.partition("/")[2], scope)
+    called = [(call, scope) for call in calls if (scope := _routine_scope(parameters, first_scopes, call))]
     uses.calls_of_other_files = _calls_of_other_files(
         uses, parameters, [_with_tool(uses, parameters, one, tools) for one in calls]
     )
@@ -203,11 +209,10 @@ def _calls_with_sources(uses: TargetUses, call: RoutineCall) -> Iterator[Routine
         yield from call._replace(arguments=names).with_sources(sources)
 
 
-def _routine_scope(parameters: RoutineParameters, call: RoutineCall) -> str:
+def _routine_scope(parameters: RoutineParameters, first_scopes: Mapping[str, str], call: RoutineCall) -> str:
     """Return the scope of the routine that a call means: its own module's, then another's; "" for none."""
     own = f"{call.scope.partition('/')[0]}/{call.routine}"
-    some = [scope for scope in parameters.of_scope if scope.partition("/")[2] == call.routine]
-    return own if own in some else "".join(some[:1])
+    return own if own in parameters.of_scope else first_scopes.get(call.routine, "")
 
 
 def _pass_call(
@@ -262,7 +267,7 @@ def routine_calls(text: str, routines: Mapping[str, tuple[int, int]]) -> Iterato
             if (
                 word in routine_names
                 or (called and word in _COMPUTING_JOINTS)
-                or (leads and word not in MOVES and _PASSES.match(text, place))
+                or (leads and word not in MOVES and word not in _FLOW and _PASSES.match(text, place))
             ):
                 yield _read_call(text, (opened.end() if opened and called else place, end), (scope, word))
             leads = word in _LEADING

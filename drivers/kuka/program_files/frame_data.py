@@ -82,7 +82,11 @@ class FramesInForce:
                     self.forget()
 
     def _mark_changed(self) -> None:
-        self._branches = [(before, True) for before, _ in self._branches]
+        for number in range(len(self._branches) - 1, -1, -1):
+            before, changed = self._branches[number]
+            if changed:  # and then those around it are marked, too
+                return
+            self._branches[number] = before, True
 
 
 class TaughtFrames(Protocol):

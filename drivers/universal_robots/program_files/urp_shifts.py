@@ -14,7 +14,9 @@ IN_SCRIPT = "it stands in a script or an expression of the program, and is not r
 IN_URCAP = "it stands in a node of a URCap, and is not read"
 STRAY = "it belongs to no waypoint, and is not read"
 _LITERAL = re.compile(rf"p?\[{SIX}\]", re.ASCII)
-_COMPUTES = re.compile(r"pose_\w+|interpolate_pose|\w+_kin\(|p\[|\bspeedl\b|\bforce_mode\b", re.ASCII)
+_COMPUTES = re.compile(
+    r"pose_\w+|interpolate_pose|\bset_tcp\b|\w+_kin\(|p\[|\bspeedl\b|\bforce_mode\b", re.ASCII
+)
 # A move of a script: where to is a variable or a call; what is written out is a position that is not read.
 _MOVES = re.compile(r"\b(?:(?:opti)?move[jl]|move[cp]|servo[jlc])\s*\(\s*(?P<target>\w*)", re.ASCII)
 _COMPUTED_PLACE = "a computed place"

@@ -34,6 +34,8 @@ from cellcal.drivers.yaskawa.program_files.job_variables import (
 
 _SEVEN = 7  # numbers of a row with a seventh axis
 Key = tuple[str, int]  # C or P, and its number
+_Effect = tuple[str, ShiftAxes, Quaternion | None]  # all that a point's finding says of a shift but its line
+_MOST_SHIFTS = 16  # by further variables that no file fills, shifts are one
 _INCREMENT = "it is an increment: {} in line {} adds it to where the robot is"
 _LED_MOTION = "another control group leads the motion there ({} in line {})"
 _ON_CONVEYOR = "the motion there follows a conveyor ({} in line {})"
@@ -82,7 +84,7 @@ _CAUSE_OF_INSTRUCTION = (
 class _JobFindings:
     barred: dict[Key, str] = field(default_factory=dict)
     all_variables: str = ""  # why every variable is left
-    made: list[tuple[str, str, str]] = field(default_factory=list)  # UF or TL, its number, why
+    made: dict[tuple[str, str], str] = field(default_factory=dict)  # UF or TL, its number: why
     shifts: list[tuple[Key | None, ProgramShift]] = field(default_factory=list)
     variables: ComputedVariables = field(default_factory=ComputedVariables)
     absent: set[str] = field(default_factory=set)  # variables gone to of which the file holds no value
@@ -143,7 +145,7 @@ def _barred_reason(row: JobRow, found: _JobFindings) -> str:
     if row.state.mode != "RECTAN":
         return ""
     user = row.state.user if row.state.postype == "USER" else None
-    for what, number, why in found.made:
+    for (what, number), why in found.made.items():
         active_number = user if what == "UF" else row.state.tool
         if active_number is not None and (not number.isdigit() or int(number) == int(active_number)):
             return why
@@ -172,25 +174,36 @@ def _find_motions(job: YaskawaJob, rows: dict[Key, JobRow]) -> _JobFindings:
     variables = found.variables
     jumps = _JUMPS.search(job.instructions) is not None
     everywhere = jumps or shifts_in_blocks(word for _, word, _ in lines)
-    switched_on = [
-        _shift_of(line, word, rest, variables, rows) for line, word, rest in lines if word == "SFTON"
-    ]
-    anywhere = [one for one in switched_on if one is not None] if everywhere else []
-    active: list[ProgramShift] = []
+    anywhere: dict[_Effect, ProgramShift] = {}
+    for line, word, rest in (one for one in lines if everywhere and one[1] == "SFTON"):
+        _switch_on(anywhere, _shift_of(line, word, rest, variables, rows))
+    active: dict[_Effect, ProgramShift] = {}
     for line, word, rest in lines:
         if word == "SFTON":
-            shift = _shift_of(line, word, rest, variables, rows)
-            active += [] if shift is None else [shift]
+            _switch_on(active, _shift_of(line, word, rest, variables, rows))
         elif word == "SFTOF":
-            active = []
+            active = {}
+        shifts = list((anywhere or active).values())
         if _GOES_ON_ELSEWHERE.match(f"{word} {rest}"):
             # the called job's points are in its own file, and may not be here
-            found.shifts += [(None, replace(shift, point=_OTHERS)) for shift in anywhere or active]
+            found.shifts += [(None, replace(shift, point=_OTHERS)) for shift in shifts]
         elif _MOTION.fullmatch(word):
-            _take_motion(found, (line, word, rest), anywhere or active, rows)
+            _take_motion(found, (line, word, rest), shifts, rows)
         else:
             _take_computation(found, (line, word, rest))
+    found.shifts = list(dict.fromkeys(found.shifts))
     return found
+
+
+def _switch_on(shifts: dict[_Effect, ProgramShift], shift: ProgramShift | None) -> None:
+    """Add a shift that may be on, unless one does the same: a job may switch thousands."""
+    if shift is None:
+        return
+    is_further = shift.quaternion is None and len(shifts) >= _MOST_SHIFTS
+    what = shift.what.partition(" ")[0] if is_further else shift.what  # without the variable
+    effect = what, shift.axes, shift.quaternion
+    if effect not in shifts:
+        shifts[effect] = replace(shift, what=what)
 
 
 def _shift_of(
@@ -288,9 +301,9 @@ def _take_computation(found: _JobFindings, instruction: tuple[int, str, str]) ->
     if word in AMOUNTS and _CHOSEN.search(rest):
         found.all_variables = found.all_variables or make_message(_ANY_AMOUNT, word, line)
     elif (made := MADE.match(f"{word} {rest}")) is not None:
-        found.made.append((made[2], made[3], make_message(_SET_HERE, word, line)))
+        found.made.setdefault((made[2], made[3]), make_message(_SET_HERE, word, line))
     elif word == "MFRAME":
-        found.made.append(("UF", "?", make_message(_SET_HERE, word, line)))
+        found.made.setdefault(("UF", "?"), make_message(_SET_HERE, word, line))
     if _USED_OTHERWISE.match(f"{word} {rest}"):
         rows = [key for taken in TAKEN.finditer(rest) if taken[3] and (key := _row_key(taken)) is not None]
         found.barred |= {key: make_message(_NOT_KNOWN, line=line, word=word) for key in rows}

@@ -10,7 +10,7 @@ from cellcal.calibration.message import make_message
 from cellcal.drivers.programs.file_declarations import BatchReasons
 from cellcal.drivers.yaskawa.program_files.job_remarks import MOVES
 from cellcal.drivers.yaskawa.program_files.job_text import split_instruction
-from cellcal.drivers.yaskawa.program_files.job_variables import FILLS, numbers_in
+from cellcal.drivers.yaskawa.program_files.job_variables import FILLS, numbers_in, spread_variables
 
 ANY = "*"  # in place of a number: a register chooses the variable
 VARIABLE_LINES = re.compile(r"^[^\n]*?\bL?PX?(?:\d{3,5}\b|\[)[^\n]*", re.MULTILINE)
@@ -37,11 +37,8 @@ def variable_marks(file: str, job: str, head: str, instructions: str) -> dict[st
             copies += [(number, named[1:]) for number in first]
         elif word not in MOVES and word != "GETE":
             used.update(named[len(first) :] if word in _ONLY_FILL else named)
-    before = -1
-    while len(used) > before:  # a copy of a place may be an amount
-        before = len(used)
-        for number, sources in copies:
-            used.update(sources if number in used else ())
+    # a copy of a place may be an amount, and then the place is
+    used = spread_variables(used, [(source, (number,)) for number, sources in copies for source in sources])
     computes = {str(number) for number in filled | used if number >= 0}
     stated = {int(number) for number in _STATED.findall(head)} if goes_to else set[int]()
     marks = {f"{folder} computes {number} {job}": job for number in (*sorted(computes), *(ANY,) * chosen)}

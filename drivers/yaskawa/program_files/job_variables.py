@@ -4,8 +4,11 @@ A local variable LP012 has the number -13. Variables that no instruction here fi
 """
 
 import re
+from collections import defaultdict
 from collections.abc import Iterable, Sequence, Set
 from dataclasses import dataclass, field
+
+from cellcal.drivers.programs.call_graph import find_reached
 
 TAKEN = re.compile(r"(?<!\$)\b(L?)P(?:X)?(\d{3,5})\b|\bC(\d{3,5})\b")
 _HERE = frozenset(("GETS", "GETPOS"))
@@ -58,11 +61,20 @@ def filled_variables(lines: Sequence[tuple[str, str, list[int]]], stated: Set[in
     """Return the variables that instructions give a value, from nothing but stated or filled ones."""
     fills = [numbers for word, rest, numbers in lines if word in FILLS and numbers_in(rest.partition(" ")[0])]
     filled = {numbers[0] for numbers in fills}
-    before = -1
-    while len(filled) != before:
-        before = len(filled)
-        filled -= {numbers[0] for numbers in fills if not filled.union(stated).issuperset(numbers[1:])}
-    return filled
+    missing = {number for numbers in fills for number in numbers[1:]} - filled - stated
+    return filled - spread_variables(missing, [(numbers[0], set(numbers[1:]) - stated) for numbers in fills])
+
+
+def spread_variables(start: Set[int], copies: Iterable[tuple[int, Iterable[int]]]) -> set[int]:
+    """Return the variables to start with, and each that gets its value from one of these.
+
+    Each copy is the variable that gets a value, and those that the value comes from.
+    """
+    receivers = defaultdict[int, set[int]](set)
+    for receiver, sources in copies:
+        for source in sources:
+            receivers[source].add(receiver)
+    return set(find_reached(receivers, start))
 
 
 def computed_variables(
@@ -74,14 +86,9 @@ def computed_variables(
     found = ComputedVariables(filled=filled_variables(written, stated), turned=turned_amounts(lines))
     for word, _, numbers in lines:
         found.from_here.update(numbers if word in _HERE else ())
-    before = -1
-    while len(found.from_here) > before:
-        before = len(found.from_here)
-        found.from_here |= {
-            numbers[0]
-            for word, _, numbers in lines
-            if word in AMOUNTS and found.from_here.intersection(numbers)
-        }
+    found.from_here = spread_variables(
+        found.from_here, [(numbers[0], numbers[1:]) for word, _, numbers in lines if word in AMOUNTS]
+    )
     computing = [one for one in lines if one[0] in AMOUNTS and found.from_here.intersection(one[2])]
     found.computed = {numbers[0] for _, _, numbers in computing}
     found.set_in_part = found.computed & {numbers[0] for word, _, numbers in lines if word == "SETE"}
@@ -96,14 +103,9 @@ def turned_amounts(lines: Sequence[tuple[str, str, list[int]]]) -> set[int]:
         for word, rest, numbers in lines
         if word == "MSHIFT" or (word == "SETE" and not _KEEPS_ANGLES.search(rest))
     }
-    for _ in lines:
-        got = {
-            numbers[0] for word, _, numbers in lines if word in AMOUNTS and turned.intersection(numbers[1:])
-        }
-        if got <= turned:
-            break
-        turned |= got
-    return turned
+    return spread_variables(
+        turned, [(numbers[0], numbers[1:]) for word, _, numbers in lines if word in AMOUNTS]
+    )
 
 
 def _not_shifted_alike(lines: Sequence[tuple[str, str, list[int]]]) -> set[int]:
@@ -114,14 +116,11 @@ def _not_shifted_alike(lines: Sequence[tuple[str, str, list[int]]]) -> set[int]:
         if word == "GETPOS" or (word in ("GETS", "CNVRT") and _IN_PULSES.search(rest))
         for number in numbers[:1]
     }
-    uncertain: set[int] = set()
-    before = -1
-    while len(joints) + len(uncertain) > before:
-        before = len(joints) + len(uncertain)
-        for word, _, numbers in lines:
-            of_joints = word in _SUMS and joints.intersection(numbers)
-            copied = word in ("SET", "CNVRT") and uncertain.intersection(numbers[1:])
-            uncertain |= set(numbers[:1]) if word in _PRODUCTS or of_joints or copied else set()
-            if word == "SET" and joints.intersection(numbers[1:]):
-                joints.add(numbers[0])
-    return uncertain
+    copies = [(word, numbers[0], numbers[1:]) for word, _, numbers in lines if word in ("SET", "CNVRT")]
+    joints = spread_variables(joints, [(first, others) for word, first, others in copies if word == "SET"])
+    uncertain = {
+        numbers[0]
+        for word, _, numbers in lines
+        if word in _PRODUCTS or (word in _SUMS and joints.intersection(numbers))
+    }
+    return spread_variables(uncertain, [(first, others) for _, first, others in copies])
