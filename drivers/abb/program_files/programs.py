@@ -39,6 +39,7 @@ from cellcal.drivers.abb.program_files.set_frames import (
     without_data_set_by_name,
     without_frames_of_others,
 )
+from cellcal.drivers.abb.program_files.shared_data import marks_of_shared_data, without_shared_data
 from cellcal.drivers.abb.program_files.unchecked_configurations import ignores_configurations
 from cellcal.drivers.abb.program_files.written_numbers import (
     LEAST_LENGTH_DECIMALS,
@@ -174,7 +175,9 @@ class AbbFile:
                 uses={
                     name: frozenset(frames_of_moves) for name, frames_of_moves in uses.external_uses.items()
                 },
-                doubtful=uses.facts.doubtful_frames() | marks_of_set_frames(uses.facts, name, source.text),
+                doubtful=uses.facts.doubtful_frames()
+                | marks_of_set_frames(uses.facts, name, source.text)
+                | marks_of_shared_data(name, source.text),
                 tools=module.frames.public_poses(module.frames.tools),
                 bases=module.frames.public_poses(module.frames.bases),
                 local_tools=module.frames.local_poses(module.frames.tools),
@@ -237,6 +240,8 @@ class AbbFile:
         positions = replace(positions, shifts=(*positions.shifts, *places, *measured))
         positions = without_frames_of_others(positions, external_uses, self.set_frames)
         positions = without_data_set_by_name(positions, external_uses)
+        hidden = {*self.declarations.local_tools, *self.declarations.local_bases}
+        positions = without_shared_data(positions, external_uses, self.keys, hidden)
         positions = _with_agreed_tools(positions, external_uses, self.keys)
         positions = _without_other_robots(positions, external_uses.other_task)
         if is_of_unknown_robot(external_uses):
