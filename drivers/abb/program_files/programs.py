@@ -184,6 +184,7 @@ class AbbFile:
                 local_bases=module.frames.local_poses(module.frames.bases),
                 routine_targets=module.parameters.to_targets(uses),
                 calls=tuple(uses.calls_of_other_files),
+                routine_names=frozenset(module.parameters.routines),
                 copies=uses.copies_for_other_files(),
                 own_uses=uses.shown_uses(),
                 named_tools=module.frames.public_tools(),

@@ -72,7 +72,7 @@ _LANGUAGE_TEXT = (
     "setleadthrough setupcyclicbool setupsuperv spystart spystop stcalib stepbwdpath stindgun stoolrotcalib "
     "stooltcpcalib sttune tryint warmstart workobjact setmechunit socketgetstatus socketpeek "
 )
-_OF_LANGUAGE = frozenset(_LANGUAGE_TEXT.split())
+OF_LANGUAGE = frozenset(_LANGUAGE_TEXT.split())
 
 
 def called_procedures(data: bytes) -> tuple[CalledRoutine, ...]:
@@ -135,7 +135,7 @@ def _called_in(body: str) -> str:
             return ""
         name = called[1]
     lower = name.lower()
-    return "" if lower in MOVES or lower in WORDS or lower in _OF_LANGUAGE else name
+    return "" if lower in MOVES or lower in WORDS or lower in OF_LANGUAGE else name
 
 
 def _late_pattern(found: re.Match[str]) -> str:

@@ -120,6 +120,7 @@ def without_frames_of_others(
         return any(file != external_uses.file for file in external_uses.doubtful.rests_behind(words))
 
     others = {name for name in set_frames.shown if of_others(f"{_SETS} {name}")}
+    others |= set_frames.shown & external_uses.frames_set
     any_ = of_others(_SETS_ANY) or any(of_others(f"{_TRAP_NAMES} {name}") for name in set_frames.routines)
     if set_frames.varied and (
         _is_called_back(set_frames.calls_outside, of_others) or _is_called_by_traps(set_frames, external_uses)
