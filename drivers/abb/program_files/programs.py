@@ -189,7 +189,7 @@ class AbbFile:
                 own_uses=uses.shown_uses(),
                 named_tools=module.frames.public_tools(),
                 moves=module.moves,
-                other_data=declared_records(source.text),
+                other_data=declared_records(source.text) | module.computed.results_elsewhere(),
             ),
             keys=tuple(uses.local_keys.get(row, found.names[row].lower()) for row in order.tolist()),
             used=frozenset(k for k, row in enumerate(order.tolist()) if uses.of_row.get(row)),
