@@ -2,6 +2,7 @@
 
 SEVERAL = "the program sets another tool or base for it at different places"
 COMPUTED = "its tool or base is set while the program runs"
+PASSED_TO_NOT_GIVEN = "its tool or base is passed to a routine that was not given, and may be set there"
 SOURCE_OF_TARGET = "a move computes the place that it goes to from it"
 CALLED = "a routine that its program calls sets another tool or base"
 CALLER = "a routine that calls its program sets the tool or base"

@@ -30,3 +30,15 @@ def other_moving_task(file: str, moving: Set[ControllerTask]) -> str:
     if own is None or own not in moving:
         return ""
     return min((task.name for task in moving if task.folder == own.folder and task != own), default="")
+
+
+def is_of_other_task(file: str, other: str) -> bool:
+    """Return whether another file is of another task of a file's controller.
+
+    A task may have any name: a folder beside one that is a task's is one, too.
+    """
+    own, its = find_task(file), find_task(other)
+    if own is not None and its is not None:
+        return own.folder == its.folder and own != its
+    task, beside = (own, other) if own is not None else (its, file)
+    return task is not None and PurePath(task.folder) in PurePath(beside).parent.parents

@@ -8,7 +8,7 @@ from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from functools import cached_property
 
-from cellcal.drivers.programs.barred import COMPUTED, MOVED_FRAMES, SEEN_FROM_FLANGE
+from cellcal.drivers.programs.barred import COMPUTED, MOVED_FRAMES, PASSED_TO_NOT_GIVEN, SEEN_FROM_FLANGE
 from cellcal.drivers.programs.batch_calls import BatchCalls
 from cellcal.drivers.programs.controller_tasks import ControllerTask, find_task, other_moving_task
 from cellcal.drivers.programs.declared_poses import DeclaredPoses
@@ -44,6 +44,7 @@ class BatchDeclarations:
         )
         self._absent: dict[str, dict[str, frozenset[MoveFrames]]] = defaultdict(dict)  # by file and name
         self._doubtful = BatchReasons()
+        self._frames_set = frozenset[str]()  # tools and frames that routines set, or may set, which get them
         self._found_declarations: dict[tuple[str, str], tuple[Sequence[str], str]] = {}
         self._own: dict[str, tuple[list[str], Imports]] = {}  # by file: those of its module, their imports
         self._tools = DeclaredPoses({file: one.tools for file, one in declarations.items() if one.tools})
@@ -88,6 +89,7 @@ class BatchDeclarations:
             visible,
             tools,
             bases,
+            frames_set=self._frames_set,
             absent=self._absent.get(file, {}),
             computed=computed,
             given=program_names,
@@ -149,7 +151,14 @@ class BatchDeclarations:
             for name, frames_of_moves in one.uses.items():
                 self._give_use(file, name, [(each, file) for each in frames_of_moves])
             self._give_passed_uses(file, passed)
-            self._doubtful |= dict.fromkeys(passed.frames_set_by(file), COMPUTED)
+            its = frozenset(passed.frames_set_by(file))
+            self._doubtful |= dict.fromkeys(its, COMPUTED)
+            self._frames_set |= its
+        passed_out = {name for file in self._by_file for name in passed.frames_open_to(file)}
+        self._frames_set |= passed_out
+        for name in passed_out:
+            if self._doubtful.get(name) in (None, *_LIFTED):
+                self._doubtful[name] = PASSED_TO_NOT_GIVEN
         if any(one.copies for one in self._by_file.values()):
             self._give_uses_of_copies()
 

@@ -104,6 +104,7 @@ class FileDeclarations:
     imports: Imports = field(default_factory=dict)  # for all files of its module
     routine_targets: Mapping[str, RoutineTargets] = field(default_factory=dict)  # routines that get places
     calls: tuple[RoutineCall, ...] = ()  # of routines that other files declare
+    routine_names: frozenset[str] = frozenset()  # all that it has, where its calls tell `references`
     copies: tuple[tuple[str, str], ...] = ()  # names, and to what other files may move in their place
     own_uses: Mapping[str, frozenset[MoveFrames]] = field(default_factory=dict)  # of names declared here
     named_tools: frozenset[str] = frozenset()  # what others see and this file declares, or moves, as a tool
@@ -146,6 +147,7 @@ class ExternalUses:
     visible: frozenset[str]  # names that programs not given may use, too
     tools: Poses  # what files declare for all; the nearest one's for each name
     bases: Poses
+    frames_set: frozenset[str] = frozenset()  # tools and frames that a routine may set which gets them
     absent: Mapping[str, frozenset[MoveFrames]] = field(default_factory=dict)  # gone to, and declared by none
     computed: Mapping[str, str] = field(
         default_factory=dict

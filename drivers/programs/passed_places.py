@@ -36,12 +36,13 @@ class PassedPlaces:
         self._getting: dict[str, list[str]] = defaultdict(list)  # by routine: the files that have it
         self._targets: dict[tuple[str, str], RoutineTargets] = {}  # by file and routine
         self._tools = frozenset[str]().union(*(one.named_tools for one in declarations.values()))
+        self._given = frozenset[str]().union(*(one.routine_names for one in declarations.values()))
         for file, one in declarations.items():
             for routine, its in one.routine_targets.items():
                 self._getting[routine].append(file)
                 self._targets[file, routine] = its
         for _ in range(_MOST_ROUNDS):  # what one passes on, the next may pass on, too
-            changes = [self._take_passed_on(file) for file in declarations]
+            changes = [self._take_passed_on(file) | self._take_passed_out(file) for file in declarations]
             if not any(changes):
                 break
 
@@ -66,6 +67,32 @@ class PassedPlaces:
             more |= new != own
             self._targets[file, call.caller] = new
         return more
+
+    def _take_passed_out(self, file: str) -> bool:
+        """Count what a routine passes on to one that was not given as set; tell whether that is more."""
+        more = False
+        for call, name in self._passed_out(file):
+            own = self._targets.get((file, call.caller)) if name.startswith(PARAMETER) else None
+            if own is None:
+                continue
+            bare = name.removeprefix(PARAMETER)
+            its = {one.name for one in own.parameters if not (one.by_value or one.is_target)}
+            new = own._replace(written=own.written | ({bare} & its))
+            more |= new != own
+            self._targets[file, call.caller] = new
+        return more
+
+    def _passed_out(self, file: str) -> Iterator[tuple[RoutineCall, str]]:
+        """Yield calls of routines that no file has, with each of the data that these may set."""
+        for call in self._by_file[file].calls:
+            if call.references and call.routine not in self._given:
+                yield from ((call, name) for name in call.references)
+
+    def frames_open_to(self, file: str) -> Iterator[str]:
+        """Yield names of tools and frames that a file passes to routines which were not given."""
+        for _, name in self._passed_out(file):
+            if not name.startswith((OWN, PARAMETER)):
+                yield name.lower()
 
     def uses_by(self, file: str) -> Iterator[tuple[str, MoveFrames, str]]:
         """Yield the places that a file's calls pass, what routines do to them, and the file that does."""

@@ -37,6 +37,9 @@ class RoutineCall(NamedTuple):
     options: Mapping[str, str]  # for optional ones, by name in small letters
     parts: tuple[str, ...] = ()  # for the arguments that are a component of data: the name of the data
     stated: ParameterUse | None = None  # the tool and frame that the call itself names beside places
+    references: tuple[
+        str, ...
+    ] = ()  # data that it passes so that a routine may set them, where this is not known
     of_copy: bool = False  # it passes a copy of the named data: what is done to it counts for moves only
 
     @property
@@ -55,7 +58,9 @@ class RoutineCall(NamedTuple):
         for at, some in enumerate(sources):
             for source in some:
                 arguments = (*self.arguments[:at], source, *self.arguments[at + 1 :])
-                yield self._replace(arguments=arguments, options={}, parts=(), stated=None, of_copy=True)
+                yield self._replace(
+                    arguments=arguments, options={}, parts=(), stated=None, references=(), of_copy=True
+                )
 
     def data_of_parameter(self, parameters: Sequence["RoutineParameter"], name: str) -> str:
         """Return the data of which a parameter gets the whole or a component; "" for nothing that has a name."""

@@ -110,3 +110,30 @@ def test_targets_that_functions_make_of_others(
     more = f"CONST robtarget p2:={TARGET};"
     move = f"MoveL {target},v100,z10,tool0\\WObj:={frame};"
     assert is_left(tmp_path, more, MAIN.format("p1", "w1", move), FUNCTION.format(returned)) is left
+
+
+GLOBAL = "{}FUNC robtarget f()\nRETURN {};\nENDFUNC"
+
+
+@pytest.mark.parametrize("hidden", ["", "LOCAL "])
+@pytest.mark.parametrize(
+    ("returned", "frame", "left"), [("p1", "w2", True), ("p1", "w1", False), ("p2", "w2", False)]
+)
+@pytest.mark.parametrize(
+    "move", ["MoveL f(),v100,z10,tool0\\WObj:={};", "p9:=f();\nMoveL p9,v100,z10,tool0\\WObj:={};"]
+)
+def test_a_target_that_a_function_of_another_module_returns(
+    tmp_path: Path, move: str, returned: str, frame: str, left: bool, hidden: str
+) -> None:
+    function = GLOBAL.format(hidden, returned)
+    more = f"VAR robtarget p9;\nCONST robtarget p2:={TARGET};"
+    main = MAIN.format("p1", "w1", move.format(frame))
+    assert is_left(tmp_path / "other", more, main, n=function) is (left and not hidden)
+    assert is_left(tmp_path / "own", more, main, function) is left
+
+
+def test_a_function_that_is_not_given_names_no_absent_place(tmp_path: Path) -> None:
+    main = MAIN.format("p1", "w1", "MoveL f(),v100,z10,tool0\\WObj:=w2;")
+    files = {"cell.mod": rapid_module("cell", WORK, OTHER), "m.mod": rapid_module("m", SHARED, main)}
+    found = read_programs(tmp_path, files)["m.mod"].positions
+    assert not [shift for shift in found.shifts if "result" in shift.what]

@@ -84,3 +84,38 @@ def test_folders_without_r1_are_of_one_controller(tmp_path: Path, files: dict[st
     found = read_programs(tmp_path, files)
     (own,) = [program for name, program in found.items() if name.endswith("k.src")]
     assert bool(own.positions.barred) is left
+
+
+@pytest.mark.parametrize(
+    ("line", "left"),
+    [
+        ('SETVAR("BASE_DATA[2]",F)', True),
+        ('setvar ( "base_data[ 02 ].X",5)', True),
+        ('OK=SETVAR("BASE_DATA[2]",F)', True),
+        ('IF SETVAR("TOOL_DATA[1]",F) THEN', True),
+        ('SET_VAR("BASE_DATA[N]",F)', True),
+        ("SETVAR(NAME[],F)", True),
+        ('SETVAR("$ROBROOT",F)', True),
+        ('SETVAR("XP1",F)', True),
+        ('SETVAR("XP1.X",5)', True),
+        ('SETVAR("FP1.BASE_NO",5)', True),
+        ('CWRITE($CMD,STAT,MODE,"SET BASE_DATA[2]={X 5}")', True),
+        ('OTHER("BASE_DATA[2]")', True),
+        ('SETVAR("BASE_DATA[4]",F)', False),
+        ('SETVAR("XP9",F)', False),
+        ('SETVAR("COUNT",5)', False),
+        ('MSGNOTIFY("BASE_DATA[2] is new")', False),
+        (';SETVAR("BASE_DATA[2]",F)', False),
+        ('CWRITE($CMD,STAT,MODE,"RUN /R1/S()")', False),
+        ('NAME[]="BASE_DATA[2]"', False),
+    ],
+)
+def test_what_is_set_by_its_name_in_a_text(tmp_path: Path, line: str, left: bool) -> None:
+    """The routine that sets it is in no given file; it may run at any time."""
+    files = {"a.dat": DATA, "a.src": src_file("A", *TAUGHT)}
+    if "P1" in line:
+        files["a.src"] = src_file("A", line, *TAUGHT)
+    else:
+        files["b.src"] = src_file("B", line)
+    found = frames_of_position(read_programs(tmp_path, files)["a.dat"], "XP1")
+    assert (found != ("1", "2")) is left

@@ -8,7 +8,7 @@ from cellcal.drivers.abb.program_files.instructions import COMPUTED, MoveInstruc
 from cellcal.drivers.abb.program_files.literals import NAME, W, decode_name
 from cellcal.drivers.abb.program_files.measured_places import measured_name
 from cellcal.drivers.abb.program_files.passed_targets import split_arguments
-from cellcal.drivers.abb.program_files.target_uses import TargetUses
+from cellcal.drivers.abb.program_files.target_uses import RESULT, TargetUses, result_of
 
 _SOURCE = re.compile(rf"(?<![\w.\\])({NAME})", re.ASCII)
 _RETURNED = re.compile(rf"{W}({NAME}){W}(?:\{{[^{{}};]*+\}}{W})?+;", re.ASCII)
@@ -23,6 +23,7 @@ class ComputedTargets:
     uses: TargetUses
     moves: set[tuple[str, str, ToolAndFrame]] = field(default_factory=set)  # scope, function, and with what
     numbers: dict[tuple[str, ToolAndFrame], int] = field(default_factory=dict)
+    is_local: bool = False  # other modules do not see the routine that is read
 
     def note_move(self, target: MoveTarget, instruction: MoveInstruction) -> None:
         """Take the data that the target of a move is computed from as if a copy of them were moved to."""
@@ -45,18 +46,21 @@ class ComputedTargets:
         module, _, function = self.uses.scope.partition("/")
         if found is None or not function or self._is_parameter(decode_name(found[1])):
             return
-        self.uses.rows.setdefault((f"{module}/", _result_of(function)), [])
-        self.uses.returned.add((self.uses.scope, decode_name(found[1]), _result_of(function)))
+        result = result_of(function)
+        self.uses.rows.setdefault((f"{module}/", result), [])
+        self.uses.shown[result] = self.uses.shown.get(result, False) or not self.is_local
+        self.uses.returned.add((self.uses.scope, decode_name(found[1]), result))
 
     def finish_reading(self) -> None:
-        """Count moves to the results of the module's own functions."""
+        """Count moves to the results of functions, of the module or of another one."""
         for scope, function, with_what in self.moves:
-            if self.uses.is_own(_result_of(function), scope):
-                self.uses.used[scope, _result_of(function)].add(with_what)
+            self.uses.used[scope, result_of(function)].add(with_what)
+
+    def results_elsewhere(self) -> frozenset[str]:
+        """Return the results of functions that the module does not have, or of which it names no target."""
+        results = {(scope, result_of(function)) for scope, function, _ in self.moves}
+        results |= {(scope, name) for scope, name, _ in self.uses.returned if name.startswith(RESULT)}
+        return frozenset(name for scope, name in results if not self.uses.is_own(name, scope))
 
     def _is_parameter(self, name: str) -> bool:
         return (self.uses.scope, name.lower()) in self.uses.parameters
-
-
-def _result_of(function: str) -> str:
-    return f"result of {function.lower()}"

@@ -16,6 +16,7 @@ from cellcal.drivers.abb.program_files.literals import (
     decode_name,
 )
 from cellcal.drivers.abb.program_files.measured_places import measured_name
+from cellcal.drivers.abb.program_files.reading_routines import is_of_robotware, only_reads
 from cellcal.drivers.abb.program_files.target_uses import TargetUses
 from cellcal.drivers.programs.routine_calls import (
     UNCERTAIN,
@@ -42,15 +43,21 @@ _RECORD = re.compile(  # a component of a record of the program's own, which may
     rf"{W}({NAME}){W}(?:\{{([^{{}};]*+)\}}{W})?+(?:\.{W}(?!(?:trans|rot|robconf|extax|robax)\b)\w++{W}(?:\{{[^{{}};]*+\}}{W})?+){{1,4}}+",
     re.ASCII | re.IGNORECASE,
 )
+_REFERENCE = re.compile(  # data as a whole, or what places them; an expression is passed by its value
+    rf"{W}({NAME}){W}(?:\{{[^{{}};]*+\}}{W})?+(?:\.{W}(?:[uot]frame|robhold|ufprog|ufmec)\b[\w.\s]*+)?+",
+    re.ASCII | re.IGNORECASE,
+)
 _HEADER = re.compile(rf"{W}\((?:[^()!]++|![^\n]*+){{0,1000}}+\)", re.ASCII)
 _COMMENT = re.compile(r"![^\n]*+")
-_PASSES = re.compile(rf"{W}[\\A-Za-z\x80-\xff]", re.ASCII)
+_PASSES = re.compile(rf"{W}[\\A-Za-z\x80-\xff\d\"\[+-]", re.ASCII)
+_NEXT_NAME = re.compile(rf"{W}({NAME})", re.ASCII)
 _LEADING = frozenset(  # a statement follows
     ("then", "else", "do", "error", "undo", "endif", "endfor", "endwhile", "endtest")
 )
 _FLOW = frozenset(
     ("if", "elseif", "while", "for", "test", "case", "goto", "return")
 )  # no routine is called so
+_NO_CALLS = _LEADING | _FLOW | MOVES.keys()
 _WORK_OBJECT = "wobj"  # the option that names one
 _COMPUTING_JOINTS = frozenset(("calcjointt",))  # functions of the language, for which no work object is wobj0
 TYPES_WITHOUT_TARGETS = frozenset(  # types of the language that hold no target; a record of the program's own may
@@ -193,12 +200,19 @@ def _call_for_other_files(uses: TargetUses, call: RoutineCall) -> RoutineCall | 
 
     arguments, parts = (tuple(map(name_for_other_files, some)) for some in (call.arguments, call.parts))
     options = {option: name_for_other_files(name) for option, name in call.options.items()}
-    if not any((*arguments, *parts, *options.values())):
+    references = tuple(
+        name_for_other_files(name)
+        for name in (() if only_reads(call) else call.references)
+        if not uses.rows_of(name, call.scope)
+    )
+    if not any((*arguments, *parts, *options.values(), *references)):
         return None
     stated = (
         None if call.stated is None or call.routine in WORDS else uses.seen_by_other_files(*call.stated[:2])
     )
-    return call._replace(arguments=arguments, parts=parts, options=options, stated=stated)
+    return call._replace(
+        arguments=arguments, parts=parts, options=options, stated=stated, references=references
+    )
 
 
 def _calls_with_sources(uses: TargetUses, call: RoutineCall) -> Iterator[RoutineCall]:
@@ -253,24 +267,33 @@ def routine_calls(text: str, routines: Mapping[str, tuple[int, int]]) -> Iterato
     routine_names = {scope.partition("/")[2] for scope in routines}
     for scope, (begin, end) in routines.items():
         header = _HEADER.match(text, begin, end)
-        place, leads = header.end() if header else begin, True
+        place, leads, in_condition = header.end() if header else begin, True, False
         while (found := _CODE.search(text, place, end)) is not None:
             place = found.end()
             if found[0][0] in '!"':
                 continue
             if found[0][-1] == ";":
-                leads = True
+                leads, in_condition = True, False
                 continue
             word = _late_name(found) if found[0][0] == "%" else decode_name(found[0]).lower()
             opened = OPENED.match(text, place)
             called = opened is not None and opened[1] is not None
             if (
                 word in routine_names
-                or (called and word in _COMPUTING_JOINTS)
-                or (leads and word not in MOVES and word not in _FLOW and _PASSES.match(text, place))
+                or (called and (word in _COMPUTING_JOINTS or not is_of_robotware(word)))
+                or (leads and word not in _NO_CALLS and _PASSES.match(text, place))
+                or (in_condition and _is_called_behind(word, text, place))
             ):
                 yield _read_call(text, (opened.end() if opened and called else place, end), (scope, word))
             leads = word in _LEADING
+            in_condition = word == "if" or (in_condition and not leads)
+
+
+def _is_called_behind(word: str, text: str, place: int) -> bool:
+    """Return whether a word of ``IF condition routine arguments;`` may be the routine: no operator is behind it."""
+    behind = _NEXT_NAME.match(text, place)
+    operates = behind is not None and is_of_robotware(behind[1].lower())
+    return not operates and not is_of_robotware(word) and _PASSES.match(text, place) is not None
 
 
 def _late_name(found: re.Match[str]) -> str:
@@ -284,9 +307,12 @@ def _read_call(text: str, span: tuple[int, int], call: tuple[str, str]) -> Routi
     arguments: list[str] = []
     parts: list[str] = []
     options: dict[str, str] = {}
+    references: list[str] = []
     stated: ParameterUse | None = None
     for is_option, part in split_arguments(text, span):
         named = OPTION.match(part) if is_option else None
+        reference = _REFERENCE.fullmatch(part, 0 if named is None else named.end())
+        references += [decode_name(reference[1])] if reference is not None else []
         if named is not None:
             option = decode_name(named[1]).lower()
             options[option] = _passed_name(part[named.end() :], span[0])
@@ -300,7 +326,7 @@ def _read_call(text: str, span: tuple[int, int], call: tuple[str, str]) -> Routi
             parts.append(decode_name(component[1]) if component else "")
     if call[1] in _COMPUTING_JOINTS and stated is None and len(arguments) > 1:
         stated = ParameterUse(arguments[1] or None, "wobj0")
-    return RoutineCall(*call, tuple(arguments), options, tuple(parts), stated)
+    return RoutineCall(*call, tuple(arguments), options, tuple(parts), stated, references=tuple(references))
 
 
 def _passed_name(part: str, at: int) -> str:

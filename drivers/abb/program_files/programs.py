@@ -39,6 +39,7 @@ from cellcal.drivers.abb.program_files.set_frames import (
     without_data_set_by_name,
     without_frames_of_others,
 )
+from cellcal.drivers.abb.program_files.shared_data import marks_of_shared_data, without_shared_data
 from cellcal.drivers.abb.program_files.unchecked_configurations import ignores_configurations
 from cellcal.drivers.abb.program_files.written_numbers import (
     LEAST_LENGTH_DECIMALS,
@@ -174,18 +175,21 @@ class AbbFile:
                 uses={
                     name: frozenset(frames_of_moves) for name, frames_of_moves in uses.external_uses.items()
                 },
-                doubtful=uses.facts.doubtful_frames() | marks_of_set_frames(uses.facts, name, source.text),
+                doubtful=uses.facts.doubtful_frames()
+                | marks_of_set_frames(uses.facts, name, source.text)
+                | marks_of_shared_data(name, source.text),
                 tools=module.frames.public_poses(module.frames.tools),
                 bases=module.frames.public_poses(module.frames.bases),
                 local_tools=module.frames.local_poses(module.frames.tools),
                 local_bases=module.frames.local_poses(module.frames.bases),
                 routine_targets=module.parameters.to_targets(uses),
                 calls=tuple(uses.calls_of_other_files),
+                routine_names=frozenset(module.parameters.routines),
                 copies=uses.copies_for_other_files(),
                 own_uses=uses.shown_uses(),
                 named_tools=module.frames.public_tools(),
                 moves=module.moves,
-                other_data=declared_records(source.text),
+                other_data=declared_records(source.text) | module.computed.results_elsewhere(),
             ),
             keys=tuple(uses.local_keys.get(row, found.names[row].lower()) for row in order.tolist()),
             used=frozenset(k for k, row in enumerate(order.tolist()) if uses.of_row.get(row)),
@@ -237,6 +241,8 @@ class AbbFile:
         positions = replace(positions, shifts=(*positions.shifts, *places, *measured))
         positions = without_frames_of_others(positions, external_uses, self.set_frames, self.keys)
         positions = without_data_set_by_name(positions, external_uses)
+        hidden = {*self.declarations.local_tools, *self.declarations.local_bases}
+        positions = without_shared_data(positions, external_uses, self.keys, hidden)
         positions = _with_agreed_tools(positions, external_uses, self.keys)
         positions = _without_other_robots(positions, external_uses.other_task)
         if is_of_unknown_robot(external_uses):

@@ -18,7 +18,7 @@ from cellcal.drivers.abb.program_files.literals import (
     end_of_element,
 )
 from cellcal.drivers.abb.program_files.measured_places import measured_inside, measured_name
-from cellcal.drivers.abb.program_files.target_uses import TargetUses
+from cellcal.drivers.abb.program_files.target_uses import TargetUses, result_of
 from cellcal.drivers.abb.program_files.unread import INSIDE
 from cellcal.drivers.programs.positions import NO_NUMBER
 
@@ -29,7 +29,7 @@ _COPIED = re.compile(
 )
 _ELEMENT = re.compile(rf"[\[,]{W}({NAME}){W}(?:\{{[^{{}};]*+\}}{W})?+(?=[,\]])", re.ASCII)  # a whole target
 _LONGEST_LIST = 100_000
-_CALLED = re.compile(rf"{NAME}{W}\(([^();]*+)\){W};", re.ASCII)
+_CALLED = re.compile(rf"({NAME}){W}\(([^();]*+)\){W};", re.ASCII)
 _ARGUMENT = re.compile(rf"(?<![\w.\\])({NAME})(?=[ \t]*+(?:\{{[^{{}}]*+\}})?+[ \t]*+(?:,|\Z))", re.ASCII)
 _SIZES = re.compile(r"\s*\d+\s*")
 _MOST_DIGITS = 9  # of an array's size
@@ -177,6 +177,7 @@ class RapidDeclarations:
         elif measured := measured_name(text, place):
             self.uses.copied.add((self.uses.scope, measured, to))
         elif (called := _CALLED.match(text, place)) is not None:
-            arguments = (decode_name(name) for name in _ARGUMENT.findall(called[1]))
-            self.uses.returned |= {(self.uses.scope, name, to) for name in arguments}
+            arguments = (decode_name(name) for name in _ARGUMENT.findall(called[2]))
+            result = result_of(decode_name(called[1]))
+            self.uses.returned |= {(self.uses.scope, name, to) for name in (*arguments, result)}
         return copied is not None

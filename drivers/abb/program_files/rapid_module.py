@@ -353,7 +353,7 @@ class RapidModule(RapidDeclarations):
         named = pattern.match(self.found.source.text, end)
         if named is None:
             return end
-        self.local = False
+        self.local, self.computed.is_local = False, self.local
         self.uses.enter_routine(decode_name(named[1]))
         self.routine_begins = named.end()
         parameters = _PARAMETERS.match(self.found.source.text, named.end())

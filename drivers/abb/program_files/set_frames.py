@@ -130,6 +130,7 @@ def _rows_of_others(positions: Positions, external_uses: ExternalUses, set_frame
         return any(file != external_uses.file for file in external_uses.doubtful.rests_behind(words))
 
     others = {name for name in set_frames.shown if of_others(f"{_SETS} {name}")}
+    others |= set_frames.shown & external_uses.frames_set
     any_ = any(of_others(f"{_TRAP_NAMES} {name}") for name in set_frames.routines)
     if set_frames.varied and (
         _is_called_back(set_frames.calls_outside, of_others) or _is_called_by_traps(set_frames, external_uses)

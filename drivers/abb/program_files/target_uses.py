@@ -17,6 +17,7 @@ from cellcal.drivers.programs.positions import CARTESIAN
 from cellcal.drivers.programs.routine_calls import OWN, PARAMETER, ParameterUse, RoutineCall
 
 _DIFFERENT = "{} is used with different tools or work objects; its user frame and tool are not known."
+RESULT = "result of "  # before a function's name: what it returns
 _MOST_USES = 64  # of one target that are told apart
 
 
@@ -125,7 +126,8 @@ class TargetUses(DeclaredTargets):
                 uses = {use for copy in its for use in of_copies.get(copy, ())}
                 settled[its] = sorted(uses, key=str)[:_MOST_USES]
             some = settled[its]
-            if some and name.lower() in self.external_uses and not self.is_own(name, scope):
+            counts = name.lower() in self.external_uses or name.startswith(RESULT)
+            if some and counts and not self.is_own(name, scope):
                 self._note_external_use(name, set(some))
             for row in self.rows_of(name, scope) if some else ():
                 if row in self.of_row:
@@ -330,6 +332,11 @@ class TargetUses(DeclaredTargets):
             self.used[key] = {(_without_mark(tool), _without_mark(frame)) for tool, frame in some}
         for row, uses in self.of_row.items():
             self.of_row[row] = [(_without_mark(tool), _without_mark(frame)) for tool, frame in uses]
+
+
+def result_of(function: str) -> str:
+    """Return the name under which the result of a function is followed."""
+    return f"{RESULT}{function.lower()}"
 
 
 def _reachable_copies(

@@ -12,7 +12,7 @@ from cellcal.drivers.programs.routine_calls import RoutineParameter
 
 # By instruction or function of the language: which of its arguments that are not optional get a value.
 _WRITING: Mapping[str, tuple[int, ...]] = {
-    **dict.fromkeys(("add", "incr", "decr", "clear", "bitset", "bitclear"), (0,)),
+    **dict.fromkeys(("add", "incr", "decr", "clear", "bitset", "bitclear", "getsysdata"), (0,)),
     "setdataval": (0,),  # whose argument names the data in quotes
     **dict.fromkeys(("tpreadnum", "tpreaddnum", "tpreadfk"), (0,)),
     **dict.fromkeys(("strtoval", "getdataval", "readanybin", "rmqgetmsgdata"), (1,)),

@@ -38,6 +38,7 @@ from cellcal.drivers.kuka.program_files.literals import POSE_FIELDS, KrlLiteral
 from cellcal.drivers.kuka.program_files.measured_points import MEASURED
 from cellcal.drivers.kuka.program_files.passed_points import parameters_of
 from cellcal.drivers.kuka.program_files.point_uses import PointUses
+from cellcal.drivers.kuka.program_files.set_by_text import MAY_SET, take_set_by_text
 from cellcal.drivers.kuka.program_files.usual import TAUGHT_MOVE
 from cellcal.drivers.programs.barred import OVERWRITTEN
 from cellcal.drivers.programs.file_declarations import COPIED
@@ -97,6 +98,8 @@ class KrlProgram(KrlMotions):
         text = self.found.source.text
         code = without_strings(text[line.start : line.end])
         self._take_flow(code, line, word)
+        if "(" in code and MAY_SET.search(text, line.start, line.end):
+            take_set_by_text(self, line)
         declared = find_declaration(text, line) if word in DECLARING else None
         if declared is not None:
             self._take_declared(declared[0], declared[1], line)
