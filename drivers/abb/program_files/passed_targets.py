@@ -76,6 +76,9 @@ class RoutineParameters:
     """The parameters of a file's routines."""
 
     of_scope: dict[str, list[RoutineParameter]] = field(default_factory=dict)
+    first_scopes: dict[str, str] = field(
+        default_factory=dict
+    )  # by routine: that of the first one of the name
     routines: set[str] = field(default_factory=set)  # all of the file, in small letters
     written: set[tuple[str, str]] = field(
         default_factory=set
@@ -87,6 +90,7 @@ class RoutineParameters:
     def declare_routine(self, scope: str, parameters: str) -> list[str]:
         """Note a routine's parameters; return their names as written."""
         found = list(_PARAMETER.finditer(parameters))
+        self.first_scopes.setdefault(scope.partition("/")[2], scope)
         self.of_scope[scope] = [
             RoutineParameter(
                 decode_name(one["name"]).lower(),
@@ -211,6 +215,8 @@ def _call_for_other_files(uses: TargetUses, call: RoutineCall) -> RoutineCall | 
 
 def _calls_with_sources(uses: TargetUses, call: RoutineCall) -> Iterator[RoutineCall]:
     """Yield a call, as other files see it, as if it passed the targets themselves of which it passes copies."""
+    if not uses.copied:  # as in many
+        return
     sources = [uses.copied_into(name, call.scope) if name else [] for name in call.arguments]
     if any(sources):
         names = tuple(uses.key_for_other_files(each, call.scope) if each else "" for each in call.arguments)
@@ -220,8 +226,7 @@ def _calls_with_sources(uses: TargetUses, call: RoutineCall) -> Iterator[Routine
 def _routine_scope(parameters: RoutineParameters, call: RoutineCall) -> str:
     """Return the scope of the routine that a call means: its own module's, then another's; "" for none."""
     own = f"{call.scope.partition('/')[0]}/{call.routine}"
-    some = [scope for scope in parameters.of_scope if scope.partition("/")[2] == call.routine]
-    return own if own in some else "".join(some[:1])
+    return own if own in parameters.of_scope else parameters.first_scopes.get(call.routine, "")
 
 
 def _pass_call(
