@@ -40,7 +40,9 @@ class DeclaredFrames:
             self.tool_names.add(name.lower())
         if shown:
             self.seen_outside.add(name.lower())
-        self.uses.local_frames = self.declared - self.seen_outside
+            self.uses.local_frames.discard(name.lower())
+        elif name.lower() not in self.seen_outside:
+            self.uses.local_frames.add(name.lower())
 
     def drop_ambiguous(self) -> None:
         """Take away what is declared twice, differently."""

@@ -79,6 +79,7 @@ class RoutineParameters:
     """The parameters of a file's routines."""
 
     of_scope: dict[str, list[RoutineParameter]] = field(default_factory=dict)
+    first_scopes: dict[str, str] = field(default_factory=dict)  # by routine: the first scope of its name
     routines: set[str] = field(default_factory=set)  # all of the file, in small letters
     written: set[tuple[str, str]] = field(
         default_factory=set
@@ -90,6 +91,7 @@ class RoutineParameters:
     def declare_routine(self, scope: str, parameters: str) -> list[str]:
         """Note a routine's parameters; return their names as written."""
         found = list(_PARAMETER.finditer(parameters))
+        self.first_scopes.setdefault(scope.partition("/")[2], scope)
         self.of_scope[scope] = [
             RoutineParameter(
                 decode_name(one["name"]).lower(),
@@ -134,10 +136,7 @@ def pass_targets(
     ``kept`` are names and scopes of parameters that a routine gives another value: what is passed by value stays.
     ``tools`` are names that are a tool's, in small letters.
     """
-    first_scopes: dict[str, str] = {}
-    for scope in parameters.of_scope:
-        first_scopes.setdefault(scope.partition("/")[2], scope)
-    called = [(call, scope) for call in calls if (scope := _routine_scope(parameters, first_scopes, call))]
+    called = [(call, scope) for call in calls if (scope := _routine_scope(parameters, call))]
     uses.calls_of_other_files = _calls_of_other_files(
         uses, parameters, [_with_tool(uses, parameters, one, tools) for one in calls]
     )
@@ -217,16 +216,18 @@ def _call_for_other_files(uses: TargetUses, call: RoutineCall) -> RoutineCall | 
 
 def _calls_with_sources(uses: TargetUses, call: RoutineCall) -> Iterator[RoutineCall]:
     """Yield a call, as other files see it, as if it passed the targets themselves of which it passes copies."""
+    if not uses.copied:  # as in many
+        return
     sources = [uses.copied_into(name, call.scope) if name else [] for name in call.arguments]
     if any(sources):
         names = tuple(uses.key_for_other_files(each, call.scope) if each else "" for each in call.arguments)
         yield from call._replace(arguments=names).with_sources(sources)
 
 
-def _routine_scope(parameters: RoutineParameters, first_scopes: Mapping[str, str], call: RoutineCall) -> str:
+def _routine_scope(parameters: RoutineParameters, call: RoutineCall) -> str:
     """Return the scope of the routine that a call means: its own module's, then another's; "" for none."""
     own = f"{call.scope.partition('/')[0]}/{call.routine}"
-    return own if own in parameters.of_scope else first_scopes.get(call.routine, "")
+    return own if own in parameters.of_scope else parameters.first_scopes.get(call.routine, "")
 
 
 def _pass_call(

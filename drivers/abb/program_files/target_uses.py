@@ -40,6 +40,9 @@ class TargetUses(DeclaredTargets):
     used: dict[tuple[str, str], set[ToolAndFrame]] = field(
         default_factory=lambda: defaultdict(set)
     )  # by scope and name
+    names_used: dict[tuple[str, str], set[str]] | None = (
+        None  # from the first question on: as written, by scope and name
+    )
     of_row: dict[int, list[ToolAndFrame]] = field(default_factory=lambda: defaultdict(list))
     tools_of_moves: set[str] = field(default_factory=lambda: {"tool0"})  # in small letters
     spelling: dict[str, str] = field(default_factory=lambda: {"wobj0": "wobj0", "tool0": "tool0"})
@@ -120,8 +123,12 @@ class TargetUses(DeclaredTargets):
         made = self.copied | self.returned
         copies = self._copies_made()
         settled: dict[frozenset[tuple[str, str]], list[ToolAndFrame]] = {}
+        reached: dict[tuple[str, str], frozenset[tuple[str, str]]] = {}
         for scope, name in sorted({each[:2] for each in made}):
-            its = frozenset(_reachable_copies(copies, self.find_declared(name, scope)))
+            place = self.find_declared(name, scope)
+            if place not in reached:
+                reached[place] = frozenset(_reachable_copies(copies, place))
+            its = reached[place]
             if its not in settled:  # many are copied to the same
                 uses = {use for copy in its for use in of_copies.get(copy, ())}
                 settled[its] = sorted(uses, key=str)[:_MOST_USES]
@@ -271,12 +278,12 @@ class TargetUses(DeclaredTargets):
 
     def uses_in(self, scope: str, name: str) -> set[ToolAndFrame]:
         """Return how the moves of a scope go to a name, or to elements of it."""
-        return {
-            use
-            for (where, target), some in self.used.items()
-            if where == scope and target.partition("{")[0].lower() == name
-            for use in some
-        }
+        if self.names_used is None:
+            self.names_used = defaultdict(set)
+            for where, target in self.used:
+                self.names_used[where, target.partition("{")[0].lower()].add(target)
+        names = self.names_used.get((scope, name), ())
+        return {use for target in names for use in self.used[scope, target]}
 
     def uses_of_open_place(self, name: str, scope: str) -> set[ToolAndFrame]:
         """Return how the moves of a file go to a place that it declares without numbers; nothing for any other."""
@@ -292,6 +299,8 @@ class TargetUses(DeclaredTargets):
         """Note more uses of a name; tell whether there are new ones."""
         if uses <= self.used.get((scope, name), set()):
             return False
+        if self.names_used is not None:
+            self.names_used[scope, name.partition("{")[0].lower()].add(name)
         self.used[scope, name] |= uses
         return True
 

@@ -129,6 +129,15 @@ class KrlRoutine:
     held_tool: bool = False  # it surely sets that the robot holds the tool before it moves or calls others
     moves: bool = False  # it has a motion
 
+    def set_both_frames(self, place: int, value: str, branches: Branches) -> None:
+        """Take a tool and a base that are set together."""
+        self.tool.take_value(place, value, branches)
+        self.base.take_value(place, value, branches)
+
+    def is_at_beginning(self, branches: Branches) -> bool:
+        """Return whether it surely comes to where it is read before it moves or calls another that does."""
+        return not (self.moves or self.calls_at or branches) and self.jumps.first is None
+
     def passed_until_here(self) -> int:
         """Return a number that grows with each thing read after which another tool or base may hold."""
         flow = self.jumps.flow

@@ -81,7 +81,7 @@ class KrlProgram(KrlMotions):
 
     def read_taught_move(self, found: re.Match[str]) -> None:
         """Take a move as the inline forms write it, with all that stands around it."""
-        self._set_both_frames(found.start("bas"), UNKNOWN)
+        self.points.routines[-1].set_both_frames(found.start("bas"), UNKNOWN, self.branches)
         self._take_data(f"F{found['point']}")
         self.force.set_data()
         self.points.moved_as_taught.add(f"X{found['point']}".upper())
@@ -108,14 +108,14 @@ class KrlProgram(KrlMotions):
         if bas is not None:
             self._take_bas(line.start + bas.start(), bas[1].upper(), bas[2].strip())
         elif "(" in code and patterns.BAS_CHOSEN.search(code):
-            self._set_both_frames(line.start, UNKNOWN)
+            self.points.routines[-1].set_both_frames(line.start, UNKNOWN, self.branches)
         elif "$" in code and (frame := patterns.FRAME_SET.search(code)) is not None:
             self.points.routines[-1].interrupted |= word in patterns.BESIDE
             if patterns.WITH.search(code, 0, frame.start()) is None:
                 self._take_frame_setting(frame, line)
                 self.force.forget()
             else:  # of a spline block, whose segments may have their own
-                self._set_both_frames(line.start, UNKNOWN)
+                self.points.routines[-1].set_both_frames(line.start, UNKNOWN, self.branches)
                 self.force.data = data_taken(code[frame.start() :])
         elif "." in code and patterns.COMPONENT.match(code):
             self._take_component(code, line)
@@ -193,11 +193,6 @@ class KrlProgram(KrlMotions):
         if not word.startswith("END"):
             self.branches = (*self.branches[: patterns.DEEPEST], place)
 
-    def _set_both_frames(self, place: int, value: str) -> None:
-        routine = self.points.routines[-1]
-        routine.tool.take_value(place, value, self.branches)
-        routine.base.take_value(place, value, self.branches)
-
     def _take_declared(self, kind: str, place: int, line: KrlLine) -> None:
         name = find_item(self.found.source.text, place, line.end)
         while name is not None:
@@ -212,12 +207,12 @@ class KrlProgram(KrlMotions):
     def _take_bas(self, place: int, command: str, argument: str) -> None:
         routine = self.points.routines[-1]
         if command in patterns.SET_BY_POINTS:  # taken from the point's own data, which is not in this file
-            self._set_both_frames(place, UNKNOWN)
+            self.points.routines[-1].set_both_frames(place, UNKNOWN, self.branches)
             self.force.set_data()
         elif command == "INITMOV":
             self.force.forget()
             routine.resets = True
-            routine.held_tool |= self._is_at_beginning(routine)
+            routine.held_tool |= routine.is_at_beginning(self.branches)
             routine.reset_at.append(place)
             if routine.reset_from is None and not self.branches:
                 routine.reset_from = place
@@ -246,16 +241,12 @@ class KrlProgram(KrlMotions):
             is_external = not is_held and not text[place : line.end].strip().upper().startswith(own)
             self.points.external_tool |= is_external
             routine.external_tool |= is_external
-            routine.held_tool |= is_held and self._is_at_beginning(routine)
+            routine.held_tool |= is_held and routine.is_at_beginning(self.branches)
             self.found.add_remark(line.start, "foreign", patterns.EXTERNAL_TEXT)
             return
         use = routine.tool if which == "TOOL" else routine.base
         use.take_value(place, self._frame_value(which, frame, line), self.branches)
         self.found.add_remark(line.start, "computed", make_message(patterns.FRAME_SET_TEXT, which))
-
-    def _is_at_beginning(self, routine: KrlRoutine) -> bool:
-        """Return whether a routine surely comes here before it moves or calls another that does."""
-        return not (routine.moves or routine.calls_at or self.branches) and routine.jumps.first is None
 
     def _frame_value(self, which: str, frame: re.Match[str], line: KrlLine) -> str:
         """Return the number of a tool or base, the numbers of one written out here, or that it is not known."""
