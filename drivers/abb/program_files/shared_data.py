@@ -15,7 +15,7 @@ from cellcal.drivers.programs.positions import CARTESIAN, JOINTS, Positions
 
 BARRED_SHARED = "another task of its controller declares it, too, and both tasks share one value"
 BARRED_UNLIKE = "another task of its controller declares its tool or work object with other numbers"
-_SHARED = "shared"  # before a name and the file that declares it; its reason is the value
+_OF_TASKS = "shared"  # before a name and the file that declares it; its reason is the value
 _PERS = re.compile(
     r'![^\n]*+|"(?:[^"\n]++|"")*+"?+'
     rf"|\b(?:PROC|FUNC\s++\w++)\s++{NAME}\s*+\([^()]*+\)"  # whose parameters are no data
@@ -30,7 +30,7 @@ Values = Mapping[str, Sequence[tuple[str, str]]]  # by name: the files that decl
 
 def marks_of_shared_data(file: str, text: str) -> dict[str, str]:
     """Return what a file says to others of the data that it shares with other tasks."""
-    return {f"{_SHARED} {name} {file}": value for name, value in _shared_data(text)}
+    return {f"{_OF_TASKS} {name} {file}": value for name, value in _shared_data(text)}
 
 
 def _shared_data(text: str) -> Iterator[tuple[str, str]]:
@@ -60,7 +60,9 @@ def without_shared_data(
     ``hidden`` are the tools and work objects that only the file itself sees.
     """
     marks = external_uses.doubtful
-    shared = marks.derive_once(_SHARED, lambda: _declared_twice(marks, marks.rests_behind(_SHARED)))
+    shared = marks.derive_once(
+        _declared_twice.__name__, lambda: _declared_twice(marks, marks.rests_behind(_OF_TASKS))
+    )
     if not shared:  # as in most
         return positions
     own = external_uses.file
@@ -80,7 +82,7 @@ def _declared_twice(marks: Mapping[str, str], rests: Sequence[str]) -> Values:
     found: dict[str, list[tuple[str, str]]] = defaultdict(list)
     for rest in rests:
         name, _, file = rest.partition(" ")
-        found[name].append((file, marks[f"{_SHARED} {rest}"]))
+        found[name].append((file, marks[f"{_OF_TASKS} {rest}"]))
     return {name: some for name, some in found.items() if len(some) > 1}
 
 
