@@ -7,9 +7,8 @@ import re
 from collections.abc import Iterator, Sequence
 
 from cellcal.drivers.abb.program_files.frame_facts import BARRED_SET
-from cellcal.drivers.abb.program_files.instructions import MOVES
 from cellcal.drivers.abb.program_files.literals import NAME, decode_name
-from cellcal.drivers.abb.program_files.rapid_called import OF_LANGUAGE
+from cellcal.drivers.abb.program_files.reading_routines import is_of_robotware
 from cellcal.drivers.programs.file_declarations import BatchReasons
 from cellcal.drivers.programs.positions import Positions
 
@@ -23,21 +22,6 @@ _ARGUMENT = re.compile(
     rf"\s*+(?:\\?\s*+{NAME}\s*+:=\s*+)?+({NAME})\s*+(?:\{{[^{{}}]*+\}}\s*+)?+(?:\.[\w.\s]*+)?+(?:\\[^,]*+)?+",
     re.ASCII,
 )
-# Words before a bracket, and functions of the language: none moves, or gives a target, tool or work object a value.
-_LANGUAGE_TEXT = (
-    "if elseif and or not xor div mod while until then return to from step case test offs reltool crobt cjointt "
-    "calcrobt calcjointt orobt mirpos defframe defdframe defaccframe distance dotprod vectmagn poseinv posemult "
-    "posevect eulerzyx orientzyx norient ctool cwobj cpos cspeedoverride abs acos asin atan atan2 cos sin tan exp "
-    "pow sqrt round trunc max min dim present ispers isvar issysid argname valtostr numtostr dnumtostr strlen "
-    "strpart strmatch strfind strmap strorder ctime cdate gettime clkread opmode runmode robos robname "
-    "motionplannerno pathlevel testdi doutput goutput aoutput ainput ginput taskrunmec taskrunrob tasksinsync "
-    "istopmoveact isstopmoveact getmecunitname gettaskname gettorque getmotortorque readmotor indinpos indspeed "
-    "maxrobspeed maxrobreach eventtype execlevel exechandler robotlimits paridposvalid fcgetforce "
-    "fcgetprocessdata fcisforcemode egmgetstate bitand bitor bitxor bitneg bitcheck dnumtonum numtodnum corrread "
-    "ismechunitactive typeof getaxisdistance pathlengthget stcalcforce stcalctorque"
-)
-# Moves and instructions, whose first argument may stand in brackets: what they write is in `written_arguments`.
-_LANGUAGE = frozenset(_LANGUAGE_TEXT.split()) | OF_LANGUAGE | frozenset(MOVES)
 
 
 def marks_of_passed(text: str, file: str) -> dict[str, str]:
@@ -64,7 +48,7 @@ def _passed_in(silent: str) -> Iterator[tuple[str, str]]:
         elif opened:
             callee, start = opened.pop()
             named = _ARGUMENT.fullmatch(silent, start, sign.start()) if callee else None
-            if named is not None and callee not in _LANGUAGE:
+            if named is not None and not is_of_robotware(callee):
                 yield decode_name(callee), decode_name(named[1]).lower()
             if sign[0] == ",":
                 opened.append((callee, sign.end()))

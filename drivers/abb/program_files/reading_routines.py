@@ -33,7 +33,7 @@ _FUNCTIONS_TEXT = (
     "texttabget transpose triggdatavalid trunc truncdnum type uialphaentry uiclientexist uidnumentry uidnumtune "
     "uilistview uimessagebox uinumentry uinumtune validio valtostr vectmagn xor "
 )
-_WORDS_TEXT = "case elseif return waituntil connect with from step raise then else do default"
+_WORDS_TEXT = "case elseif return waituntil connect with from to step raise then else do default"
 _READING = (
     frozenset(
         (
