@@ -16,8 +16,8 @@ from cellcal.calibration.identification.misfit_hypotheses import (
     sign_readings,
     turning_joints,
 )
+from cellcal.calibration.identification.misfit_joint_columns import fit_best_readings
 from cellcal.calibration.identification.observations import Observations, PointObservations, Rows
-from cellcal.calibration.identification.quick_fit import trimmed_joint_scores
 from cellcal.calibration.message import join_messages, make_message
 
 _MOST_FITTED = 4
@@ -34,15 +34,7 @@ def double_causes(
         *_signs_in_other_order(model, some, names),
         *_rows_apart_and_more(model, series, rows, names),
     ]
-    scores = trimmed_joint_scores(
-        model, np.stack([reading.joints_rad for reading in readings]), some.positions_m
-    )
-    found = []
-    for at in np.argsort(scores, kind="stable")[:_MOST_FITTED].tolist():
-        left_m = fit_quickly(model, replace(some, joints_rad=readings[at].joints_rad)).score_m
-        if left_m <= limit_m:
-            found.append(MisfitCause((readings[at].kind,), readings[at].says, readings[at].cure, left_m))
-    return tuple(sorted(found, key=lambda cause: cause.remaining_m)[:1])
+    return fit_best_readings(model, some, readings, fit_quickly, limit_m, most=_MOST_FITTED)
 
 
 def _signs_in_other_order(

@@ -1,7 +1,7 @@
 """One column of joints that is at fault: rows apart from the others, another gear, or together with another joint."""
 
 import itertools
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -45,11 +45,27 @@ def joint_column_causes(
         *_together(some.joints_rad, names),
         *_turned_along(model, some, names),
     ]
+    return fit_best_readings(model, some, readings, fit, limit_m, most=_MOST_FITTED)
+
+
+def fit_best_readings(
+    model: RobotModel,
+    some: PointObservations,
+    readings: Sequence[JointInterpretation],
+    fit: Fit,
+    limit_m: float,
+    *,
+    most: int,
+) -> tuple[MisfitCause, ...]:
+    """Return the reading with which the rows leave least, if no more than the limit [m].
+
+    The fit is made of the ``most`` readings that score best by the rows that fit best.
+    """
     scores = trimmed_joint_scores(
         model, np.stack([reading.joints_rad for reading in readings]), some.positions_m
     )
     found = []
-    for at in np.argsort(scores, kind="stable")[:_MOST_FITTED].tolist():
+    for at in np.argsort(scores, kind="stable")[:most].tolist():
         left_m = fit(model, replace(some, joints_rad=readings[at].joints_rad)).score_m
         if left_m <= limit_m:
             found.append(MisfitCause((readings[at].kind,), readings[at].says, readings[at].cure, left_m))

@@ -34,7 +34,7 @@ def job(*lines: str, name: str = "A", macro: str = "") -> str:
     return JOB.format(name=name, macro=macro, lines="\n".join(lines))
 
 
-def left(*lines: str) -> dict[int, str]:
+def read_barred(*lines: str) -> dict[int, str]:
     return dict(read_program("A.JBI", job(*lines).encode()).positions.barred)
 
 
@@ -42,7 +42,7 @@ def left(*lines: str) -> dict[int, str]:
     "line", ["CIRCUT C00001 V=50.0", "circut c00001", "NEWWORD 1 C00001", 'NEWWORD "a" C00001']
 )
 def test_a_position_that_an_unknown_instruction_names_is_left(line: str) -> None:
-    found = left(line)
+    found = read_barred(line)
     assert list(found) == [1]
     assert "is not known" in found[1]
 
@@ -62,7 +62,7 @@ def test_a_position_that_an_unknown_instruction_names_is_left(line: str) -> None
     ],
 )
 def test_names_that_are_no_position_there_do_no_harm(line: str) -> None:
-    assert left(line) == {}
+    assert read_barred(line) == {}
 
 
 @pytest.mark.parametrize(
@@ -84,7 +84,7 @@ def test_names_that_are_no_position_there_do_no_harm(line: str) -> None:
     ],
 )
 def test_what_an_unknown_instruction_may_make_is_left(line: str, is_left: bool) -> None:
-    assert bool(left(line)) is is_left
+    assert bool(read_barred(line)) is is_left
 
 
 @pytest.mark.parametrize(
