@@ -3,11 +3,11 @@
 import re
 from collections.abc import Iterator, Mapping, Set
 
-from cellcal.drivers.abb.program_files.literals import NAME, decode_name
+from cellcal.drivers.abb.program_files.literals import NAME, NOT_CODE, decode_name
 from cellcal.drivers.abb.program_files.passed_targets import TYPES_WITHOUT_TARGETS, split_arguments
 
 _BY_NAME = re.compile(
-    r'![^\n]*+|"(?:[^"\n]++|"")*+"?+|\bSet(?P<all>All)DataVal\b|\bSetDataVal\b(?!\s*+"\w++"\s*+[,\\])',
+    rf'{NOT_CODE}|\bSet(?P<all>All)DataVal\b|\bSetDataVal\b(?!\s*+"\w++"\s*+[,\\])',
     re.ASCII | re.IGNORECASE,
 )
 _DECLARED = re.compile(

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from typing import NamedTuple
 
-from cellcal.drivers.abb.program_files.literals import NAME, NUMBER, W
+from cellcal.drivers.abb.program_files.literals import NAME, NOT_CODE, NUMBER, W
 from cellcal.drivers.programs.shifts import UNREADABLE, Quaternion, Triple
 
 _MOST_DISPLACEMENTS = 16  # of different sizes, of those that nothing ends: further ones are one of any size
@@ -27,7 +27,7 @@ _ROT = re.compile(r"\\\s*Rot\b", re.IGNORECASE)
 _EXECUTED = re.compile(rf"\\{W}ExeP{W}:={W}(?:({NAME}){W}(?=[,\\]|\Z))?+", re.ASCII | re.IGNORECASE)
 _PLAIN_REFERENCE = re.compile(rf"({NAME}){W},", re.ASCII)
 _WORK_OBJECT = re.compile(rf"\\{W}WObj{W}:={W}({NAME}){W}\Z", re.ASCII | re.IGNORECASE)
-_CODE = re.compile(rf'![^\n]*+|"(?:[^"\n]++|"")*+"?+|{NAME}|[;\n]', re.ASCII)
+_CODE = re.compile(rf"{NOT_CODE}|{NAME}|[;\n]", re.ASCII)
 _OPENING = frozenset(("then", "for", "while", "test"))
 _CLOSING = frozenset(("endif", "endfor", "endwhile", "endtest"))
 _BRANCHING = frozenset(("elseif", "else", "case", "default", "goto", "return"))

@@ -9,6 +9,7 @@ from cellcal.drivers.abb.program_files.literals import (
     AGGREGATES,
     NAME,
     NAMED_ARGUMENT,
+    NOT_CODE,
     AggregateError,
     W,
     after_blanks,
@@ -39,11 +40,11 @@ TURNS_AXES = frozenset(
     ("indamove", "indrmove", "inddmove", "indcmove", EXTENDED_MOVE)
 )  # one by itself, or all
 
-_ARGUMENT = re.compile(r'![^\n]*+|"(?:[^"\n]++|"")*+"?+|[\[\](){},;]|[^\[\](){},;!"]++')
+_ARGUMENT = re.compile(rf'{NOT_CODE}|[\[\](){{}},;]|[^\[\](){{}},;!"]++')
 _HEAD = re.compile(rf"{W}({NAME}){W}(?:\{{([^{{}}]*+)\}})?+{W}(\()?+", re.ASCII)
 _PLAIN = re.compile(rf"{W}({NAME}){W}(?=\\|\Z)", re.ASCII)
 _OPTION = re.compile(  # of a whole instruction: brackets and what is in quotes or a comment are stepped over
-    rf'![^\n]*+|"(?:[^"\n]++|"")*+"?+|[\[({{]|[\])}}]|(?P<work_object>'
+    rf"{NOT_CODE}|[\[({{]|[\])}}]|(?P<work_object>"
     rf"\\{W}WObj\b{W}(?::={W}(?:(?P<named>{NAME}){W}(?=[\\,;])|(?P<numbers>(?=\[))))?+)",
     re.ASCII | re.IGNORECASE,
 )

@@ -12,7 +12,14 @@ from operator import attrgetter
 
 from cellcal.calibration.geometry import Pose
 from cellcal.drivers.abb.program_files.instructions import MOVES
-from cellcal.drivers.abb.program_files.literals import AGGREGATES, NAME, POSE, RapidAggregate, decode_name
+from cellcal.drivers.abb.program_files.literals import (
+    AGGREGATES,
+    NAME,
+    NOT_CODE,
+    POSE,
+    RapidAggregate,
+    decode_name,
+)
 from cellcal.drivers.abb.program_files.written_frames import (
     PARTS,
     name_of_numbers,
@@ -26,7 +33,7 @@ ANY_NAME = "*"  # of a routine whose name is computed, or stands in quotes
 _KINDS = ("tooldata", "wobjdata")
 _LENGTHS, _TURN = RapidAggregate.from_shape("[nnn]"), RapidAggregate.from_shape("[nnnn]")
 _POSE = RapidAggregate.from_shape(f"[{POSE}]")
-_SILENT = re.compile(r'![^\n]*+|"(?:[^"\n]++|"")*+"?+', re.ASCII)
+_SILENT = re.compile(NOT_CODE, re.ASCII)
 _DECLARED = re.compile(
     rf"\b(?:PERS|VAR|CONST)\s++(\w++)\s++({NAME})\s*+(\{{[^{{}}]*+\}})?+\s*+(:=)?+\s*+",
     re.ASCII | re.IGNORECASE,

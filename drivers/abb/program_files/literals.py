@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from cellcal.calibration.message import make_message
 
 W = r"(?:[ \t\r\n\f]++|![^\n]*+)*+"  # what may stand between two tokens
+NOT_CODE = r'![^\n]*+|"(?:[^"\n]++|"")*+"?+'  # a comment, or a text in quotes
 NAME = r"[A-Za-z\x80-\xff][\w\x80-\xff]*+"  # any letter of ISO 8859-1 or, byte by byte, of UTF-8
 NUMBER = r"[+-]?(?:\d++(?:\.\d*+)?+|\.\d++)(?:[eE][+-]?\d++)?+(?![\w.])"
 OPTION = re.compile(rf"{W}({NAME}){W}:=", re.ASCII)  # of a call, behind its backslash
@@ -17,7 +18,7 @@ _TEXT = r'"[^"\n]*+"'
 _TOKENS = {"n": NUMBER, "b": _FLAG, "s": _TEXT}
 _NAMES = {"n": "a number", "b": "TRUE or FALSE", "s": "a string"}
 _BLANK = re.compile(W)
-_BETWEEN = re.compile(r'![^\n]*+|"(?:[^"\n]++|"")*+"?+|[\[\](){},;]')
+_BETWEEN = re.compile(rf"{NOT_CODE}|[\[\](){{}},;]")
 _COMPUTED = re.compile(r"[A-Za-z(]|[+-]\s*[A-Za-z(]|[*/+-]", re.ASCII)
 
 _NO_NUMBER = re.compile(r"[+-]?(?:\d*\.?#)?(?:[QS]?NAN|IND|INF)\b", re.ASCII | re.IGNORECASE)

@@ -10,6 +10,7 @@ from cellcal.drivers.abb.program_files.literals import (
     INDEX,
     NAME,
     NAMED_ARGUMENT,
+    NOT_CODE,
     OPENED,
     OPTION,
     W,
@@ -27,8 +28,8 @@ from cellcal.drivers.programs.routine_calls import (
 )
 
 _LATE = rf'%{W}(?:"(?P<late>(?:[^"\n]++|"")*+)"|[^%";\n]++)*+%'  # the name of a routine as a value
-_CODE = re.compile(rf'![^\n]*+|"(?:[^"\n]++|"")*+"?+|{_LATE}|Move[LJC] [^;!"(]*+;|{NAME}|;', re.ASCII)
-_ARGUMENT = re.compile(r'![^\n]*+|"(?:[^"\n]++|"")*+"?+|[\[\](){},;\\]|[^\[\](){},;!"\\]++')
+_CODE = re.compile(rf'{NOT_CODE}|{_LATE}|Move[LJC] [^;!"(]*+;|{NAME}|;', re.ASCII)
+_ARGUMENT = re.compile(rf'{NOT_CODE}|[\[\](){{}},;\\]|[^\[\](){{}},;!"\\]++')
 _PARAMETER = re.compile(
     rf"(?P<before>[,\\|]|\A){W}(?P<mode>(?:INOUT|VAR|PERS|REF|ALIAS)\b)?+{W}(?P<type>[A-Za-z]\w*+){W}(?P<name>{NAME})"
     rf"{W}(?:\{{[^{{}}]*+\}}{W})?+(?=[,\\|]|\Z)",

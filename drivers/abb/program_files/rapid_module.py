@@ -30,6 +30,7 @@ from cellcal.drivers.abb.program_files.literal_frames import LiteralFrames, find
 from cellcal.drivers.abb.program_files.literals import (
     AGGREGATES,
     NAME,
+    NOT_CODE,
     TARGETS,
     W,
     decode_name,
@@ -51,7 +52,7 @@ from cellcal.drivers.programs.positions import NO_NUMBER
 from cellcal.drivers.programs.spans import ProgramText
 
 _BYTE_ORDER_MARK = "\xef\xbb\xbf"  # of UTF-8, byte by byte
-_TOKEN = re.compile(rf'![^\n]*+|"(?:[^"\n]++|"")*+"?+|{NAME}', re.ASCII)
+_TOKEN = re.compile(rf"{NOT_CODE}|{NAME}", re.ASCII)
 _ASSIGNED = re.compile(
     rf"{W}(?:\{{([^{{}};]*+)\}})?+{W}((?:\.{W}\w++{W}(?:\{{[^{{}};]*+\}})?+{W}){{0,6}}+):={W}", re.ASCII
 )

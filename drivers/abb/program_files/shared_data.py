@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence, Set
 from dataclasses import replace
 from pathlib import PurePath
 
-from cellcal.drivers.abb.program_files.literals import AGGREGATES, NAME, decode_name
+from cellcal.drivers.abb.program_files.literals import AGGREGATES, NAME, NOT_CODE, decode_name
 from cellcal.drivers.abb.program_files.passed_targets import TYPES_WITHOUT_TARGETS
 from cellcal.drivers.abb.program_files.written_frames import NUMBERS, PARTS, name_of_numbers, standing_numbers
 from cellcal.drivers.programs.controller_tasks import find_task, is_of_other_task
@@ -17,8 +17,7 @@ BARRED_SHARED = "another task of its controller declares it, too, and both tasks
 BARRED_UNLIKE = "another task of its controller declares its tool or work object with other numbers"
 _OF_TASKS = "shared"  # before a name and the file that declares it; its reason is the value
 _PERS = re.compile(
-    r'![^\n]*+|"(?:[^"\n]++|"")*+"?+'
-    rf"|\b(?:PROC|FUNC\s++\w++)\s++{NAME}\s*+\([^()]*+\)"  # whose parameters are no data
+    rf"{NOT_CODE}|\b(?:PROC|FUNC\s++\w++)\s++{NAME}\s*+\([^()]*+\)"  # whose parameters are no data
     rf"|(?P<own>\b(?:LOCAL|TASK)\s++)?+\bPERS\s++(?P<kind>\w++)\s++(?P<name>{NAME})\s*+(?:\{{[^{{}}]*+\}}\s*+)?+(?::=\s*+)?+",
     re.ASCII | re.IGNORECASE,
 )

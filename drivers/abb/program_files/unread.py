@@ -3,7 +3,7 @@
 import re
 from collections.abc import Iterator, Set
 
-from cellcal.drivers.abb.program_files.literals import W
+from cellcal.drivers.abb.program_files.literals import NOT_CODE, W
 
 INSIDE = "it stands inside other data, or is computed in part, and is not read"
 _VALUE = r'[^\[\],;!"]++'
@@ -22,7 +22,7 @@ LIKE_A_POSITION = re.compile(  # a place and a quaternion, or two lists of six a
     rf"\[\s*+\[{_NEXT}(?:,{_NEXT}(?:,{_NEXT}\]\s*+,\s*+\[{_NEXT}(?:,{_NEXT}){{3}}\]|(?:,{_NEXT}){{4}}\]\s*+,\s*+\[))"
 )
 _DIGIT = re.compile(r"\d")
-_NOT_CODE = re.compile(r'![^\n]*+|"(?:[^"\n]++|"")*+"?+')
+_NOT_CODE = re.compile(NOT_CODE)
 
 
 def unread_positions(text: str, read: Set[int]) -> Iterator[int]:

@@ -5,7 +5,7 @@ from collections.abc import Iterator, Mapping, Sequence, Set
 from typing import NamedTuple
 
 from cellcal.drivers.abb.program_files.frame_facts import FRAME_PARTS
-from cellcal.drivers.abb.program_files.literals import INDEX, NAME, OPENED, OPTION, W, decode_name
+from cellcal.drivers.abb.program_files.literals import INDEX, NAME, NOT_CODE, OPENED, OPTION, W, decode_name
 from cellcal.drivers.abb.program_files.passed_targets import RoutineParameters, split_arguments
 from cellcal.drivers.abb.program_files.rapid_called import OF_LANGUAGE
 from cellcal.drivers.programs.routine_calls import RoutineParameter
@@ -44,7 +44,6 @@ _READING_TEXT = (
     "moveextj indamove indcmove inddmove indrmove callbyvar sensoron sensoroff wzboxdef wzcyldef wzsphdef"
 )
 _MAY_GIVE = OF_LANGUAGE - frozenset(_READING_TEXT.split()) - _WRITING.keys()
-_NOT_CODE = r'![^\n]*+|"(?:[^"\n]++|"")*+"?+'
 _DATA = re.compile(
     rf"{W}({NAME}){W}(?:\{{([^{{}};]*+)\}}{W})?+(?P<part>\.[^;,()]*+)?+(?:\\[^;,]*+)?+", re.ASCII
 )
@@ -129,7 +128,7 @@ def _iterate_calls(
     words = "|".join(re.escape(name) for name in names if name in small)  # a large program has none of them
     if not words:
         return
-    code = re.compile(rf"{_NOT_CODE}|(?<!\w)(?P<called>{words})(?!\w)", re.IGNORECASE)
+    code = re.compile(rf"{NOT_CODE}|(?<!\w)(?P<called>{words})(?!\w)", re.IGNORECASE)
     for scope, (begin, end) in routines.items():
         for found in code.finditer(text, begin, end):
             if found["called"] is None:
